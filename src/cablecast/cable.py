@@ -1,0 +1,308 @@
+"""Cables: geometry, the ten tuned parameters in SI, three presets, and a YAML file for one's own."""
+
+import dataclasses
+import enum
+import pathlib
+from collections.abc import Mapping
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.errors import InputError, UnknownNameError
+
+
+class Attachment(enum.Enum):
+    """What hangs at the free end of the cable."""
+
+    NONE = "none"
+    HOOK = "hook"
+    MAGNET = "magnet"
+
+
+# Allowed range of each parameter, lower and upper bound included. The upper bounds lie well above
+# any rope, wire or hose of half a metre to a metre that a UR5 would throw.
+PARAM_BOUNDS: dict[str, tuple[float, float]] = {
+    "twist_stiffness": (0.0, 1.0),
+    "bend_stiffness": (0.0, 0.1),
+    "mass": (5e-4, 1.0),
+    "endpoint_mass": (0.0, 0.5),
+    "lateral_friction": (0.0, 2.0),
+    "worksurface_friction": (0.0, 2.0),
+    "spinning_friction": (0.0, 0.1),
+    "rolling_friction": (0.0, 0.1),
+    "linear_damping": (0.0, 5.0),
+    "angular_damping": (0.0, 50.0),
+}
+
+PARAM_UNITS: dict[str, str] = {
+    "twist_stiffness": "N·m²",
+    "bend_stiffness": "N·m²",
+    "mass": "kg",
+    "endpoint_mass": "kg",
+    "lateral_friction": "-",
+    "worksurface_friction": "-",
+    "spinning_friction": "m",
+    "rolling_friction": "m",
+    "linear_damping": "1/s",
+    "angular_damping": "1/s",
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CableParams:
+    """The ten parameters that tuning adjusts (paper, section IV-C), in SI.
+
+    Every value is a number shared by all worlds, or an array with one value per world, shape
+    [world].
+
+    Attributes:
+        twist_stiffness: Torsional rigidity GJ [N·m²].
+        bend_stiffness: Flexural rigidity EI [N·m²].
+        mass: Mass of the whole cable without its attachment [kg].
+        endpoint_mass: Mass of the attachment at the free end [kg].
+        lateral_friction: Friction factor of the cable [-].
+        worksurface_friction: Friction factor of the table [-]. The product of both is the Coulomb
+            coefficient, as in Bullet.
+        spinning_friction: Spinning friction as a lever arm [m].
+        rolling_friction: Rolling friction as a lever arm [m].
+        linear_damping: Decay rate of velocities [1/s].
+        angular_damping: Decay rate of the rotation of cable segments [1/s].
+    """
+
+    twist_stiffness: float | NDArray[np.float64]
+    bend_stiffness: float | NDArray[np.float64]
+    mass: float | NDArray[np.float64]
+    endpoint_mass: float | NDArray[np.float64]
+    lateral_friction: float | NDArray[np.float64]
+    worksurface_friction: float | NDArray[np.float64]
+    spinning_friction: float | NDArray[np.float64]
+    rolling_friction: float | NDArray[np.float64]
+    linear_damping: float | NDArray[np.float64]
+    angular_damping: float | NDArray[np.float64]
+
+    def __post_init__(self):
+        shapes = set()
+        for name, (low, high) in PARAM_BOUNDS.items():
+            try:
+                value = np.asarray(getattr(self, name), dtype=float)
+            except (TypeError, ValueError):
+                raise InputError(f"{name} = {getattr(self, name)!r} is not a number") from None
+            if value.ndim > 1:
+                raise InputError(f"{name} has shape {value.shape}: it must be a number or [world]")
+            shapes |= {value.shape} - {()}
+            bad = ~(np.isfinite(value) & (value >= low) & (value <= high))
+            if np.any(bad):
+                offender = float(value[bad][0]) if value.ndim else float(value)
+                raise InputError(
+                    f"{name} = {offender:g} {PARAM_UNITS[name]} is outside [{low:g}, {high:g}]"
+                )
+        if len(shapes) > 1:
+            raise InputError(f"parameters have different numbers of worlds: {sorted(shapes)}")
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the ten parameters, in the order of `to_array`."""
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    @property
+    def world_count(self) -> int | None:
+        """Number of worlds, or None where every value is shared."""
+        for name in self.names():
+            value = np.asarray(getattr(self, name))
+            if value.ndim:
+                return len(value)
+        return None
+
+    @property
+    def friction(self) -> float | NDArray[np.float64]:
+        """Coulomb coefficient between cable and table [-], lateral times worksurface friction."""
+        return self.lateral_friction * self.worksurface_friction
+
+    def to_array(self) -> NDArray[np.float64]:
+        """The values as an array, shape [10] or [world, 10]."""
+        columns = [np.asarray(getattr(self, name), dtype=float) for name in self.names()]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> "CableParams":
+        """Parameters from an array in the order of `names`, shape [10] or [world, 10]."""
+        values = np.asarray(values, dtype=float)
+        if values.ndim not in (1, 2) or values.shape[-1] != len(cls.names()):
+            raise InputError(f"parameters have shape {values.shape}: it must be [10] or [world, 10]")
+        columns = [float(c) if c.ndim == 0 else c for c in np.moveaxis(values, -1, 0)]
+        return cls(**dict(zip(cls.names(), columns, strict=True)))
+
+    def to_dict(self) -> dict[str, float]:
+        """The values by name, for a config file.
+
+        Raises:
+            InputError: The parameters differ from world to world.
+        """
+        if self.world_count is not None:
+            raise InputError("only parameters that all worlds share can be written to a file")
+        return {name: float(getattr(self, name)) for name in self.names()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Cable:
+    """A cable and what is believed of it before any tuning.
+
+    Attributes:
+        name: What to call it.
+        length: Length r_c from the grip to the endpoint [m]; errors are given in % of it.
+        diameter: Outer diameter [m].
+        attachment: What hangs at the free end.
+        attachment_length: How far the attachment extends beyond the cable [m].
+        params: Starting values of the ten parameters.
+    """
+
+    name: str
+    length: float
+    diameter: float
+    attachment: Attachment = Attachment.NONE
+    attachment_length: float = 0.0
+    params: CableParams
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("length", 0.05, 5.0),
+            ("diameter", 0.0005, 0.05),
+            ("attachment_length", 0.0, 0.3),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, (int, float)) or not low <= value <= high:
+                raise InputError(f"cable {name} = {value} m is outside [{low:g}, {high:g}]")
+
+    @property
+    def radius(self) -> float:
+        """Half the diameter [m]: the height of the axis of the lying cable."""
+        return self.diameter / 2
+
+    def to_dict(self) -> dict:
+        """Plain values for a config or YAML file."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return values | {"attachment": self.attachment.value, "params": self.params.to_dict()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping) -> "Cable":
+        """A cable from plain values, as a YAML file holds them.
+
+        Raises:
+            InputError: A key is missing, unknown, or its value out of bounds.
+        """
+        values = dict(values)
+        _check_keys("cable", values, cls, optional={"attachment", "attachment_length"})
+        params = values.pop("params")
+        if not isinstance(params, Mapping):
+            raise InputError(f"params must be a mapping of ten values, not {params!r}")
+        _check_keys("params", params, CableParams, optional=set())
+        try:
+            attachment = Attachment(values.pop("attachment", "none"))
+        except ValueError as error:
+            choices = ", ".join(a.value for a in Attachment)
+            raise InputError(f"{error}: one of {choices}") from None
+        return cls(**values, attachment=attachment, params=CableParams(**params))
+
+
+def _check_keys(what: str, values: Mapping, cls: type, optional: set[str]) -> None:
+    known = {field.name for field in dataclasses.fields(cls)}
+    if unknown := set(values) - known:
+        raise InputError(f"{what} has unknown keys {sorted(unknown)}: known are {sorted(known)}")
+    if missing := known - optional - set(values):
+        raise InputError(f"{what} lacks the keys {sorted(missing)}")
+
+
+# Lengths, diameters and attachments are the paper's (figure 5). It publishes no SI material
+# constants: masses follow from the linear density of polyester rope (about 80 g/m at 11 mm and
+# 6 g/m with a core at 2 mm) and of braided iron wire; bend stiffness from bending lengths of a few
+# centimetres; endpoint masses from the ratios that its tuning found (3.5 to 4.3 of 18 segments).
+_PRESETS = {
+    "cable_1": Cable(
+        name="cable_1",
+        length=0.62,
+        diameter=0.011,
+        attachment=Attachment.HOOK,
+        attachment_length=0.05,
+        params=CableParams(
+            twist_stiffness=3e-4,
+            bend_stiffness=3e-4,
+            mass=0.050,
+            endpoint_mass=0.012,
+            lateral_friction=0.8,
+            worksurface_friction=0.5,
+            spinning_friction=0.001,
+            rolling_friction=0.001,
+            linear_damping=0.1,
+            angular_damping=5.0,
+        ),
+    ),
+    "cable_2": Cable(
+        name="cable_2",
+        length=0.65,
+        diameter=0.002,
+        attachment=Attachment.HOOK,
+        attachment_length=0.03,
+        params=CableParams(
+            twist_stiffness=2e-5,
+            bend_stiffness=2e-5,
+            mass=0.005,
+            endpoint_mass=0.004,
+            lateral_friction=0.8,
+            worksurface_friction=0.4,
+            spinning_friction=0.0005,
+            rolling_friction=0.0003,
+            linear_damping=0.2,
+            angular_damping=5.0,
+        ),
+    ),
+    "cable_3": Cable(
+        name="cable_3",
+        length=0.67,
+        diameter=0.007,
+        attachment=Attachment.MAGNET,
+        attachment_length=0.01,
+        params=CableParams(
+            twist_stiffness=2e-3,
+            bend_stiffness=2e-3,
+            mass=0.090,
+            endpoint_mass=0.018,
+            lateral_friction=0.7,
+            worksurface_friction=0.5,
+            spinning_friction=0.001,
+            rolling_friction=0.0005,
+            linear_damping=0.1,
+            angular_damping=5.0,
+        ),
+    ),
+}
+
+CABLE_NAMES = tuple(_PRESETS)
+
+
+def load_cable(name_or_path: str) -> Cable:
+    """A preset by its name, or a cable from a YAML file.
+
+    Raises:
+        UnknownNameError: Neither a preset nor an existing file.
+        InputError: The file does not describe a cable.
+    """
+    if name_or_path in _PRESETS:
+        return _PRESETS[name_or_path]
+    path = pathlib.Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml") or not path.is_file():
+        raise UnknownNameError(
+            f"unknown cable {name_or_path!r}: one of {', '.join(CABLE_NAMES)}, or a YAML file"
+        )
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(values, Mapping):
+        raise InputError(f"{path} must hold a mapping that describes a cable")
+    return Cable.from_dict(values)
+
+
+def save_cable(cable: Cable, path: pathlib.Path) -> None:
+    """Write a cable as YAML that `load_cable` reads."""
+    path.write_text(yaml.safe_dump(cable.to_dict(), sort_keys=False, allow_unicode=True))

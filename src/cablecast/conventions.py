@@ -1,0 +1,65 @@
+"""Frames, polar coordinates, and the mirror about the workspace axis.
+
+The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
+the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise
+seen from above), so x = r sin(theta) and y = r cos(theta). See docs/conventions.md.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def polar_to_xy(polar: ArrayLike) -> Array:
+    """Convert polar to Cartesian coordinates (g_p2c of the paper).
+
+    Args:
+        polar: Radius [m] and angle from the y axis [rad], shape [..., 2].
+
+    Returns:
+        x and y [m], shape [..., 2].
+    """
+    polar = np.asarray(polar, dtype=float)
+    r, theta = polar[..., 0], polar[..., 1]
+    return np.stack([r * np.sin(theta), r * np.cos(theta)], axis=-1)
+
+
+def xy_to_polar(xy: ArrayLike) -> Array:
+    """Convert Cartesian to polar coordinates.
+
+    Args:
+        xy: x and y [m], shape [..., 2].
+
+    Returns:
+        Radius [m] and angle from the y axis in (-pi, pi] [rad], shape [..., 2].
+    """
+    xy = np.asarray(xy, dtype=float)
+    x, y = xy[..., 0], xy[..., 1]
+    return np.stack([np.hypot(x, y), np.arctan2(x, y)], axis=-1)
+
+
+def mirror_xy(xy: ArrayLike) -> Array:
+    """Mirror points about the workspace axis (x -> -x).
+
+    Args:
+        xy: Points whose first component is x [m], shape [..., 2] or [..., 3].
+    """
+    mirrored = np.array(xy, dtype=float)
+    mirrored[..., 0] *= -1.0
+    return mirrored
+
+
+def tangent(yaw: ArrayLike, pitch: ArrayLike = 0.0) -> Array:
+    """Unit direction in which the cable leaves the gripper.
+
+    Args:
+        yaw: Heading from the y axis, positive to the right [rad], shape [...].
+        pitch: Elevation above the horizontal [rad], shape [...].
+
+    Returns:
+        (sin yaw cos pitch, cos yaw cos pitch, sin pitch), shape [..., 3].
+    """
+    yaw, pitch = np.broadcast_arrays(np.asarray(yaw, float), np.asarray(pitch, float))
+    cos_pitch = np.cos(pitch)
+    return np.stack([np.sin(yaw) * cos_pitch, np.cos(yaw) * cos_pitch, np.sin(pitch)], axis=-1)

@@ -1,0 +1,69 @@
+"""What every executor returns: the path of the cable's endpoint over time, and how the trial ended."""
+
+import dataclasses
+import enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import InputError
+
+
+class TrialStatus(enum.Enum):
+    """How a trial ended; the value is a sentence that tells a person what to do about it."""
+
+    OK = "The endpoint came to rest on the table and was seen."
+    OFF_TABLE = "The endpoint left the table: choose a slower or narrower motion."
+    OCCLUDED = "The endpoint was hidden from the camera at the end: move the arm away and look again."
+    NON_FINITE = "The simulated cable became non-finite: check its parameters and the step."
+    ABORTED = "The trial was stopped before its end: clear the cause and run it again."
+
+    @property
+    def code(self) -> str:
+        """Short name for tables and columns, e.g. `off_table`."""
+        return self.name.lower()
+
+    @classmethod
+    def from_code(cls, code: str) -> "TrialStatus":
+        """The status whose `code` this is.
+
+        Raises:
+            InputError: No status has this code.
+        """
+        try:
+            return cls[code.upper()]
+        except KeyError:
+            codes = ", ".join(status.code for status in cls)
+            raise InputError(f"unknown trial status {code!r}: one of {codes}") from None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EndpointTrack:
+    """Path of the cable's endpoint during one trial.
+
+    Attributes:
+        times: Time since the motion began [s], shape [step].
+        endpoint_xy: Endpoint on the table [m], shape [step, 2]; NaN where it was not seen.
+        status: How the trial ended.
+        nodes: Cable shape at the same times for pictures, base frame [m], shape
+            [step, node, 3]; None where the executor cannot see it.
+    """
+
+    times: NDArray[np.float64]
+    endpoint_xy: NDArray[np.float64]
+    status: TrialStatus
+    nodes: NDArray[np.float64] | None = None
+
+    def __post_init__(self):
+        if self.endpoint_xy.shape != (*self.times.shape, 2) or self.times.ndim != 1:
+            raise InputError(
+                f"endpoint_xy has shape {self.endpoint_xy.shape}, times {self.times.shape}: "
+                "they must be [step, 2] and [step]"
+            )
+        if self.times.size == 0:
+            raise InputError("an endpoint track needs at least one sample")
+
+    @property
+    def final_xy(self) -> NDArray[np.float64]:
+        """Where the endpoint came to rest [m], shape [2]; NaN unless the status is OK."""
+        return self.endpoint_xy[-1] if self.status is TrialStatus.OK else np.full(2, np.nan)
