@@ -1,0 +1,163 @@
+"""Bending: the moment EI times curvature, stable for any stiffness and step.
+
+At an inner node the curvature vector is b / l^2 with b = x[i-1] - 2 x[i] + x[i+1]. Segments keep
+their length, so |b| = 2 l sin(phi / 2), where phi is the angle between the two edges. The energy is
+that of a rod whose curvature phi / l is constant around the node, E = EI phi^2 / (2 l); its
+gradient is EI / l^3 times (phi / sin phi) times b, spread over three nodes as (1, -2, 1). At the
+grip the cable leaves along the gripper's tangent t: half a cell with u = x[1] - x[0] - l t.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+import warp as wp
+
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.world import world_structs
+
+FILTER = 0.5
+"""Share of dt^2 K that is added to the masses which the bending force accelerates. A quarter gives
+the trapezoidal rule; a half keeps the step stable also where phi / sin phi is up to 2."""
+
+SHARPEST = 0.6
+"""Largest sin^2(phi / 2) up to which the moment follows the angle: 101 degrees at one node. Beyond
+it a chain of segments no longer resembles a rod, and the moment stops growing."""
+
+
+def filter_factors(bending: np.ndarray, mass: np.ndarray, dt: float) -> tuple[np.ndarray, ...]:
+    """Factor M + FILTER dt^2 K = L D L^T, with K the stiffness of a nearly straight rod.
+
+    Args:
+        bending: EI / l^3 [N/m], shape [world].
+        mass: Node masses [kg], infinite where held, shape [world, node].
+        dt: Step [s].
+
+    Returns:
+        1 / D [1/kg], and the first and second lower diagonals of L [-], each [world, node].
+    """
+    world_count, node_count = mass.shape
+    k = FILTER * dt**2 * bending
+    free = np.isfinite(mass)
+    diagonal = np.where(free, mass, 1.0)
+    off1 = np.zeros_like(diagonal)  # couples i and i + 1
+    off2 = np.zeros_like(diagonal)  # couples i and i + 2
+    diagonal[:, 1] += 2.0 * k
+    for i in range(1, node_count - 1):
+        diagonal[:, i - 1] += k
+        diagonal[:, i] += 4.0 * k
+        diagonal[:, i + 1] += k
+        off1[:, i - 1] -= 2.0 * k
+        off1[:, i] -= 2.0 * k
+        off2[:, i - 1] += k
+    # Held nodes do not accelerate: take them out of the system.
+    off1[:, :-1] *= free[:, :-1] & free[:, 1:]
+    off2[:, :-2] *= free[:, :-2] & free[:, 2:]
+    d = np.ones((world_count, node_count))
+    lower1 = np.zeros_like(d)
+    lower2 = np.zeros_like(d)
+    for i in range(node_count):
+        d[:, i] = diagonal[:, i]
+        if i >= 2:
+            lower2[:, i] = off2[:, i - 2] / d[:, i - 2]
+            d[:, i] -= lower2[:, i] ** 2 * d[:, i - 2]
+        if i >= 1:
+            coupling = off1[:, i - 1].copy()
+            if i >= 2:
+                coupling -= lower2[:, i] * d[:, i - 2] * lower1[:, i - 1]
+            lower1[:, i] = coupling / d[:, i - 1]
+            d[:, i] -= lower1[:, i] ** 2 * d[:, i - 1]
+    return np.where(free, 1.0 / d, 0.0), lower1, lower2
+
+
+@functools.cache
+def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
+    """Warp functions of the bending stage."""
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
+    Model, State, Scratch = s.Model, s.State, s.Scratch
+    sharpest = wp.constant(SHARPEST)
+
+    @wp.func
+    def angle_over_sine(sine_squared: lane):  # type: ignore[valid-type]
+        """phi / sin(phi) from q = sin^2(phi / 2): the series 1 + 2/3 q + 8/15 q^2 + ..."""
+        q = wp.min(sine_squared, lane(real(sharpest)))
+        value = lane(real(128.0 / 315.0)) + q * real(256.0 / 693.0)
+        value = lane(real(16.0 / 35.0)) + mul(q, value)
+        value = lane(real(8.0 / 15.0)) + mul(q, value)
+        value = lane(real(2.0 / 3.0)) + mul(q, value)
+        return lane(real(1.0)) + mul(q, value)
+
+    @wp.func
+    def node_moment(model: Model, bending: lane, before: vec3, here: vec3, after: vec3):  # type: ignore[valid-type]
+        """Gradient EI / l^3 (phi / sin phi) b of the energy at an inner node."""
+        b = before - here * real(2.0) + after
+        quarter = real(0.25) / (model.segment_length * model.segment_length)
+        return scale(mul(bending, angle_over_sine(dot(b, b) * quarter)), b)
+
+    @wp.func
+    def bending_forces(model: Model, state: State, scratch: Scratch, group: int, tangent: vec3):  # type: ignore[valid-type]
+        """Bending force on each free node, already through the first half of the filter.
+
+        The filter solves (M + FILTER dt^2 K) a = force (Newmark's scheme for the stiff part); its
+        forward elimination goes along with the sweep that makes the forces.
+        """
+        bending = model.bending[group]
+        last = model.node_count - 1
+        x0 = state.position[group, 0]
+        x1 = state.position[group, 1]
+        clamp = x1 - x0 - tangent * model.segment_length
+        w_before = scale(bending * real(2.0), clamp)
+        x2 = state.position[group, 2]
+        w_here = node_moment(model, bending, x0, x1, x2)
+        y1 = vec3()
+        y2 = vec3()
+        x_here = x1
+        x_after = x2
+        for i in range(1, last + 1):
+            w_after = vec3()
+            if i + 1 < last:
+                x_next = state.position[group, i + 2]
+                w_after = node_moment(model, bending, x_here, x_after, x_next)
+                x_here = x_after
+                x_after = x_next
+            force = w_here * real(2.0) - w_before - w_after
+            y = (
+                force
+                - scale(model.filter_lower1[group, i], y1)
+                - scale(model.filter_lower2[group, i], y2)
+            )
+            scratch.bending[group, i] = y
+            y2 = y1
+            y1 = y
+            w_before = w_here
+            w_here = w_after
+
+    @wp.func
+    def bending_accelerations(model: Model, scratch: Scratch, group: int):  # type: ignore[valid-type]
+        """Second half of the filter: back substitution from the free end to the grip."""
+        last = model.node_count - 1
+        zero = lane()
+        a1 = vec3()
+        a2 = vec3()
+        lower1 = zero
+        lower2 = zero
+        lower2_next = zero
+        for back in range(last):
+            i = last - back
+            a = (
+                scale(model.filter_diagonal[group, i], scratch.bending[group, i])
+                - scale(lower1, a1)
+                - scale(lower2, a2)
+            )
+            scratch.bending[group, i] = a
+            lower1 = model.filter_lower1[group, i]
+            lower2 = lower2_next
+            lower2_next = model.filter_lower2[group, i]
+            a2 = a1
+            a1 = a
+
+    return SimpleNamespace(
+        bending_forces=bending_forces, bending_accelerations=bending_accelerations
+    )

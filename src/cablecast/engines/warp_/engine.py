@@ -1,0 +1,330 @@
+"""EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
+
+import concurrent.futures
+import os
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import (
+    SETTLE_TIME,
+    CableState,
+    Rollout,
+    batch_size,
+    reset_state,
+)
+from cablecast.engines.warp_.bending import filter_factors
+from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
+from cablecast.engines.warp_.step import rollout_kernel
+from cablecast.errors import InputError
+from cablecast.motion.grip_path import GripPath
+
+wp.config.quiet = True
+
+DEFAULT_SEGMENT_COUNT = 40
+DEFAULT_DT = 1e-3
+"""Defaults chosen by `python -m benchmarks convergence`; see docs/validation.md."""
+
+REFERENCE_SEGMENT_COUNT = 18
+"""Number of capsules of the paper's simulator (its sibling names 18). Angular damping slows the
+rotation of such a segment at the given rate, however finely we divide the cable ourselves."""
+
+GRAVITY = 9.81
+REST_DURATION = 0.05
+
+
+class EngineWarp:
+    """The fast engine: an inextensible elastic rod with Coulomb friction, many worlds in one launch.
+
+    docs/engine.md explains the model. The result of a world depends neither on its neighbours nor
+    on the number of threads.
+
+    Args:
+        segment_count: Number of segments, at least 2.
+        dt: Step [s].
+        device: "cpu" or a Warp CUDA device such as "cuda".
+        precision: "single" or "double".
+        thread_count: CPU threads; by default all cores that this process may use.
+        rest_speed: A world whose motion is over and whose nodes stay slower than this for 50 ms is
+            at rest and no longer computed [m/s]; 0 computes every world to the end.
+        gravity: Acceleration of free fall [m/s²].
+
+    Raises:
+        InputError: A count or step out of bounds, or a device that does not exist.
+    """
+
+    def __init__(
+        self,
+        segment_count: int = DEFAULT_SEGMENT_COUNT,
+        dt: float = DEFAULT_DT,
+        device: str = "cpu",
+        precision: str = "single",
+        thread_count: int | None = None,
+        rest_speed: float = 1e-3,
+        gravity: float = GRAVITY,
+    ):
+        if not 2 <= segment_count <= 1000:
+            raise InputError(f"segment_count = {segment_count} is outside [2, 1000]")
+        if not 1e-7 <= dt <= 1e-2:
+            raise InputError(f"dt = {dt} s is outside [1e-7, 1e-2]")
+        if precision not in LANE_COUNT_CPU:
+            raise InputError(f"precision {precision!r}: one of {', '.join(LANE_COUNT_CPU)}")
+        self.segment_count = segment_count
+        self.dt = dt
+        self.precision = precision
+        self.rest_speed = rest_speed
+        self.gravity = gravity
+        self.device = _find_device(device)
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        self.thread_count = thread_count or cores or 1
+        self._lane_count = LANE_COUNT_CUDA if self.device.is_cuda else LANE_COUNT_CPU[precision]
+        self._build = rollout_kernel(precision, self._lane_count)
+        self._real = np.float32 if precision == "single" else np.float64
+
+    def rollout(
+        self,
+        cable: Cable,
+        params: CableParams,
+        grip_path: GripPath,
+        initial_state: CableState | None = None,
+        duration: float | None = None,
+        sample_dt: float = 0.1,
+        *,
+        far_path: GripPath | None = None,
+        record_nodes: bool = False,
+    ) -> Rollout:
+        """Simulate a batch; see `Engine.rollout`."""
+        if initial_state is None:
+            initial_state = reset_state(cable, grip_path, self.segment_count)
+        elif initial_state.segment_count != self.segment_count:
+            raise InputError(
+                f"the initial state has {initial_state.segment_count} segments, the engine "
+                f"{self.segment_count}"
+            )
+        if duration is None:
+            duration = float(grip_path.duration.max()) + SETTLE_TIME
+        steps_per_sample = max(1, round(sample_dt / self.dt))
+        if not duration > 0 or not sample_dt > 0:
+            raise InputError(f"duration {duration} s and sample_dt {sample_dt} s must be positive")
+        sample_count = 1 + int(np.ceil(duration / (steps_per_sample * self.dt) - 1e-6))
+        world_count = batch_size(
+            params.world_count,
+            len(grip_path),
+            initial_state.world_count,
+            None if far_path is None else len(far_path),
+        )
+        batch = _Batch(self, world_count)
+        model = batch.model(cable, params, held=far_path is not None)
+        path = batch.path(grip_path)
+        far = batch.path(far_path if far_path is not None else _NO_PATH)
+        state = batch.state(initial_state)
+        samples = batch.samples(sample_count, steps_per_sample, record_nodes)
+        motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
+        if far_path is not None:
+            motion_end = np.maximum(
+                motion_end, batch.to_lanes(np.asarray(far_path.duration)[:, None])[:, 0]
+            )
+        rest = self.rest_speed
+        inputs = [
+            sample_count,
+            rest if rest > 0 else -1.0,
+            REST_DURATION if rest > 0 else np.inf,
+            batch.array(motion_end, self._build.lane),
+            model,
+            path,
+            far,
+            state,
+            batch.scratch(),
+            samples,
+        ]
+        self._launch(batch.group_count, inputs)
+        return batch.read(state, samples, np.arange(sample_count) * steps_per_sample * self.dt)
+
+    def _launch(self, group_count: int, inputs: list) -> None:
+        kernel = self._build.kernel
+        if self.device.is_cuda:
+            wp.launch(kernel, dim=group_count, inputs=[0, *inputs], device=self.device)
+            wp.synchronize_device(self.device)
+            return
+        # Warp runs a CPU launch serially but releases the interpreter lock, so that threads with
+        # a share of the groups each use all cores. Shares are small, for an even finish.
+        kernel.module.load(self.device)
+        share = max(1, -(-group_count // (8 * self.thread_count)))
+        starts = range(0, group_count, share)
+
+        def run(start: int) -> None:
+            dim = min(share, group_count - start)
+            wp.launch(kernel, dim=dim, inputs=[start, *inputs], device=self.device)
+
+        if self.thread_count == 1 or len(starts) == 1:
+            for start in starts:
+                run(start)
+            return
+        with concurrent.futures.ThreadPoolExecutor(self.thread_count) as pool:
+            for done in [pool.submit(run, start) for start in starts]:
+                done.result()
+
+
+_NO_PATH = GripPath.hold(np.zeros(5), 0.0)
+
+
+def _find_device(name: str):
+    try:
+        device = wp.get_device(name)
+    except Exception as error:
+        known = ", ".join(str(d) for d in wp.get_devices())
+        raise InputError(f"device {name!r} is not available here: one of {known}") from error
+    return device
+
+
+class _Batch:
+    """Packs a batch into lanes, and unpacks it again."""
+
+    def __init__(self, engine: EngineWarp, world_count: int):
+        self.engine = engine
+        self.build = engine._build
+        self.real = engine._real
+        self.lane_count = engine._lane_count
+        self.world_count = world_count
+        self.group_count = -(-world_count // self.lane_count)
+        self.node_count = engine.segment_count + 1
+
+    def to_lanes(self, values: NDArray) -> NDArray:
+        """Rows of values to lanes: [world or 1, n] to [group, n, lane]; the last world pads."""
+        index = np.minimum(np.arange(self.group_count * self.lane_count), len(values) - 1)
+        grouped = values[index].reshape(self.group_count, self.lane_count, -1)
+        return np.ascontiguousarray(np.swapaxes(grouped, 1, 2), dtype=self.real)
+
+    def array(self, values: NDArray, dtype) -> wp.array:
+        """A device array of lanes; on CUDA neighbouring groups lie side by side in memory."""
+        values = np.ascontiguousarray(values)
+        axes = values.ndim - (2 if dtype is self.build.vec3 else 1)
+        if self.engine.device.is_cuda and axes > 1:
+            order = (*range(1, axes), 0)
+            turned = np.moveaxis(values, 0, axes - 1)
+            stored = wp.array(np.ascontiguousarray(turned), dtype=dtype, device=self.engine.device)
+            back = tuple(int(i) for i in np.argsort(order))
+            return stored.transpose(back)
+        return wp.array(values, dtype=dtype, device=self.engine.device)
+
+    def empty(self, *shape: int, dtype) -> wp.array:
+        """Uninitialised memory in the layout of `array`."""
+        if self.engine.device.is_cuda and len(shape) > 1:
+            order = (*range(1, len(shape)), 0)
+            stored = wp.zeros((*shape[1:], shape[0]), dtype=dtype, device=self.engine.device)
+            return stored.transpose(tuple(int(i) for i in np.argsort(order)))
+        return wp.zeros(shape, dtype=dtype, device=self.engine.device)
+
+    def model(self, cable: Cable, params: CableParams, held: bool):
+        engine = self.engine
+        values = dict(zip(params.names(), np.atleast_2d(params.to_array()).T, strict=True))
+        segment_length = cable.length / engine.segment_count
+        segment_mass = values["mass"] / engine.segment_count
+        mass = np.repeat(segment_mass[:, None], self.node_count, axis=1)
+        mass[:, -1] = 0.5 * segment_mass + values["endpoint_mass"]
+        mass[:, 0] = np.inf
+        if held:
+            mass[:, -1] = np.inf
+        bending = values["bend_stiffness"] / segment_length**3
+        diagonal, lower1, lower2 = filter_factors(bending, mass, engine.dt)
+        # Torque of angular damping on a segment of the reference length turns into a viscous
+        # exchange of velocity with diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
+        reference = cable.length / REFERENCE_SEGMENT_COUNT
+        diffusivity = values["angular_damping"] * reference**2 / 12 / segment_length**2
+        lane = self.build.lane
+        model = self.build.Model()
+        model.node_count = self.node_count
+        model.far_is_held = int(held)
+        model.dt = engine.dt
+        model.segment_length = segment_length
+        model.contact_height = cable.radius
+        model.gravity = engine.gravity
+        model.inverse_mass = self.array(self.to_lanes(1.0 / mass), lane)
+        for name, value in (
+            ("bending", bending),
+            ("friction", values["lateral_friction"] * values["worksurface_friction"]),
+            ("linear_damping", values["linear_damping"]),
+            ("rotation_diffusivity", diffusivity),
+        ):
+            setattr(model, name, self.array(self.to_lanes(value[:, None])[:, 0], lane))
+        model.filter_diagonal = self.array(self.to_lanes(diagonal), lane)
+        model.filter_lower1 = self.array(self.to_lanes(lower1), lane)
+        model.filter_lower2 = self.array(self.to_lanes(lower2), lane)
+        return model
+
+    def path(self, grip_path: GripPath):
+        device = self.engine.device
+        real = self.build.real
+        row_count, piece_count = grip_path.coefficients.shape[:2]
+        path = self.build.Path()
+        path.knots = wp.array(grip_path.knots.astype(self.real), dtype=real, device=device)
+        coefficients = grip_path.coefficients.reshape(row_count, piece_count, -1)
+        path.coefficients = wp.array(coefficients.astype(self.real), dtype=real, device=device)
+        path.piece = wp.zeros((self.group_count, self.lane_count), dtype=int, device=device)
+        path.piece_start = self.empty(self.group_count, dtype=self.build.lane)
+        path.piece_duration = self.empty(self.group_count, dtype=self.build.lane)
+        path.current = self.empty(self.group_count, 30, dtype=self.build.lane)
+        path.next_knot = wp.zeros(self.group_count, dtype=real, device=device)
+        return path
+
+    def state(self, initial: CableState):
+        build = self.build
+        state = build.State()
+        for name, values in (("position", initial.positions), ("velocity", initial.velocities)):
+            lanes = self.to_lanes(values.reshape(len(values), -1))
+            lanes = lanes.reshape(self.group_count, self.node_count, 3, self.lane_count)
+            setattr(state, name, self.array(lanes, build.vec3))
+        state.tension = self.empty(self.group_count, self.node_count, dtype=build.lane)
+        ones = np.ones((self.group_count, self.lane_count), dtype=self.real)
+        state.active = self.array(ones, build.lane)
+        state.rest_time = self.array(0 * ones, build.lane)
+        return state
+
+    def scratch(self):
+        build, shape = self.build, (self.group_count, self.node_count)
+        scratch = build.Scratch()
+        scratch.bending = self.empty(*shape, dtype=build.vec3)
+        scratch.predicted = self.empty(*shape, dtype=build.vec3)
+        scratch.upper = self.empty(*shape, dtype=build.lane)
+        scratch.rhs = self.empty(*shape, dtype=build.lane)
+        return scratch
+
+    def samples(self, sample_count: int, steps_per_sample: int, record_nodes: bool):
+        samples = self.build.Samples()
+        samples.steps_per_sample = steps_per_sample
+        samples.record_nodes = int(record_nodes)
+        vec3 = self.build.vec3
+        samples.endpoint = self.empty(self.group_count, sample_count, dtype=vec3)
+        node_shape = (sample_count, self.node_count) if record_nodes else (1, 1)
+        samples.nodes = self.empty(self.group_count if record_nodes else 1, *node_shape, dtype=vec3)
+        return samples
+
+    def to_worlds(self, array: wp.array) -> NDArray[np.float64]:
+        """Lanes back to rows: [group, ..., 3, lane] to [world, ..., 3]."""
+        values = np.moveaxis(array.numpy().astype(np.float64), -1, 1)
+        values = values.reshape(self.group_count * self.lane_count, *values.shape[2:])
+        return values[: self.world_count]
+
+    def read(self, state, samples, times: NDArray[np.float64]) -> Rollout:
+        endpoint = self.to_worlds(samples.endpoint)
+        positions = self.to_worlds(state.position)
+        segments = np.zeros((self.world_count, self.node_count - 1))
+        final = CableState(
+            positions=positions,
+            velocities=self.to_worlds(state.velocity),
+            roll=segments,
+            roll_rate=segments.copy(),
+        )
+        finite = np.isfinite(endpoint).all(axis=(1, 2)) & np.isfinite(positions).all(axis=(1, 2))
+        # Once a world is non-finite, no later sample of it may look like a position.
+        broken = np.logical_or.accumulate(~np.isfinite(endpoint).all(axis=2), axis=1)
+        endpoint[broken] = np.nan
+        return Rollout(
+            times=times,
+            endpoint_xyz=endpoint,
+            final_state=final,
+            finite=finite,
+            nodes=self.to_worlds(samples.nodes) if samples.record_nodes else None,
+        )

@@ -1,0 +1,194 @@
+"""One step of the cable, and the kernel that runs a whole rollout in a single launch."""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from cablecast.engines.warp_.bending import bending_functions
+from cablecast.engines.warp_.contact import contact_functions
+from cablecast.engines.warp_.grip import grip_functions
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.length import length_functions
+from cablecast.engines.warp_.world import world_structs
+
+
+@functools.cache
+def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
+    """Build the kernel for a precision and a lane count; Warp caches the compiled code on disk."""
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    grip = grip_functions(precision, lane_count)
+    bend = bending_functions(precision, lane_count)
+    contact = contact_functions(precision, lane_count)
+    length = length_functions(precision, lane_count)
+    real, lane, vec3, scale, mul, dot = f.real, f.lane, f.vec3, f.scale, f.mul, f.dot
+    Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples
+    count = wp.constant(lane_count)
+
+    @wp.func
+    def predict(model: Model, state: State, scratch: Scratch, group: int, held: vec3, far: vec3):  # type: ignore[valid-type]
+        """Velocities and positions after all forces but the change of tension."""
+        last = model.node_count - 1
+        dt = model.dt
+        damping = model.linear_damping[group] * (real(0.5) * dt)
+        one = lane(real(1.0))
+        slow_down = f.div(one, one + damping)
+        diffusion = model.rotation_diffusivity[group]
+        friction = model.friction[group]
+        scratch.predicted[group, 0] = held
+        x_here = state.position[group, 1]
+        v_before = state.velocity[group, 0]
+        v_here = state.velocity[group, 1]
+        pull_before = scale(state.tension[group, 0], x_here - state.position[group, 0])
+        for i in range(1, last + 1):
+            pull = vec3()
+            twisting = vec3()
+            v_after = v_here
+            x_after = x_here
+            if i < last:
+                x_after = state.position[group, i + 1]
+                v_after = state.velocity[group, i + 1]
+                pull = scale(state.tension[group, i], x_after - x_here)
+            # Damped rotation of the segments: a viscous exchange between neighbours.
+            twisting = scale(diffusion, v_before - v_here * real(2.0) + v_after)
+            acceleration = scratch.bending[group, i] + twisting
+            acceleration[2] = acceleration[2] - lane(model.gravity)
+            force = scale(model.inverse_mass[group, i], pull - pull_before) * (real(1.0) / dt)
+            free = scale(one - damping, v_here) + acceleration * dt + force
+            after = contact.table_contact(
+                model, friction, x_here[2], v_here, scale(slow_down, free)
+            )
+            predicted = x_here + after * dt
+            if i == last and model.far_is_held == 1:
+                predicted = far
+                after = (far - x_here) * (real(1.0) / dt)
+            scratch.predicted[group, i] = predicted
+            state.velocity[group, i] = after
+            pull_before = pull
+            v_before = v_here
+            v_here = v_after
+            x_here = x_after
+
+    @wp.func
+    def correct(model: Model, state: State, scratch: Scratch, group: int, active: lane):  # type: ignore[valid-type]
+        """Apply the change of tension; return the largest squared speed of any node."""
+        last = model.node_count - 1
+        rate = real(1.0) / model.dt
+        change_after = lane()
+        pull_after = vec3()
+        fastest = lane()
+        x_here = state.position[group, last]
+        for back in range(last):
+            i = last - back
+            x_before = state.position[group, i - 1]
+            change = length.tension_change(scratch, group, i - 1, change_after)
+            pull = scale(change, x_here - x_before)
+            shift = scale(model.inverse_mass[group, i], pull_after - pull)
+            velocity = scale(active, state.velocity[group, i] + shift * rate)
+            moved = scratch.predicted[group, i] + shift
+            state.velocity[group, i] = velocity
+            state.position[group, i] = x_here + scale(active, moved - x_here)
+            state.tension[group, i - 1] = state.tension[group, i - 1] + mul(active, change)
+            fastest = wp.max(fastest, dot(velocity, velocity))
+            change_after = change
+            pull_after = pull
+            x_here = x_before
+        held = scratch.predicted[group, 0]
+        state.velocity[group, 0] = scale(active, (held - x_here) * rate)
+        state.position[group, 0] = x_here + scale(active, held - x_here)
+        return fastest
+
+    @wp.func
+    def step(
+        model: Model,  # type: ignore[valid-type]
+        state: State,  # type: ignore[valid-type]
+        scratch: Scratch,  # type: ignore[valid-type]
+        group: int,
+        tangent: vec3,  # type: ignore[valid-type]
+        held: vec3,  # type: ignore[valid-type]
+        far: vec3,  # type: ignore[valid-type]
+        active: lane,  # type: ignore[valid-type]
+    ):
+        """Advance by dt: leapfrog with an implicit filter for bending and exact lengths.
+
+        Args:
+            tangent: Direction of the grip at the start of the step.
+            held: Where the gripped end is at the end of the step [m].
+            far: Where the far end is then, where it is held [m].
+            active: 1, or 0 for worlds that rest.
+        """
+        bend.bending_forces(model, state, scratch, group, tangent)
+        bend.bending_accelerations(model, scratch, group)
+        predict(model, state, scratch, group, held, far)
+        length.eliminate_tensions(model, state, scratch, group)
+        return correct(model, state, scratch, group, active)
+
+    @wp.func
+    def record(model: Model, state: State, samples: Samples, group: int, sample: int):  # type: ignore[valid-type]
+        """Write the endpoint, and the shape where asked for."""
+        last = model.node_count - 1
+        samples.endpoint[group, sample] = state.position[group, last]
+        if samples.record_nodes == 1:
+            for i in range(model.node_count):
+                samples.nodes[group, sample, i] = state.position[group, i]
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def kernel(
+        first_group: int,
+        sample_count: int,
+        rest_speed: real,  # type: ignore[valid-type]
+        rest_duration: real,  # type: ignore[valid-type]
+        motion_end: wp.array(dtype=lane),  # type: ignore[valid-type]
+        model: Model,  # type: ignore[valid-type]
+        path: Path,  # type: ignore[valid-type]
+        far_path: Path,  # type: ignore[valid-type]
+        state: State,  # type: ignore[valid-type]
+        scratch: Scratch,  # type: ignore[valid-type]
+        samples: Samples,  # type: ignore[valid-type]
+    ):
+        group = first_group + wp.tid()
+        dt = model.dt
+        grip.advance_pieces(path, group, real(0.0))
+        tangent = grip.held_tangent(path, group, grip.local_time(path, group, real(0.0)))
+        far = vec3()
+        if model.far_is_held == 1:
+            grip.advance_pieces(far_path, group, real(0.0))
+        active = state.active[group]
+        rest_time = state.rest_time[group]
+        slow = rest_speed * rest_speed
+        record(model, state, samples, group, 0)
+        moving = int(1)
+        for sample in range(1, sample_count):
+            for k in range(samples.steps_per_sample):
+                if moving == 1:
+                    t = real((sample - 1) * samples.steps_per_sample + k + 1) * dt
+                    if t >= path.next_knot[group]:
+                        grip.advance_pieces(path, group, t)
+                    tau = grip.local_time(path, group, t)
+                    held = grip.held_position(path, group, tau)
+                    if model.far_is_held == 1:
+                        if t >= far_path.next_knot[group]:
+                            grip.advance_pieces(far_path, group, t)
+                        far = grip.held_position(
+                            far_path, group, grip.local_time(far_path, group, t)
+                        )
+                    fastest = step(model, state, scratch, group, tangent, held, far, active)
+                    tangent = grip.held_tangent(path, group, tau)
+                    # A world that has been slow for a while after its motion rests for good.
+                    any_moving = int(0)
+                    for j in range(count):
+                        if fastest[j] <= slow and t > motion_end[group][j]:
+                            rest_time[j] = rest_time[j] + dt
+                        else:
+                            rest_time[j] = real(0.0)
+                        if rest_time[j] > rest_duration:
+                            active[j] = real(0.0)
+                        if active[j] > real(0.0):
+                            any_moving = int(1)
+                    moving = any_moving
+            record(model, state, samples, group, sample)
+        state.active[group] = active
+        state.rest_time[group] = rest_time
+
+    return SimpleNamespace(kernel=kernel, **vars(s), real=real, lane=lane, vec3=vec3)
