@@ -112,18 +112,20 @@ class GripPath:
     ) -> "GripPath":
         """Quintic pieces that match pose, velocity and acceleration at both ends of each piece.
 
-        A jump of acceleration at a knot cannot be expressed: split the path there.
-
         Args:
             knots: Times [s], shape [world, piece + 1].
             poses: x, y, z, yaw, pitch at the knots, shape [world, piece + 1, 5].
             velocities: Their first derivatives, same shape.
-            accelerations: Their second derivatives, same shape.
+            accelerations: Their second derivatives, same shape; where they jump at a knot, those at
+                the start and at the end of each piece, shape [world, piece, 2, 5].
         """
         knots = np.atleast_2d(np.asarray(knots, dtype=float))
         p, v, a = (np.asarray(k, dtype=float) for k in (poses, velocities, accelerations))
+        if a.ndim == 3:
+            a = np.stack([a[:, :-1], a[:, 1:]], axis=2)
         h = np.diff(knots, axis=1)[..., None]
-        ends = [p[:, :-1], h * v[:, :-1], h**2 * a[:, :-1], p[:, 1:], h * v[:, 1:], h**2 * a[:, 1:]]
+        ends = [p[:, :-1], h * v[:, :-1], h**2 * a[:, :, 0]]
+        ends += [p[:, 1:], h * v[:, 1:], h**2 * a[:, :, 1]]
         unit = np.einsum("ij,wpcj->wpci", _HERMITE, np.stack(ends, axis=-1))
         safe = np.where(h > 0, h, 1.0)[..., None]
         unit /= safe ** np.arange(DEGREE + 1)

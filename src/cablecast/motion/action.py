@@ -1,0 +1,261 @@
+"""Actions of the casting motion, their ranges and grids, and the parameters that stay fixed.
+
+An action is (theta1, theta2, r2, psi): the gripper sweeps from straight ahead to theta1, back to
+theta2, while its radius goes from r0 to r2, and the cable leaves the gripper along psi in the end
+(paper, section V-B, equations 3 and 4). Batches are arrays of shape [action, 4].
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.errors import ActionError, InputError
+
+ACTION_NAMES = ("theta1", "theta2", "r2", "psi")
+
+THETA_MIN = np.radians(0.5)
+"""Smallest sweep [rad]: below it the direction change at theta1 has no meaning."""
+THETA_MAX = np.radians(120.0)
+"""Largest sweep [rad]: beyond it the gripper would be behind the robot."""
+R2_BOUNDS = (0.05, 5.0)
+"""Radius about the polar origin [m]; whether the arm reaches it is a matter of feasibility."""
+PSI_MAX = np.pi
+"""Largest final heading of the cable [rad]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MotionConfig:
+    """System parameters, fixed before data is collected (paper, section V-E).
+
+    Attributes:
+        r0: Distance of the reset position from the polar origin [m]. At 0.6 the origin is the
+            robot's base and theta is the angle of its first joint (section V-B).
+        v_max: Largest linear speed of the gripped end [m/s] (section V-E).
+        theta_jerk: Jerk of the angular profiles [rad/s³]. With v_max = 1.5 m/s at 0.6 m the full
+            2.5 rad/s is reached in 0.32 s and the acceleration peaks at 16 rad/s², which asks the
+            base joint of a UR5 for about half of its 150 N·m.
+        wrist_velocity: Largest rate of the wrist turn [rad/s]: 90 % of the joint's 180 deg/s, since
+            the wrist joint also takes up what the base turns beyond theta.
+        wrist_jerk: Jerk of the wrist profile [rad/s³], for the same reason as theta_jerk.
+        control_dt: Control cycle of the UR5 [s], 125 Hz.
+    """
+
+    r0: float = 0.6
+    v_max: float = 1.5
+    theta_jerk: float = 100.0
+    wrist_velocity: float = 2.8
+    wrist_jerk: float = 100.0
+    control_dt: float = 1 / 125
+
+    def __post_init__(self):
+        for name, low, high, unit in (
+            ("r0", 0.1, 5.0, "m"),
+            ("v_max", 0.05, 5.0, "m/s"),
+            ("theta_jerk", 1.0, 1e4, "rad/s³"),
+            ("wrist_velocity", 0.1, 20.0, "rad/s"),
+            ("wrist_jerk", 1.0, 1e4, "rad/s³"),
+            ("control_dt", 1e-4, 0.1, "s"),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, (int, float)) or not low <= value <= high:
+                raise InputError(f"{name} = {value} {unit} is outside [{low:g}, {high:g}]")
+
+
+@dataclasses.dataclass(frozen=True)
+class Action:
+    """One casting motion.
+
+    Attributes:
+        theta1: Where the first arc ends and the second begins [rad].
+        theta2: Where the second arc ends, on the other side of the workspace axis [rad].
+        r2: Radius about the polar origin at the end [m].
+        psi: Final heading of the cable at the gripper [rad]; theta2 where not given, which is the
+            action set A1.
+    """
+
+    theta1: float
+    theta2: float
+    r2: float
+    psi: float | None = None
+
+    def __post_init__(self):
+        check_action_values(self.to_array()[None])
+
+    def to_array(self) -> NDArray[np.float64]:
+        """(theta1, theta2, r2, psi), shape [4]."""
+        psi = self.theta2 if self.psi is None else self.psi
+        try:
+            return np.array([self.theta1, self.theta2, self.r2, psi], dtype=float)
+        except (TypeError, ValueError):
+            raise ActionError(f"{self!r} holds a value that is not a number") from None
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> "Action":
+        """An action from (theta1, theta2, r2) or (theta1, theta2, r2, psi)."""
+        values = np.asarray(values, dtype=float)
+        if values.shape not in ((3,), (4,)):
+            raise ActionError(f"an action has shape {values.shape}: it must be [3] or [4]")
+        return cls(*(float(value) for value in values))
+
+    def mirrored(self) -> "Action":
+        """The action that lands mirrored about the workspace axis (section V-B)."""
+        psi = None if self.psi is None else -self.psi
+        return Action(theta1=-self.theta1, theta2=-self.theta2, r2=self.r2, psi=psi)
+
+
+def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
+    """Return a batch of actions, and refuse one that is no casting motion.
+
+    Args:
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+
+    Raises:
+        ActionError: A value is not finite or out of bounds, both arcs end on the same side, or psi
+            lies before theta2.
+    """
+    actions = np.asarray(actions, dtype=float)
+    if actions.ndim != 2 or actions.shape[1] != len(ACTION_NAMES):
+        raise ActionError(f"actions have shape {actions.shape}: it must be [action, 4]")
+    theta1, theta2, r2, psi = actions.T
+
+    def refuse(bad, describe):
+        if np.any(bad):
+            row = int(np.argmax(bad))
+            where = "" if len(actions) == 1 else f"action {row}: "
+            raise ActionError(where + describe(row))
+
+    for column, name in enumerate(ACTION_NAMES):
+        values = actions[:, column]
+        refuse(
+            ~np.isfinite(values),
+            lambda i, n=name, v=values: f"{n} = {v[i]} must be a finite number",
+        )
+    for name, theta in (("theta1", theta1), ("theta2", theta2)):
+        low, high = np.degrees([THETA_MIN, THETA_MAX])
+        refuse(
+            (np.abs(theta) < THETA_MIN) | (np.abs(theta) > THETA_MAX),
+            lambda i, n=name, v=theta: (
+                f"|{n}| = {np.degrees(abs(v[i])):.4g} deg is outside [{low:g}, {high:g}] deg"
+            ),
+        )
+    refuse(
+        theta1 * theta2 >= 0,
+        lambda i: (
+            f"theta1 = {np.degrees(theta1[i]):.4g} deg and theta2 = {np.degrees(theta2[i]):.4g} deg "
+            "must have opposite signs"
+        ),
+    )
+    refuse(
+        (r2 < R2_BOUNDS[0]) | (r2 > R2_BOUNDS[1]),
+        lambda i: f"r2 = {r2[i]:.4g} m is outside [{R2_BOUNDS[0]:g}, {R2_BOUNDS[1]:g}] m",
+    )
+    # The sum of a grid's theta2 and wrist turn may fall an ulp short of theta2.
+    side = np.sign(theta2)
+    refuse(
+        (side * psi < np.abs(theta2) - 1e-9) | (np.abs(psi) > PSI_MAX + 1e-9),
+        lambda i: (
+            f"psi = {np.degrees(psi[i]):.4g} deg must lie between theta2 = "
+            f"{np.degrees(theta2[i]):.4g} deg and {np.degrees(side[i] * PSI_MAX):.4g} deg"
+        ),
+    )
+    return actions
+
+
+def mirror_actions(actions: ArrayLike) -> NDArray[np.float64]:
+    """The actions mirrored about the workspace axis: (-theta1, -theta2, r2, -psi).
+
+    Args:
+        actions: Shape [..., 4].
+    """
+    return np.asarray(actions, dtype=float) * np.array([-1.0, -1.0, 1.0, -1.0])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ActionRanges:
+    """Ranges that grids of actions span, for landings on the right half of the table.
+
+    The paper does not print its own; these follow its sibling task (arXiv 2111.04814: theta1 1 to
+    80 deg, theta2 20 to 80 deg, r2 0.21 to 0.77 m), widened to small theta2 so that the axis
+    itself is covered. r2 stays at least 0.35 m, so that the folded elbow keeps off the base, and at
+    most 0.80 m, where the arm is still bent enough (0.94 m is the stretched arm) for the elbow to
+    follow the radius at speed.
+
+    Attributes:
+        theta1: End of the first arc [rad].
+        theta2: End of the second arc [rad].
+        r2: Final radius about the polar origin [m].
+        wrist: Turn of the wrist psi - theta2 [rad]; (0, 0) is the action set A1.
+    """
+
+    theta1: tuple[float, float] = (-float(np.radians(80)), -float(np.radians(5)))
+    theta2: tuple[float, float] = (float(np.radians(5)), float(np.radians(80)))
+    r2: tuple[float, float] = (0.35, 0.80)
+    wrist: tuple[float, float] = (0.0, float(np.radians(90)))
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("theta1", -THETA_MAX, -THETA_MIN),
+            ("theta2", THETA_MIN, THETA_MAX),
+            ("r2", *R2_BOUNDS),
+            ("wrist", 0.0, PSI_MAX),
+        ):
+            values = getattr(self, name)
+            if len(values) != 2 or not low <= values[0] <= values[1] <= high:
+                raise ActionError(
+                    f"range of {name} = {tuple(values)} must rise within [{low:.4g}, {high:.4g}]"
+                )
+        if self.theta2[1] + self.wrist[1] > PSI_MAX:
+            raise ActionError(
+                f"theta2 + wrist reaches {self.theta2[1] + self.wrist[1]:.4g} rad: psi must be at "
+                f"most {PSI_MAX:.4g} rad"
+            )
+
+    @classmethod
+    def for_config(cls, config: MotionConfig) -> "ActionRanges":
+        """The ranges that sweep the same region of the table about another polar origin.
+
+        Moving the origin back flattens the arcs: r2 shifts with r0, and the angles shrink so that
+        the sweep keeps its sideways extent, r0 sin(theta).
+        """
+        base = cls()
+        r0 = MotionConfig().r0
+        if config.r0 <= r0:
+            return base
+
+        def shrink(theta: tuple[float, float]) -> tuple[float, float]:
+            low, high = (float(np.arcsin(r0 / config.r0 * np.sin(value))) for value in theta)
+            return low, high
+
+        shift = config.r0 - r0
+        return cls(
+            theta1=shrink(base.theta1),
+            theta2=shrink(base.theta2),
+            r2=(base.r2[0] + shift, base.r2[1] + shift),
+        )
+
+
+def grid_actions(ranges: ActionRanges, counts: Sequence[int]) -> NDArray[np.float64]:
+    """A full grid of actions with theta1 < 0 < theta2 <= psi.
+
+    Args:
+        ranges: What the grid spans, both ends included.
+        counts: Values of theta1, theta2, r2, and of the wrist turn; three counts mean psi = theta2
+            (A1), as in the paper's 15 x 15 x 15. A count of one takes the middle of its range.
+
+    Returns:
+        Shape [action, 4]; theta1 varies slowest, psi fastest.
+    """
+    counts = tuple(int(count) for count in counts)
+    if len(counts) not in (3, 4) or min(counts) < 1:
+        raise InputError(f"grid counts {counts} must be three or four positive numbers")
+    wrist = ranges.wrist if len(counts) == 4 else (0.0, 0.0)
+    axes = [
+        np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])
+        for (low, high), count in zip(
+            (ranges.theta1, ranges.theta2, ranges.r2, wrist), (*counts, 1)[:4], strict=True
+        )
+    ]
+    theta1, theta2, r2, turn = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+    return np.stack([theta1, theta2, r2, theta2 + turn], axis=1)

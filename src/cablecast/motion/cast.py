@@ -1,0 +1,267 @@
+"""The casting motion: from actions to grip paths (paper, section V-B).
+
+In polar coordinates about an origin r0 behind the reset position, theta goes from 0 to theta1 and on
+to theta2, each a jerk-limited maximum-velocity move from rest to rest, while the radius goes from r0
+to r2 on one cubic. During the second arc the wrist turns the cable by psi - theta2.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.motion.action import MotionConfig, check_action_values
+from cablecast.motion.grip_path import GripPath
+from cablecast.motion.profiles import Profiles, plan_profiles
+from cablecast.workspace import Workspace
+
+# Quintic pieces follow the polar path to better than 1e-6 m if each is short against what its sixth
+# derivative scales with: at constant rate the angle that it sweeps [rad] and its share of the
+# radial cubic [-], and, while the rate changes, the time scale jerk^(-1/3) of a profile. They hold
+# at a radius of 0.8 m; the error grows with the radius and with the sixth power of the length
+# (tests/motion/test_cast.py measures it).
+CRUISE_ANGLE = 0.46
+CRUISE_SHARE = 0.11
+RAMP_SCALE = 0.37
+ACCURATE_RADIUS = 0.8
+# Knots closer than this are one knot [s]: profiles without a cruise phase switch twice at once.
+KNOT_GAP = 1e-9
+# Actions converted at a time: bounds the memory of the intermediate arrays to some 10 MB.
+CHUNK = 2048
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolarPaths:
+    """Casting motions in polar coordinates, exactly, one per row.
+
+    Attributes:
+        origin_y: y of the polar origin, on the workspace axis [m].
+        r0: Radius at the start [m].
+        r2: Radius at the end [m], shape [action].
+        first: theta from 0 to theta1.
+        second: theta from theta1 to theta2, relative to theta1.
+        wrist: Turn of the wrist, beginning with the second arc.
+    """
+
+    origin_y: float
+    r0: float
+    r2: NDArray[np.float64]
+    first: Profiles
+    second: Profiles
+    wrist: Profiles
+
+    def __len__(self) -> int:
+        return len(self.r2)
+
+    @property
+    def arc_duration(self) -> NDArray[np.float64]:
+        """When theta and the radius come to rest [s], shape [action]."""
+        return self.first.duration + self.second.duration
+
+    @property
+    def duration(self) -> NDArray[np.float64]:
+        """When the wrist has come to rest, too [s], shape [action]."""
+        return self.first.duration + np.maximum(self.second.duration, self.wrist.duration)
+
+    def radius(
+        self, times: NDArray[np.float64], before: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The radius and its first two derivatives.
+
+        Args:
+            times: Time since the motion began [s], shape [action, step].
+            before: At the end of the arcs, where the second derivative jumps, take its value
+                before the jump rather than after.
+
+        Returns:
+            r [m], its rate [m/s] and second derivative [m/s²], each of shape [action, step].
+        """
+        end = self.arc_duration[:, None]
+        reach = (self.r2 - self.r0)[:, None]
+        u = np.clip(times / end, 0.0, 1.0)
+        bend = reach * (6.0 - 12.0 * u) / end**2
+        moving = times <= end if before else times < end
+        return (
+            self.r0 + reach * u**2 * (3.0 - 2.0 * u),
+            reach * 6.0 * u * (1.0 - u) / end,
+            np.where(moving, bend, 0.0),
+        )
+
+    def angles(
+        self, times: NDArray[np.float64]
+    ) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
+        """theta and yaw, each with its first two derivatives.
+
+        Args:
+            times: Time since the motion began [s], shape [action, step].
+
+        Returns:
+            (theta, its rate, its acceleration), (yaw, its rate, its acceleration) in [rad] and
+            [s], each of shape [action, step].
+        """
+        since = times - self.first.duration[:, None]
+        arcs = zip(self.first.evaluate(times), self.second.evaluate(since), strict=True)
+        theta = tuple(first + second for first, second in arcs)
+        wrist = self.wrist.evaluate(since)
+        return theta, tuple(t + w for t, w in zip(theta, wrist, strict=True))
+
+    def xy(
+        self, times: NDArray[np.float64], before: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Position of the grip in the base frame, its velocity and acceleration.
+
+        Args:
+            times: Time since the motion began [s], shape [action, step].
+            before: As for `radius`.
+
+        Returns:
+            [m], [m/s] and [m/s²], each of shape [action, step, 2].
+        """
+        r, dr, ddr = self.radius(times, before)
+        (theta, dtheta, ddtheta), _ = self.angles(times)
+        radial = np.stack([np.sin(theta), np.cos(theta)], axis=-1)
+        across = np.stack([np.cos(theta), -np.sin(theta)], axis=-1)
+        origin = np.array([0.0, self.origin_y])
+        return (
+            origin + r[..., None] * radial,
+            dr[..., None] * radial + (r * dtheta)[..., None] * across,
+            (ddr - r * dtheta**2)[..., None] * radial
+            + (r * ddtheta + 2.0 * dr * dtheta)[..., None] * across,
+        )
+
+
+def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspace) -> PolarPaths:
+    """Plan casting motions in polar coordinates.
+
+    The angular velocity limit is v_max over the largest radius. The radial motion adds to the
+    speed; where the sum could exceed v_max, the whole motion is run slower by the factor that
+    keeps it below.
+
+    Args:
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+        config: System parameters.
+        workspace: Gives the reset position.
+
+    Raises:
+        ActionError: An action is no casting motion.
+    """
+    actions = check_action_values(actions)
+    theta1, theta2, r2, psi = actions.T
+    r_large = np.maximum(config.r0, r2)
+    speed = config.v_max / r_large
+    first = plan_profiles(theta1, speed, config.theta_jerk)
+    second = plan_profiles(theta2 - theta1, speed, config.theta_jerk)
+    turn = psi - theta2
+    # A grid's psi may differ from theta2 by rounding where no turn is meant.
+    turn = np.where(np.abs(turn) < 1e-9, 0.0, turn)
+    wrist = plan_profiles(turn, np.full(len(actions), config.wrist_velocity), config.wrist_jerk)
+    # The cubic's rate peaks at 1.5 times its mean. Peaks of both parts at the largest radius bound
+    # the linear speed from above.
+    radial_peak = 1.5 * np.abs(r2 - config.r0) / (first.duration + second.duration)
+    angular_peak = np.maximum(first.peak_velocity, second.peak_velocity)
+    factor = np.maximum(np.hypot(r_large * angular_peak, radial_peak) / config.v_max, 1.0)
+    return PolarPaths(
+        origin_y=workspace.reset_y - config.r0,
+        r0=config.r0,
+        r2=r2,
+        first=first.dilated(factor),
+        second=second.dilated(factor),
+        wrist=wrist.dilated(factor),
+    )
+
+
+def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspace) -> GripPath:
+    """Grip paths of casting motions, one world per action.
+
+    Knots lie at every switch of the jerk, with more between them where the path curves. The pieces
+    match position, velocity and acceleration of the polar path at each knot and stay within 1e-6 m
+    of it. The height is the workspace's grip height, and the pitch is 0.
+
+    Args:
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+        config: System parameters.
+        workspace: Gives the reset position and the grip height.
+
+    Raises:
+        ActionError: An action is no casting motion.
+    """
+    actions = check_action_values(actions)
+    chunks = [
+        _polar_grip_paths(
+            plan_polar_paths(actions[start : start + CHUNK], config, workspace),
+            workspace.grip_height,
+            config.theta_jerk,
+        )
+        for start in range(0, max(len(actions), 1), CHUNK)
+    ]
+    piece_count = max(chunk.coefficients.shape[1] for chunk in chunks)
+    knots = np.empty((len(actions), piece_count + 1))
+    coefficients = np.zeros((len(actions), piece_count, 5, 6))
+    row = 0
+    for chunk in chunks:
+        rows, pieces = slice(row, row + len(chunk)), chunk.coefficients.shape[1]
+        row += len(chunk)
+        knots[rows, : pieces + 1] = chunk.knots
+        knots[rows, pieces + 1 :] = chunk.knots[:, -1:]
+        coefficients[rows, :pieces] = chunk.coefficients
+        # Padding pieces hold the last pose, which is what a piece of no duration evaluates to.
+        coefficients[rows, pieces:, :, 0] = np.sum(
+            chunk.coefficients[:, -1]
+            * (chunk.knots[:, -1] - chunk.knots[:, -2])[:, None, None] ** np.arange(6),
+            axis=-1,
+        )[:, None]
+    return GripPath(knots=knots, coefficients=coefficients)
+
+
+def _polar_grip_paths(paths: PolarPaths, height: float, theta_jerk: float) -> GripPath:
+    knots = _knots(paths, theta_jerk)
+    xy, dxy, ddxy = paths.xy(knots)
+    _, _, ddxy_before = paths.xy(knots, before=True)
+    _, (yaw, dyaw, ddyaw) = paths.angles(knots)
+    poses, velocities, after, before = np.zeros((4, *knots.shape, 5))
+    poses[..., :2], velocities[..., :2], after[..., :2], before[..., :2] = (
+        xy,
+        dxy,
+        ddxy,
+        ddxy_before,
+    )
+    poses[..., 3], velocities[..., 3], after[..., 3], before[..., 3] = yaw, dyaw, ddyaw, ddyaw
+    poses[..., 2] = height
+    accelerations = np.stack([after[:, :-1], before[:, 1:]], axis=2)
+    return GripPath.from_hermite(knots, poses, velocities, accelerations)
+
+
+def _knots(paths: PolarPaths, theta_jerk: float) -> NDArray[np.float64]:
+    """Jerk switches and as many times between as the accuracy asks for, shape [action, knot]."""
+    turning = paths.first.duration[:, None]
+    switches = np.concatenate(
+        [paths.first.knots, turning + paths.second.knots, turning + paths.wrist.knots], axis=1
+    )
+    switches.sort(axis=1)
+    length = np.diff(switches, axis=1)
+    (_, rate, acceleration), _ = paths.angles(switches)
+    rate, acceleration = (
+        np.maximum(np.abs(values[:, :-1]), np.abs(values[:, 1:])) for values in (rate, acceleration)
+    )
+    large = np.maximum(paths.r0, paths.r2)[:, None] / ACCURATE_RADIUS
+    longest = np.where(
+        acceleration > 1e-6,
+        RAMP_SCALE * theta_jerk ** (-1 / 3),
+        np.minimum(
+            CRUISE_ANGLE / np.maximum(rate, 1e-3), CRUISE_SHARE * paths.arc_duration[:, None]
+        ),
+    ) / np.maximum(large, 1.0) ** (1 / 6)
+    parts = np.ceil(length / longest).astype(np.intp)
+    parts[length < KNOT_GAP] = 0
+    # Lay the parts of all intervals of a row side by side: part k of an interval begins at its
+    # start plus k lengths of a part; unused places repeat the end of the motion.
+    count = parts.sum(axis=1)
+    row, interval = np.nonzero(parts)
+    repeats = parts[row, interval]
+    first_place = (np.cumsum(parts, axis=1) - parts)[row, interval]
+    part = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    row, interval = np.repeat(row, repeats), np.repeat(interval, repeats)
+    knots = np.repeat(paths.duration[:, None], count.max() + 1, axis=1)
+    step = length[row, interval] / parts[row, interval]
+    knots[row, np.repeat(first_place, repeats) + part] = switches[row, interval] + part * step
+    return knots

@@ -1,0 +1,139 @@
+"""Jerk-limited maximum-velocity profiles, planned with ruckig, as batches of polynomial phases.
+
+Paper, section V-B: a maximum-velocity spline with jerk-limited bang-bang control. ruckig plans each
+rest-to-rest move; its acceleration is left unlimited, so that the jerk alone switches. Only the
+phases are taken out of it: nothing is sampled in Python.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import InputError
+
+PHASE_COUNT = 7
+"""Phases of constant jerk of a rest-to-rest move; those with unlimited acceleration last 0 s."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Profiles:
+    """Rest-to-rest moves from 0, one per row, in phases of constant jerk.
+
+    Attributes:
+        durations: Duration of each phase [s], shape [move, 7].
+        jerks: Its jerk [rad/s³], same shape.
+    """
+
+    durations: NDArray[np.float64]
+    jerks: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.durations)
+
+    @property
+    def knots(self) -> NDArray[np.float64]:
+        """Times at which the jerk switches, from 0 to the end [s], shape [move, 8]."""
+        start = np.zeros((len(self), 1))
+        return np.concatenate([start, np.cumsum(self.durations, axis=1)], axis=1)
+
+    @property
+    def duration(self) -> NDArray[np.float64]:
+        """Duration of each move [s], shape [move]."""
+        return self.knots[:, -1]
+
+    @property
+    def peak_velocity(self) -> NDArray[np.float64]:
+        """Largest speed of each move [rad/s], shape [move]; it is reached at a jerk switch."""
+        return np.max(np.abs(self._states()[1]), axis=1)
+
+    def dilated(self, factor: NDArray[np.float64]) -> "Profiles":
+        """The same moves run slower: all times are multiplied.
+
+        Args:
+            factor: At least 1 [-], shape [move].
+        """
+        factor = factor[:, None]
+        return Profiles(durations=self.durations * factor, jerks=self.jerks / factor**3)
+
+    def evaluate(
+        self, times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Position, velocity and acceleration; at rest before the start and after the end.
+
+        Args:
+            times: Time since each move began [s], shape [move, step].
+
+        Returns:
+            Position [rad], velocity [rad/s], acceleration [rad/s²], each of shape [move, step].
+        """
+        knots = self.knots
+        position, velocity, acceleration = self._states()
+        times = np.clip(times, 0.0, knots[:, -1:])
+        phase = np.zeros(times.shape, dtype=np.intp)
+        for column in range(1, PHASE_COUNT):
+            phase += times >= knots[:, column : column + 1]
+        p, v, a, j, start = (
+            np.take_along_axis(values, phase, axis=1)
+            for values in (position, velocity, acceleration, self.jerks, knots)
+        )
+        t = times - start
+        return (
+            p + t * (v + t * (a / 2 + t * j / 6)),
+            v + t * (a + t * j / 2),
+            a + t * j,
+        )
+
+    def _states(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Position, velocity and acceleration at each knot, each of shape [move, 8]."""
+        p, v, a = np.zeros((3, len(self), PHASE_COUNT + 1))
+        for phase in range(PHASE_COUNT):
+            t, j = self.durations[:, phase], self.jerks[:, phase]
+            p0, v0, a0 = p[:, phase], v[:, phase], a[:, phase]
+            p[:, phase + 1] = p0 + t * (v0 + t * (a0 / 2 + t * j / 6))
+            v[:, phase + 1] = v0 + t * (a0 + t * j / 2)
+            a[:, phase + 1] = a0 + t * j
+        return p, v, a
+
+
+def plan_profiles(
+    distances: NDArray[np.float64], velocities: NDArray[np.float64], jerk: float
+) -> Profiles:
+    """The fastest rest-to-rest moves under a limit of velocity and of jerk.
+
+    Args:
+        distances: How far to move, with sign [rad], shape [move].
+        velocities: Velocity limit of each move [rad/s], shape [move].
+        jerk: Jerk limit [rad/s³].
+
+    Raises:
+        InputError: ruckig finds no plan, since a distance or a limit makes no sense.
+    """
+    import ruckig
+
+    planner = ruckig.Ruckig(1)
+    request = ruckig.InputParameter(1)
+    request.max_acceleration = [float("inf")]
+    request.max_jerk = [jerk]
+    trajectory = ruckig.Trajectory(1)
+    # Moves are planned forwards and mirrored after, so that mirrored moves are equal to the last
+    # bit. A grid of actions repeats few distinct moves, and each is planned once.
+    moves, inverse = np.unique(
+        np.stack([np.abs(distances), velocities], axis=1), axis=0, return_inverse=True
+    )
+    planned = np.zeros((len(moves), 2, PHASE_COUNT))
+    for row, (distance, velocity) in enumerate(moves.tolist()):
+        if distance == 0.0:
+            continue
+        request.target_position = [distance]
+        request.max_velocity = [velocity]
+        result = planner.calculate(request, trajectory)
+        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+            raise InputError(
+                f"no profile over {distance} rad at {velocity} rad/s and {jerk} rad/s³: {result}"
+            )
+        profile = trajectory.profiles[0][0]
+        planned[row, 0] = profile.t
+        planned[row, 1] = profile.j
+    planned = planned[inverse.reshape(-1)]
+    return Profiles(durations=planned[:, 0], jerks=planned[:, 1] * np.sign(distances)[:, None])
