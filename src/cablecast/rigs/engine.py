@@ -1,0 +1,123 @@
+"""RigEngine: any Engine as a Rig, so that the model's own error can be told from the world's."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import SETTLE_TIME, Engine, Rollout
+from cablecast.errors import InputError
+from cablecast.motion.grip_path import GripPath
+from cablecast.rigs.base import RigLifecycle
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.workspace import Workspace
+
+if TYPE_CHECKING:
+    from cablecast.motion.trajectory import Trajectory
+
+
+class RigEngine(RigLifecycle):
+    """Plays motions in an engine: without noise, so that equal motions give equal tracks.
+
+    Args:
+        engine: The simulator.
+        cable: The cable in the gripper.
+        workspace: Table and arm.
+        params: Cable parameters, shared by all trials; by default the cable's own.
+        sample_dt: Time between samples of a track [s].
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        cable: Cable,
+        workspace: Workspace,
+        params: CableParams | None = None,
+        *,
+        sample_dt: float = 0.1,
+    ):
+        super().__init__()
+        params = cable.params if params is None else params
+        if params.world_count is not None:
+            raise InputError(
+                f"a rig has one cable, but its parameters differ between {params.world_count} worlds"
+            )
+        self.engine = engine
+        self.cable = cable
+        self.workspace = workspace
+        self.params = params
+        self.sample_dt = sample_dt
+        self.description: dict[str, Any] = {
+            "rig": "engine",
+            "engine": type(engine).__name__,
+            "segment_count": engine.segment_count,
+            "cable": cable.name,
+            "params": params.to_dict(),
+            "workspace": dataclasses.asdict(workspace),
+        }
+
+    def execute(self, trajectory: "Trajectory") -> EndpointTrack:
+        """Simulate one motion from the reset state."""
+        self._use_reset()
+        return self._simulate([trajectory])[0]
+
+    def execute_many(
+        self,
+        trajectories: Sequence["Trajectory"],
+        progress: Callable[[int], None] | None = None,
+    ) -> list[EndpointTrack]:
+        """Simulate many motions in one batch, each from the reset state."""
+        self._check_open()
+        self._is_reset = False
+        tracks = self._simulate(trajectories) if trajectories else []
+        if progress is not None:
+            progress(len(tracks))
+        return tracks
+
+    def _simulate(self, trajectories: Sequence["Trajectory"]) -> list[EndpointTrack]:
+        paths = [trajectory.grip_path for trajectory in trajectories]
+        # Whole sample intervals, so that the last sample is the end of the trial.
+        step_counts = [
+            math.ceil((float(path.duration[0]) + SETTLE_TIME) / self.sample_dt - 1e-9)
+            for path in paths
+        ]
+        rollout = self.engine.rollout(
+            self.cable,
+            self.params,
+            GripPath.stack(paths),
+            duration=max(step_counts) * self.sample_dt,
+            sample_dt=self.sample_dt,
+            record_nodes=True,
+        )
+        return [
+            self._track(rollout, world, step_count + 1)
+            for world, step_count in enumerate(step_counts)
+        ]
+
+    def _track(self, rollout: Rollout, world: int, sample_count: int) -> EndpointTrack:
+        endpoint_xy = rollout.endpoint_xy[world, :sample_count]
+        nodes = None if rollout.nodes is None else rollout.nodes[world, :sample_count]
+        return EndpointTrack(
+            times=rollout.times[:sample_count],
+            endpoint_xy=endpoint_xy,
+            status=status_of(endpoint_xy, self.workspace),
+            nodes=nodes,
+        )
+
+
+def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialStatus:
+    """How a simulated trial ended, judged from the whole path of its endpoint.
+
+    Args:
+        endpoint_xy: Path of the endpoint [m], shape [step, 2].
+        workspace: Says where the table ends.
+    """
+    if not np.all(np.isfinite(endpoint_xy)):
+        return TrialStatus.NON_FINITE
+    if not np.all(workspace.on_table(endpoint_xy)):
+        return TrialStatus.OFF_TABLE
+    return TrialStatus.OK

@@ -1,0 +1,91 @@
+"""Settings of the virtual laboratory: its numerics, and how far two equal trials differ."""
+
+import dataclasses
+
+import numpy as np
+
+from cablecast.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrialNoise:
+    """Standard deviations of what changes from trial to trial.
+
+    The defaults make repeated landings scatter as they did on the real table (paper, section
+    VI-B); benchmarks/virtual_repeatability.py measures it.
+
+    Attributes:
+        bow: Sideways bow of the cable after a reset, at its middle [m].
+        sway: The same for an S-shape, at its quarters [m].
+        angle: Direction of the cable after a reset [rad].
+        friction: Relative change of the friction between cable and table [-].
+        path_scale: Relative change of how far the gripper moves [-].
+        time_scale: Relative change of how long it takes [-].
+        delay: Change of the arm's lag [s].
+    """
+
+    bow: float = 0.003
+    sway: float = 0.0015
+    angle: float = 0.006
+    friction: float = 0.03
+    path_scale: float = 0.0015
+    time_scale: float = 0.0015
+    delay: float = 0.0008
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (np.isfinite(value) and 0.0 <= value <= 0.5):
+                raise InputError(f"trial noise {field.name} = {value} is outside [0, 0.5]")
+
+    @classmethod
+    def none(cls) -> "TrialNoise":
+        """A laboratory in which equal motions end equally."""
+        return cls(**{field.name: 0.0 for field in dataclasses.fields(cls)})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VirtualConfig:
+    """Settings of the virtual laboratory.
+
+    Attributes:
+        lab_seed: Which laboratory: another one has another copy of each cable and another table.
+            It stays the same while one rig's seed varies, so that data collected today and an
+            evaluation tomorrow meet the same cable.
+        noise: What changes from trial to trial.
+        segment_count: Segments of the discrete rod.
+        dt: Step [s].
+        sample_dt: Time between samples of a track [s]; the paper's camera analysis takes 100 ms.
+        reset_time: How long the cable settles after a reset before the motion begins [s].
+        rest_time_max: How long after the motion a trial may last [s].
+        rest_speed: Below this speed everywhere the cable rests [m/s].
+        thread_count: Threads that trials are spread over; all cores where None. It never changes a
+            result.
+    """
+
+    lab_seed: int = 0
+    noise: TrialNoise = dataclasses.field(default_factory=TrialNoise)
+    segment_count: int = 24
+    dt: float = 5e-4
+    sample_dt: float = 0.1
+    reset_time: float = 0.3
+    rest_time_max: float = 2.5
+    rest_speed: float = 0.002
+    thread_count: int | None = None
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("lab_seed", 0, 2**32 - 1),
+            ("segment_count", 4, 200),
+            ("dt", 1e-5, 2e-3),
+            ("sample_dt", 0.01, 1.0),
+            ("reset_time", 0.0, 10.0),
+            ("rest_time_max", 0.1, 60.0),
+            ("rest_speed", 1e-4, 0.1),
+            ("thread_count", 1, 1024),
+        ):
+            value = getattr(self, name)
+            if name == "thread_count" and value is None:
+                continue
+            if not (np.isfinite(value) and low <= value <= high):
+                raise InputError(f"virtual rig {name} = {value} is outside [{low:g}, {high:g}]")

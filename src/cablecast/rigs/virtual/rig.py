@@ -1,0 +1,97 @@
+"""RigVirtual: the virtual laboratory behind the Rig contract."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from cablecast.cable import Cable
+from cablecast.errors import InputError
+from cablecast.rigs.base import RigLifecycle
+from cablecast.rigs.virtual.config import VirtualConfig
+from cablecast.rigs.virtual.laboratory import Laboratory
+from cablecast.rigs.virtual.trials import Trial
+from cablecast.track import EndpointTrack
+from cablecast.workspace import Workspace
+
+if TYPE_CHECKING:
+    from cablecast.motion.trajectory import Trajectory
+
+
+class RigVirtual(RigLifecycle):
+    """A robot, a table and a cable that exist in MuJoCo only.
+
+    The n-th trial of a rig draws its own small differences from the seed and n, so a rig made again
+    with the same seed repeats the same sequence of trials.
+
+    Args:
+        cable: The cable in the gripper. Its parameters are what is believed of it; the laboratory
+            has its own.
+        workspace: Table and arm.
+        seed: Seed of what differs from trial to trial.
+        config: Settings of the laboratory.
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+    """
+
+    def __init__(
+        self, cable: Cable, workspace: Workspace, seed: int, config: VirtualConfig | None = None
+    ):
+        super().__init__()
+        if not isinstance(seed, int) or seed < 0:
+            raise InputError(f"seed = {seed!r} must be a whole number of at least 0")
+        self.config = VirtualConfig() if config is None else config
+        self._seed = seed
+        self._trial_count = 0
+        self._lab: Laboratory | None = Laboratory(cable, workspace, self.config)
+        self.description: dict[str, Any] = {
+            "rig": "virtual",
+            "cable": cable.name,
+            "seed": seed,
+            "config": dataclasses.asdict(self.config),
+            "workspace": dataclasses.asdict(workspace),
+        }
+
+    def execute(self, trajectory: "Trajectory") -> EndpointTrack:
+        """Play one motion from the reset state, and report where the endpoint went."""
+        self._use_reset()
+        return self._run([trajectory], None)[0]
+
+    def execute_many(
+        self,
+        trajectories: Sequence["Trajectory"],
+        progress: Callable[[int], None] | None = None,
+    ) -> list[EndpointTrack]:
+        """Reset and execute for each trajectory, at once on all cores.
+
+        The tracks equal those of one reset and execute after another.
+
+        Args:
+            trajectories: One per trial.
+            progress: Called with the number of finished trials whenever it grows.
+        """
+        self._check_open()
+        self._is_reset = False
+        return self._run(trajectories, progress)
+
+    def close(self) -> None:
+        """Forget the laboratory."""
+        super().close()
+        self._lab = None
+
+    def _run(
+        self,
+        trajectories: Sequence["Trajectory"],
+        progress: Callable[[int], None] | None,
+    ) -> list[EndpointTrack]:
+        self._check_open()
+        assert self._lab is not None
+        first = self._trial_count
+        trials = [
+            Trial.draw(self.config.noise, self._seed, first + index)
+            for index in range(len(trajectories))
+        ]
+        paths = [trajectory.grip_path for trajectory in trajectories]
+        tracks = self._lab.run(paths, trials, progress)
+        self._trial_count = first + len(trajectories)
+        return tracks

@@ -1,0 +1,214 @@
+"""The scene as a MuJoCo model: a table, a gripping hand on five joints, and a discrete elastic rod.
+
+The rod is a native 1-D flex. Its vertices are bodies of the world with three slides each, so that
+the mass matrix is diagonal and nothing is computed in the frame of the turning hand; only the first
+two belong to the hand, which clamps the edge between them. The hand is a heavy body that is driven
+through its joints: a mocap body has no velocity, and the rod's length constraint would drag behind.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable
+from cablecast.errors import MissingExtraError
+from cablecast.rigs.virtual._hidden import HiddenCable
+from cablecast.workspace import Workspace
+
+HAND_DOF_COUNT = 5
+TABLE_THICKNESS = 0.04
+FLOOR_Z = -0.75
+
+# The hand weighs hundreds of times what the cable can pull, so it goes where it is driven; its
+# servo only removes the drift of the integration, 60 Hz, critically damped.
+_HAND_MASS = 20.0
+_HAND_INERTIA = 1.0
+_SERVO_OMEGA = 2.0 * math.pi * 60.0
+_HAND_M = np.array([_HAND_MASS] * 3 + [_HAND_INERTIA] * 2)
+_SERVO_KP = _SERVO_OMEGA**2 * _HAND_M
+_SERVO_KV = 2.0 * _SERVO_OMEGA * _HAND_M
+
+# A length constraint is soft by default and stretches by several per cent. At this time constant
+# the rod stays within 0.3 % in the fastest casts.
+_EDGE_SOLREF = "0.001 1"
+_EDGE_SOLIMP = "0.9999 0.9999 0.001"
+_CONTACT_SOLREF = "0.004 1"
+_CONTACT_SOLIMP = "0.99 0.99 0.001"
+# Resists the spinning of each segment about its own axis, as rolling on foam does [N·m·s].
+_ROLL_DAMPING_PER_MASS = 1e-4
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A compiled model, and where things are in it.
+
+    Attributes:
+        model: The MjModel.
+        arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
+        masses: Mass lumped at each vertex [kg], shape [vertex].
+        endpoint: Index of the vertex that is the cable's endpoint; an attachment may lie beyond.
+        hand_origin: Joint values 0 stand for this pose (x, y, z, yaw, pitch), shape [5].
+        vertex_origin: Slides at 0 stand for these positions [m], shape [vertex - 2, 3].
+    """
+
+    model: object
+    arc_lengths: NDArray[np.float64]
+    masses: NDArray[np.float64]
+    endpoint: int
+    hand_origin: NDArray[np.float64]
+    vertex_origin: NDArray[np.float64]
+
+    @property
+    def vertex_slice(self) -> slice:
+        """Degrees of freedom of the free vertices, in qpos and qvel alike."""
+        return slice(HAND_DOF_COUNT, HAND_DOF_COUNT + self.vertex_origin.size)
+
+
+def hand_controls(poses: NDArray[np.float64], dt: float, origin: NDArray[np.float64]):
+    """Servo targets that carry the hand exactly along sampled poses.
+
+    A semi-implicit step ends at q + dt v, so the velocity that belongs to a step is the backward
+    difference; the servo is told of the velocity and the acceleration through its position target.
+
+    Args:
+        poses: x, y, z, yaw, pitch at every step, shape [step + 1, 5].
+        dt: Step [s].
+        origin: Pose at joint values 0, shape [5].
+
+    Returns:
+        One target per step, shape [step, 5].
+    """
+    velocity = np.diff(poses, axis=0) / dt
+    acceleration = np.diff(velocity, axis=0, prepend=0.0) / dt
+    return poses[1:] - origin + (_SERVO_KV * velocity + _HAND_M * acceleration) / _SERVO_KP
+
+
+def build_scene(
+    cable: Cable, truth: HiddenCable, workspace: Workspace, segment_count: int, dt: float
+) -> Scene:
+    """Compile the model.
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+    """
+    try:
+        import mujoco
+    except ModuleNotFoundError:
+        raise MissingExtraError("mujoco", "mujoco", "the virtual rig") from None
+    # The clamped edge is as short as the jaws. With a clamped edge of a whole segment the hinge
+    # would sit half a segment too far out, and the landing would depend on the segment count.
+    arc = np.concatenate([[0.0], np.linspace(truth.sleeve, cable.length, segment_count + 1)])
+    masses = _lumped(arc, truth.mass / cable.length)
+    endpoint = len(arc) - 1
+    if cable.attachment_length > 0.0 and truth.endpoint_mass > 0.0:
+        arc = np.append(arc, cable.length + cable.attachment_length)
+        masses = np.append(masses, truth.endpoint_share * truth.endpoint_mass)
+        masses[endpoint] += (1.0 - truth.endpoint_share) * truth.endpoint_mass
+    else:
+        masses[endpoint] += truth.endpoint_mass
+    hand_origin = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
+    positions = np.zeros((len(arc), 3)) + hand_origin[:3]
+    positions[:, 1] += arc
+    xml = _mjcf(cable, truth, workspace, dt, arc, masses, hand_origin, positions)
+    return Scene(
+        model=mujoco.MjModel.from_xml_string(xml),
+        arc_lengths=arc,
+        masses=masses,
+        endpoint=endpoint,
+        hand_origin=hand_origin,
+        vertex_origin=positions[2:],
+    )
+
+
+def _lumped(arc: NDArray[np.float64], density: float) -> NDArray[np.float64]:
+    """Half of each edge's mass at each of its ends [kg]."""
+    edge = np.diff(arc) * density / 2
+    masses = np.zeros(len(arc))
+    masses[:-1] += edge
+    masses[1:] += edge
+    return masses
+
+
+def _mjcf(
+    cable: Cable,
+    truth: HiddenCable,
+    workspace: Workspace,
+    dt: float,
+    arc: NDArray[np.float64],
+    masses: NDArray[np.float64],
+    hand_origin: NDArray[np.float64],
+    positions: NDArray[np.float64],
+) -> str:
+    radius = cable.radius
+    second_moment = math.pi * radius**4 / 4
+    count = len(arc)
+    hand_joints = ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "hinge 0 0 -1", "hinge 1 0 0")
+    joints, servos = [], []
+    for index, joint in enumerate(hand_joints):
+        kind, axis = joint.split(" ", 1)
+        joints.append(f'<joint name="hand_{index}" type="{kind}" axis="{axis}"/>')
+        servos.append(
+            f'<position joint="hand_{index}" kp="{_SERVO_KP[index]:.17g}" '
+            f'kv="{_SERVO_KV[index]:.17g}"/>'
+        )
+    slides = []
+    for index in range(2, count):
+        axes = "".join(
+            f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")
+        )
+        slides.append(
+            f'<body name="cable_{index}" pos="{_text(positions[index])}">'
+            f'<inertial pos="0 0 0" mass="{masses[index]:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
+            f"{axes}</body>"
+        )
+    # The compiler finds the roll joint of each edge by these names.
+    rolls = []
+    for edge in range(1, count - 1):
+        name = "cable_twist" if edge == count - 2 else f"cable_twist_{edge}"
+        edge_mass = truth.mass / cable.length * (arc[edge + 1] - arc[edge])
+        inertia = max(0.5 * edge_mass * radius**2, 1e-10)
+        rolls.append(
+            f'<body name="{name}"><inertial pos="0 0 0" mass="1e-9" '
+            f'diaginertia="{inertia:.9g} {inertia:.9g} {inertia:.9g}"/>'
+            f'<joint name="{name}" type="hinge" axis="0 1 0" '
+            f'damping="{_ROLL_DAMPING_PER_MASS * edge_mass:.9g}"/></body>'
+        )
+    bodies = " ".join(["hand", "hand", *(f"cable_{index}" for index in range(2, count))])
+    vertices = "0 0 0 " + f"0 {arc[1]:.9g} 0 " + "0 0 0 " * (count - 2)
+    elements = " ".join(f"{edge} {edge + 1}" for edge in range(count - 1))
+    table_size = (workspace.table_width / 2, workspace.table_depth / 2, TABLE_THICKNESS / 2)
+    table_pos = (0.0, workspace.table_depth / 2, -TABLE_THICKNESS / 2)
+    inertia = _text(np.full(3, _HAND_INERTIA))
+    return f"""<mujoco model="cablecast virtual laboratory">
+<option integrator="discrete" timestep="{dt:.9g}" cone="elliptic">
+  <flag autoreset="disable"/>
+</option>
+<worldbody>
+  <geom name="table" type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
+  <geom name="floor" type="plane" size="5 5 0.1" pos="0 0 {FLOOR_Z}"/>
+  <body name="hand" pos="{_text(hand_origin[:3])}">
+    <inertial pos="0 0 0" mass="{_HAND_MASS}" diaginertia="{inertia}"/>
+    {"".join(joints)}
+  </body>
+  {"".join(slides)}
+  {"".join(rolls)}
+</worldbody>
+<deformable>
+  <flex name="cable" dim="1" radius="{radius:.9g}" body="{bodies}" vertex="{vertices}"
+        element="{elements}">
+    <contact condim="3" friction="{truth.friction:.9g} 0.005 0.0001" priority="1"
+             solref="{_CONTACT_SOLREF}" solimp="{_CONTACT_SOLIMP}" selfcollide="none"/>
+    <elasticity young="{truth.bend_stiffness / second_moment:.9g}"
+                shear="{truth.twist_stiffness / (2 * second_moment):.9g}"
+                damping="{truth.bend_damping:.9g}"/>
+  </flex>
+</deformable>
+<equality><flex flex="cable" solref="{_EDGE_SOLREF}" solimp="{_EDGE_SOLIMP}"/></equality>
+<actuator>{"".join(servos)}</actuator>
+</mujoco>"""
+
+
+def _text(values) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
