@@ -47,8 +47,10 @@ class EngineWarp:
         device: "cpu" or a Warp CUDA device such as "cuda".
         precision: "single" or "double".
         thread_count: CPU threads; by default all cores that this process may use.
-        rest_speed: A world whose motion is over and whose nodes stay slower than this for 50 ms is
-            at rest and no longer computed [m/s]; 0 computes every world to the end.
+        rest_speed: A world whose motion is over, whose free end lies on the table, and none of
+            whose nodes has moved along the table faster than this for 50 ms is at rest and no
+            longer computed [m/s]. Friction stops such a node within a few steps. 0 computes every
+            world to the end.
         gravity: Acceleration of free fall [m/s²].
 
     Raises:
@@ -62,7 +64,7 @@ class EngineWarp:
         device: str = "cpu",
         precision: str = "single",
         thread_count: int | None = None,
-        rest_speed: float = 1e-3,
+        rest_speed: float = 1e-2,
         gravity: float = GRAVITY,
     ):
         if not 2 <= segment_count <= 1000:
@@ -129,7 +131,7 @@ class EngineWarp:
         rest = self.rest_speed
         inputs = [
             sample_count,
-            rest if rest > 0 else -1.0,
+            rest,
             REST_DURATION if rest > 0 else np.inf,
             batch.array(motion_end, self._build.lane),
             model,
@@ -150,7 +152,7 @@ class EngineWarp:
             return
         # Warp runs a CPU launch serially but releases the interpreter lock, so that threads with
         # a share of the groups each use all cores. Shares are small, for an even finish.
-        kernel.module.load(self.device)
+        wp.launch(kernel, dim=0, inputs=[0, *inputs], device=self.device)
         share = max(1, -(-group_count // (8 * self.thread_count)))
         starts = range(0, group_count, share)
 

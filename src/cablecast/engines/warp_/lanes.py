@@ -66,6 +66,11 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         )
 
     @wp.func
+    def absolute(a: lane):  # type: ignore[valid-type]
+        """Absolute value in each lane."""
+        return wp.max(a, -a)
+
+    @wp.func
     def root(a: lane):  # type: ignore[valid-type]
         """Square root in each lane."""
         result = lane()
@@ -128,6 +133,7 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         fill=fill,
         dot=dot,
         scale=scale,
+        absolute=absolute,
         root=root,
         sin_cos=sin_cos,
         mul=wp.cw_mul,

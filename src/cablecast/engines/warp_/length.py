@@ -8,7 +8,8 @@ Newton iteration on |D|^2 = l^2 reads
         - w[e+1] (D[e].d[e+1]) tau[e+1] = (|D[e]|^2 - l^2) / 2,
 
 where tau carries dt^2. The step before leaves a tension that is already in x*, so tau is only its
-change, and one iteration leaves an error of the fourth order in dt. (Ryckaert, Ciccotti and
+change, and one iteration leaves an error of the fourth order in dt; it is repeated where more than
+LENGTH_TOLERANCE is left. (Ryckaert, Ciccotti and
 Berendsen 1977; gradients at the start of the step are what makes the scheme second order.)
 """
 
@@ -20,14 +21,25 @@ import warp as wp
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import world_structs
 
+LENGTH_TOLERANCE = 2e-4
+"""Error of a squared segment length, relative, that is left to the next step: lengths are kept to
+one part in ten thousand."""
+
+MAX_ITERATIONS = 6
+"""Newton converges in two or three iterations, or the motion is far too fast for the step."""
+
 
 @functools.cache
 def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     """Warp functions of the length stage."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
-    real, lane, vec3, dot, mul = f.real, f.lane, f.vec3, f.dot, f.mul
+    real, lane, vec3 = f.real, f.lane, f.vec3
+    dot, scale, absolute, mul = f.dot, f.scale, f.absolute, f.mul
     Model, State, Scratch = s.Model, s.State, s.Scratch
+    count = wp.constant(lane_count)
+    tolerance = wp.constant(LENGTH_TOLERANCE)
+    max_iterations = wp.constant(MAX_ITERATIONS)
 
     @wp.func
     def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int):  # type: ignore[valid-type]
@@ -66,8 +78,64 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             w = w_after
 
     @wp.func
-    def tension_change(scratch: Scratch, group: int, edge: int, change_after: lane):  # type: ignore[valid-type]
-        """Back substitution: the change of an edge's tension from that of the edge after it."""
-        return scratch.rhs[group, edge] - mul(scratch.upper[group, edge], change_after)
+    def apply_tensions(model: Model, state: State, scratch: Scratch, group: int, share: lane):  # type: ignore[valid-type]
+        """Back substitution from the free end, and what the change of tension does to the nodes.
 
-    return SimpleNamespace(eliminate_tensions=eliminate_tensions, tension_change=tension_change)
+        Args:
+            share: 1, or 0 for worlds that need no further change.
+
+        Returns:
+            The largest error of a squared segment length that remains, relative.
+        """
+        last = model.node_count - 1
+        rate = real(1.0) / model.dt
+        relative = real(1.0) / (model.segment_length * model.segment_length)
+        squared_length = lane(model.segment_length * model.segment_length)
+        change = lane()
+        pull_after = vec3()
+        worst = lane()
+        x_here = state.position[group, last]
+        p_after = vec3()
+        for back in range(last):
+            i = last - back
+            x_before = state.position[group, i - 1]
+            change = scratch.rhs[group, i - 1] - mul(scratch.upper[group, i - 1], change)
+            pull = scale(mul(share, change), x_here - x_before)
+            shift = scale(model.inverse_mass[group, i], pull_after - pull)
+            p_here = scratch.predicted[group, i] + shift
+            scratch.predicted[group, i] = p_here
+            state.velocity[group, i] = state.velocity[group, i] + shift * rate
+            state.tension[group, i - 1] = state.tension[group, i - 1] + mul(share, change)
+            if back > 0:
+                edge = p_after - p_here
+                worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
+            p_after = p_here
+            pull_after = pull
+            x_here = x_before
+        edge = p_after - scratch.predicted[group, 0]
+        worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
+        return worst * relative
+
+    @wp.func
+    def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):  # type: ignore[valid-type]
+        """Newton iterations until every length is right; a second one is rarely needed.
+
+        Where the tip whips, an edge may turn by a third of a radian in one step, and what one
+        iteration leaves would come back as a kick in the next step.
+        """
+        share = active
+        iteration = int(0)
+        while iteration < max_iterations:
+            eliminate_tensions(model, state, scratch, group)
+            worst = apply_tensions(model, state, scratch, group, share)
+            iteration += 1
+            again = int(0)
+            for k in range(count):
+                if worst[k] > real(tolerance) and share[k] > real(0.0):
+                    again = int(1)
+                else:
+                    share[k] = real(0.0)
+            if again == 0:
+                iteration = max_iterations
+
+    return SimpleNamespace(hold_lengths=hold_lengths)
