@@ -1,0 +1,1 @@
+"""How well a policy does: casts on a rig, target errors, coverage, and the paper's figures."""

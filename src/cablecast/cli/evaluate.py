@@ -1,0 +1,178 @@
+"""`cablecast evaluate`: cast at the 32 targets and report how near the cable landed."""
+
+import dataclasses
+import pathlib
+import re
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cablecast.cli.options import cable_folder, check_same_cable, find_model
+
+if TYPE_CHECKING:
+    from cablecast.cable import Cable
+    from cablecast.models.forward import ForwardModel
+    from cablecast.rigs.base import Rig
+    from cablecast.workspace import Workspace
+
+TRIALS_FILE = "trials.csv"
+LANDINGS_FILE = "landings.png"
+REPORT_FILE = "report.html"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Cast at the paper's 32 targets and measure how far from them the cable lands.
+
+    Writes metrics.json, a table of every cast (trials.csv), a map of the landings (landings.png)
+    and a report to open in a browser (report.html). Needs a trained model: see `cablecast train`.
+    """
+
+    cable: str | None = None
+    """Which cable: cable_1, cable_2, cable_3, or a YAML file; cable_1, or that of --model, if not
+    given."""
+    model: pathlib.Path | None = None
+    """Folder that `cablecast train` wrote; runs/CABLE/model if not given."""
+    rig: Annotated[str, tyro.conf.arg(metavar="RIG")] = "virtual"
+    """What carries out the casts: virtual (a laboratory in software, whose cable differs from the
+    model's), engine (the simulator that the model learned from), or your own robot as
+    package.module:factory."""
+    repeats: int = 1
+    """How many casts at each target; the paper makes 5."""
+    out: pathlib.Path | None = None
+    """Where to put the results; runs/CABLE/evaluate-RIG if not given."""
+    seed: int = 0
+    """Chooses all that the virtual rig draws by chance."""
+
+    def run(self) -> None:
+        """Evaluate, write the results, and print the table of errors."""
+        from cablecast.cable import load_cable
+        from cablecast.cli.run_folder import RunFolder
+        from cablecast.evaluation.published import published_rows
+        from cablecast.models.forward import ForwardModel
+        from cablecast.policies.forward_search import ForwardSearchPolicy
+
+        asked = load_cable(self.cable) if self.cable else None
+        folder = find_model(self.model, asked)
+        policy = ForwardSearchPolicy.load(folder)
+        model = ForwardModel.load(folder)
+        cable = check_same_cable(asked, policy.cable, folder)
+        settings = {
+            "cable": cable.to_dict(),
+            "model_fingerprint": model.fingerprint,
+            "policy": policy.info,
+            "rig": self.rig,
+            "repeats": self.repeats,
+            "seed": self.seed,
+        }
+        slug = re.sub(r"[^\w.-]+", "-", self.rig)
+        out = self.out or cable_folder(cable.name) / f"evaluate-{slug}"
+        run = RunFolder.open(out, "evaluate", settings)
+        if run.metrics is None:
+            self._cast(run, policy, model)
+        print_table(run.metrics or {}, published_rows(cable.name))
+        print(f"metrics  {out / 'metrics.json'}\ncasts    {out / TRIALS_FILE}")
+        print(f"report   {out / REPORT_FILE}")
+
+    def _cast(self, run: Any, policy: Any, model: "ForwardModel") -> None:
+        from cablecast.datasets.progress import console_progress
+        from cablecast.evaluation.evaluate import evaluate_policy
+        from cablecast.evaluation.results import evaluation_metrics, save_trials
+        from cablecast.files import write_bytes, write_text
+        from cablecast.report.landings import landing_map
+        from cablecast.report.page import report_page
+        from cablecast.report.style import png_bytes
+        from cablecast.workspace import load_targets
+
+        rig = make_rig_for(self.rig, model, policy.cable, policy.workspace, self.seed)
+        try:
+            run.begin()
+            with console_progress(f"Casting on the {self.rig} rig") as progress:
+                evaluation = evaluate_policy(
+                    policy,
+                    rig,
+                    load_targets(),
+                    policy.cable,
+                    policy.config,
+                    policy.workspace,
+                    repeats=self.repeats,
+                    progress=progress,
+                )
+        finally:
+            rig.close()
+        print("Drawing the report", file=sys.stderr)
+        metrics = evaluation_metrics(evaluation)
+        save_trials(evaluation, run.path / TRIALS_FILE)
+        figure = landing_map(evaluation, policy.workspace)
+        write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
+        page = report_page(evaluation, policy.workspace, model.info, run.config)
+        write_text(run.path / REPORT_FILE, page)
+        run.finish(metrics)
+
+
+def make_rig_for(
+    spec: str, model: "ForwardModel", cable: "Cable", workspace: "Workspace", seed: int
+) -> "Rig":
+    """The rig of a command line; "engine" is the simulator exactly as the model knew it.
+
+    Args:
+        spec: See `make_rig`.
+        model: Says which parameters and resolution its dataset was simulated with.
+        cable: The cable in the gripper.
+        workspace: Table and arm.
+        seed: Seed of everything that the rig draws by chance.
+    """
+    from cablecast.rigs.base import make_rig
+
+    if spec != "engine":
+        return make_rig(spec, cable, workspace, seed)
+    from cablecast.cable import CableParams
+    from cablecast.engines.warp_ import EngineWarp
+    from cablecast.rigs.engine import RigEngine
+
+    settings = model.info["dataset"]["settings"]
+    engine = EngineWarp(
+        segment_count=settings["engine"]["segment_count"], dt=settings["engine"]["dt"]
+    )
+    return RigEngine(engine, cable, workspace, CableParams(**settings["params"]))
+
+
+def print_table(metrics: dict[str, Any], published: Any) -> None:
+    """Print our errors beside the paper's.
+
+    Args:
+        metrics: What metrics.json holds.
+        published: Rows of the paper's tables for the same cable.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Distance from target to landing [% of cable length]", title_justify="left")
+    table.add_column("")
+    for name in ("casts", "median", "1st quartile", "3rd quartile", "min", "max"):
+        table.add_column(name, justify="right", min_width=3)
+    rig = metrics["rig"].get("rig", "own")
+    names = ("median_pct", "first_quartile_pct", "third_quartile_pct", "min_pct", "max_pct")
+    for label, key in (
+        (f"{rig} rig", "errors_pct"),
+        ("  targets in coverage", "errors_inside_coverage_pct"),
+    ):
+        values = metrics[key]
+        cells = ("-" if values[name] is None else f"{values[name]:.1f}" for name in names)
+        table.add_row(
+            label, str(values["count"]), *cells, style="bold" if key == "errors_pct" else ""
+        )
+    table.add_section()
+    for row in published:
+        values = [f"{getattr(row, name):.0f}" for name in names]
+        table.add_row(f"paper, UR5: {row.method}", "", *values, style="dim")
+    console = Console()
+    console.print(table)
+    statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())
+    console.print(
+        f"{metrics['trial_count']} casts at {metrics['target_count']} targets: {statuses}. "
+        f"{metrics['targets_inside_coverage']} targets lie inside the simulated coverage.",
+        highlight=False,
+        soft_wrap=True,
+    )

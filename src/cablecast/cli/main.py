@@ -1,0 +1,75 @@
+"""The entry point: which verb, and what a failure looks like."""
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+import cablecast
+from cablecast.cli.demo import Demo
+from cablecast.cli.evaluate import Evaluate
+from cablecast.cli.plan import Plan
+from cablecast.cli.simulate import Simulate
+from cablecast.cli.train import Train
+from cablecast.errors import CablecastError
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+_DESCRIPTION = """\
+Teach a robot arm to throw the free end of a cable onto a target on a table.
+
+The verbs follow one another: simulate casts of a cable, train a model on them, plan a motion for a
+target, evaluate on a robot (real or virtual). `cablecast demo` does all of it for one cable.
+"""
+
+_Command = (
+    Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Plan, tyro.conf.subcommand("plan")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Demo, tyro.conf.subcommand("demo")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a verb.
+
+    Args:
+        arguments: What follows `cablecast` on the command line.
+
+    Returns:
+        0 if all went well, 2 for bad input, 130 where it was interrupted.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments == ["--version"]:
+        print(f"cablecast {cablecast.__version__}")
+        return 0
+    try:
+        command = tyro.cli(
+            _Command,
+            prog="cablecast",
+            description=_DESCRIPTION,
+            args=arguments or ["--help"],
+            config=(tyro.conf.OmitArgPrefixes,),
+        )
+        command.run()
+        sys.stdout.flush()
+    except CablecastError as error:
+        # One line, whatever a library put into the message.
+        print(f"cablecast: {' '.join(str(error).split())}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("cablecast: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # The reader, `head` for example, has seen enough. Python would complain again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        # A folder that cannot be written, a full disk: nothing that a traceback would explain.
+        print(f"cablecast: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    return 0

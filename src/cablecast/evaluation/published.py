@@ -1,0 +1,62 @@
+"""The paper's measured errors, to stand beside ours: physical casts of a real UR5."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PublishedRow:
+    """One row of the paper's tables of errors; values in % of cable length.
+
+    Attributes:
+        cable: Which of the three cables.
+        method: How the actions were chosen.
+        table: Where the paper says so.
+        median_pct: Median [% of cable length].
+        first_quartile_pct: 25th percentile [% of cable length].
+        third_quartile_pct: 75th percentile [% of cable length].
+        min_pct: Smallest [% of cable length].
+        max_pct: Largest [% of cable length].
+    """
+
+    cable: str
+    method: str
+    table: str
+    median_pct: float
+    first_quartile_pct: float
+    third_quartile_pct: float
+    min_pct: float
+    max_pct: float
+
+
+def _row(cable: str, method: str, table: str, *values: float) -> PublishedRow:
+    median, q1, q3, low, high = values
+    return PublishedRow(
+        cable=cable,
+        method=method,
+        table=table,
+        median_pct=median,
+        first_quartile_pct=q1,
+        third_quartile_pct=q3,
+        min_pct=low,
+        max_pct=high,
+    )
+
+
+_TUNED = "forward model, D_sim + D_real"
+
+# Source: arXiv 2405.09581, tables II (cable 1, five methods) and III (three cables, best method).
+# 32 targets, 5 casts each; trials off the table or occluded are left out.
+PUBLISHED_ROWS = (
+    _row("cable_1", "polar casting", "II", 43, 14, 76, 4, 106),
+    _row("cable_1", "Gaussian process, D_sim", "II", 29, 20, 59, 4, 159),
+    _row("cable_1", "forward model, D_real", "II", 59, 43, 83, 3, 117),
+    _row("cable_1", "forward model, D_sim", "II", 29, 15, 39, 1, 113),
+    _row("cable_1", _TUNED, "II", 22, 9, 38, 0, 78),
+    _row("cable_2", _TUNED, "III", 24, 14, 35, 1, 77),
+    _row("cable_3", _TUNED, "III", 34, 24, 50, 6, 89),
+)
+
+
+def published_rows(cable_name: str) -> tuple[PublishedRow, ...]:
+    """The paper's rows for a cable; none for a cable that the paper does not have."""
+    return tuple(row for row in PUBLISHED_ROWS if row.cable == cable_name)

@@ -1,0 +1,166 @@
+"""The map of targets and landings, after figure 8 of the paper."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.conventions import mirror_xy
+from cablecast.evaluation.evaluate import Evaluation
+from cablecast.report.style import (
+    BLUE,
+    ERROR_COLORS,
+    INK,
+    MUTED,
+    SKY,
+    VERMILLION,
+    draw_workspace,
+    new_figure,
+    styled,
+)
+from cablecast.track import TrialStatus
+from cablecast.workspace import Workspace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARGIN = 0.13  # Of white around the table [m].
+_COVERAGE_CELL = 0.01  # Cells in which the coverage is drawn [m].
+
+
+def landing_map(
+    evaluation: Evaluation,
+    workspace: Workspace,
+    *,
+    simulated_xy: NDArray[np.float64] | None = None,
+    simulated_radius: float = 0.0,
+) -> "Figure":
+    """Targets, landings, and a dashed line from each target to where its casts landed.
+
+    Args:
+        evaluation: The casts.
+        workspace: Table and reach.
+        simulated_xy: Where the policy's candidates are predicted to land [m], on one half of the
+            table, shape [candidate, 2]; shades the coverage if given.
+        simulated_radius: How near a candidate covers [m].
+    """
+    figure = new_figure(9.2, 5.6)
+    with styled():
+        axes = figure.add_subplot()
+        draw_workspace(axes, workspace)
+        if simulated_xy is not None:
+            _draw_coverage(axes, workspace, simulated_xy, simulated_radius)
+        _draw_reach(axes, workspace, evaluation.cable.length)
+        _draw_landings(axes, evaluation)
+        half_width = workspace.table_width / 2
+        top = max(workspace.table_depth, workspace.reach(evaluation.cable.length))
+        axes.set_xlim(-half_width - _MARGIN, half_width + _MARGIN)
+        axes.set_ylim(-_MARGIN, top + _MARGIN / 2)
+    return figure
+
+
+def _draw_coverage(axes: "Axes", workspace: Workspace, simulated_xy, radius: float) -> None:
+    from scipy.spatial import KDTree
+
+    half_width = workspace.table_width / 2
+    x = np.arange(-half_width, half_width + _COVERAGE_CELL, _COVERAGE_CELL)
+    y = np.arange(0.0, workspace.table_depth + _COVERAGE_CELL, _COVERAGE_CELL)
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    both_halves = np.concatenate([simulated_xy, mirror_xy(simulated_xy)])
+    distance, _ = KDTree(both_halves).query(points, distance_upper_bound=4 * radius)
+    covered = np.minimum(distance / radius, 3.0)
+    axes.contourf(x, y, covered, levels=[-1.0, 1.0], colors=[SKY], alpha=0.16, zorder=0.7)
+    axes.text(
+        -half_width + 0.03,
+        workspace.table_depth - 0.03,
+        "shaded: where simulated casts land",
+        color=BLUE,
+        fontsize=8,
+        va="top",
+        zorder=1,
+    )
+
+
+def _draw_reach(axes: "Axes", workspace: Workspace, cable_length: float) -> None:
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    reach = workspace.reach(cable_length)
+    for radius, style in ((reach, (0, (1, 2))), (workspace.r_max, (0, (4, 3)))):
+        axes.plot(
+            radius * np.sin(angle),
+            radius * np.cos(angle),
+            color=MUTED,
+            linewidth=0.9,
+            linestyle=style,
+            zorder=1,
+        )
+    for radius, text in (
+        (reach, f"reach of arm and cable, {reach:.2f} m"),
+        (workspace.r_max, f"reach of the arm, {workspace.r_max:.2f} m"),
+    ):
+        axes.annotate(
+            text,
+            (0.0, radius),
+            xytext=(0, 2),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            color=MUTED,
+            fontsize=7.5,
+        )
+    axes.annotate(
+        "robot base",
+        (0.0, 0.0),
+        xytext=(9, -7),
+        textcoords="offset points",
+        color=INK,
+        fontsize=8,
+        ha="left",
+        va="top",
+    )
+
+
+def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
+    import matplotlib as mpl
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    errors_pct = evaluation.errors_pct
+    known = np.isfinite(errors_pct)
+    top = max(10.0, float(np.max(errors_pct[known], initial=0.0)))
+    colors = LinearSegmentedColormap.from_list(
+        "errors", mpl.colormaps[ERROR_COLORS](np.linspace(0.0, 0.82, 64))
+    )
+    scale = ScalarMappable(Normalize(0.0, top), colors)
+    lost: set[int] = set()
+    for trial, error_pct in zip(evaluation.trials, errors_pct, strict=True):
+        if trial.status is not TrialStatus.OK:
+            lost.add(trial.target_index)
+            continue
+        color = scale.to_rgba(error_pct)
+        line = np.stack([trial.target_xy, trial.landed_xy])
+        axes.plot(*line.T, color=color, linewidth=1.1, linestyle=(0, (3, 1.6)), zorder=3)
+        axes.plot(
+            *trial.landed_xy, "o", color=color, markersize=5.5, markeredgecolor="white", zorder=4
+        )
+    for index, xy in enumerate(evaluation.target_xy):
+        axes.plot(*xy, "o", markersize=11, color="white", markeredgecolor=INK, zorder=5)
+        if index in lost:
+            axes.plot(
+                *(xy - (0.0, 0.062)), "^", markersize=6.5, color=VERMILLION, zorder=5, clip_on=False
+            )
+        axes.text(*xy, str(index), fontsize=6.5, ha="center", va="center_baseline", zorder=6)
+    bar = axes.figure.colorbar(scale, ax=axes, shrink=0.6, aspect=26, pad=0.01)
+    bar.set_label("distance from target to landing [% of cable length]")
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    handles = [
+        axes.plot([], [], "o", markersize=9, color="white", markeredgecolor=INK)[0],
+        axes.plot([], [], "o", markersize=5.5, color=scale.to_rgba(0.5 * top))[0],
+    ]
+    labels = ["target", "landing, joined to its target"]
+    if lost:
+        handles.append(axes.plot([], [], "^", markersize=6.5, color=VERMILLION)[0])
+        labels.append("target with a cast that has no landing (off the table or hidden)")
+    axes.legend(
+        handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, columnspacing=1.6
+    )
