@@ -1,0 +1,1 @@
+"""Kinematics and limits of the robot arm, vectorised over many poses."""

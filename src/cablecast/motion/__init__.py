@@ -1,0 +1,1 @@
+"""From actions to grip paths, joint paths and their feasibility."""

@@ -33,18 +33,18 @@ class MotionConfig:
         r0: Distance of the reset position from the polar origin [m]. At 0.6 the origin is the
             robot's base and theta is the angle of its first joint (section V-B).
         v_max: Largest linear speed of the gripped end [m/s] (section V-E).
-        theta_jerk: Jerk of the angular profiles [rad/s³]. With v_max = 1.5 m/s at 0.6 m the full
-            2.5 rad/s is reached in 0.32 s and the acceleration peaks at 16 rad/s², which asks the
-            base joint of a UR5 for about half of its 150 N·m.
+        jerk: Linear jerk of the gripped end along the arcs [m/s³]. With v_max = 1.5 m/s the full
+            speed is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s²;
+            at 0.6 m that is 16 rad/s², for which a UR5's base joint spends half of its 150 N·m.
         wrist_velocity: Largest rate of the wrist turn [rad/s]: 90 % of the joint's 180 deg/s, since
             the wrist joint also takes up what the base turns beyond theta.
-        wrist_jerk: Jerk of the wrist profile [rad/s³], for the same reason as theta_jerk.
+        wrist_jerk: Jerk of the wrist profile [rad/s³], about that of theta at the radius r0.
         control_dt: Control cycle of the UR5 [s], 125 Hz.
     """
 
     r0: float = 0.6
     v_max: float = 1.5
-    theta_jerk: float = 100.0
+    jerk: float = 60.0
     wrist_velocity: float = 2.8
     wrist_jerk: float = 100.0
     control_dt: float = 1 / 125
@@ -53,7 +53,7 @@ class MotionConfig:
         for name, low, high, unit in (
             ("r0", 0.1, 5.0, "m"),
             ("v_max", 0.05, 5.0, "m/s"),
-            ("theta_jerk", 1.0, 1e4, "rad/s³"),
+            ("jerk", 0.1, 1e4, "m/s³"),
             ("wrist_velocity", 0.1, 20.0, "rad/s"),
             ("wrist_jerk", 1.0, 1e4, "rad/s³"),
             ("control_dt", 1e-4, 0.1, "s"),
@@ -132,8 +132,8 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
             ~np.isfinite(values),
             lambda i, n=name, v=values: f"{n} = {v[i]} must be a finite number",
         )
+    low, high = np.degrees([THETA_MIN, THETA_MAX])
     for name, theta in (("theta1", theta1), ("theta2", theta2)):
-        low, high = np.degrees([THETA_MIN, THETA_MAX])
         refuse(
             (np.abs(theta) < THETA_MIN) | (np.abs(theta) > THETA_MAX),
             lambda i, n=name, v=theta: (
@@ -143,8 +143,8 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
     refuse(
         theta1 * theta2 >= 0,
         lambda i: (
-            f"theta1 = {np.degrees(theta1[i]):.4g} deg and theta2 = {np.degrees(theta2[i]):.4g} deg "
-            "must have opposite signs"
+            f"theta1 = {np.degrees(theta1[i]):.4g} deg and theta2 = "
+            f"{np.degrees(theta2[i]):.4g} deg must have opposite signs"
         ),
     )
     refuse(

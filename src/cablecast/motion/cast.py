@@ -1,8 +1,8 @@
 """The casting motion: from actions to grip paths (paper, section V-B).
 
-In polar coordinates about an origin r0 behind the reset position, theta goes from 0 to theta1 and on
-to theta2, each a jerk-limited maximum-velocity move from rest to rest, while the radius goes from r0
-to r2 on one cubic. During the second arc the wrist turns the cable by psi - theta2.
+In polar coordinates about an origin r0 behind the reset position, theta goes from 0 to theta1 and
+on to theta2, each a jerk-limited maximum-velocity move from rest to rest, while the radius goes
+from r0 to r2 on one cubic. During the second arc the wrist turns the cable by psi - theta2.
 """
 
 import dataclasses
@@ -133,9 +133,9 @@ class PolarPaths:
 def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspace) -> PolarPaths:
     """Plan casting motions in polar coordinates.
 
-    The angular velocity limit is v_max over the largest radius. The radial motion adds to the
-    speed; where the sum could exceed v_max, the whole motion is run slower by the factor that
-    keeps it below.
+    The limits of angular velocity and jerk are v_max and jerk over the largest radius. The radial
+    motion adds to the speed; where the sum could exceed v_max, the whole motion is run slower by
+    the factor that keeps it below.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
@@ -148,13 +148,15 @@ def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Worksp
     actions = check_action_values(actions)
     theta1, theta2, r2, psi = actions.T
     r_large = np.maximum(config.r0, r2)
-    speed = config.v_max / r_large
-    first = plan_profiles(theta1, speed, config.theta_jerk)
-    second = plan_profiles(theta2 - theta1, speed, config.theta_jerk)
+    speed, jerk = config.v_max / r_large, config.jerk / r_large
+    first = plan_profiles(theta1, speed, jerk)
+    second = plan_profiles(theta2 - theta1, speed, jerk)
     turn = psi - theta2
     # A grid's psi may differ from theta2 by rounding where no turn is meant.
     turn = np.where(np.abs(turn) < 1e-9, 0.0, turn)
-    wrist = plan_profiles(turn, np.full(len(actions), config.wrist_velocity), config.wrist_jerk)
+    wrist = plan_profiles(
+        turn, np.full_like(turn, config.wrist_velocity), np.full_like(turn, config.wrist_jerk)
+    )
     # The cubic's rate peaks at 1.5 times its mean. Peaks of both parts at the largest radius bound
     # the linear speed from above.
     radial_peak = 1.5 * np.abs(r2 - config.r0) / (first.duration + second.duration)
@@ -190,7 +192,6 @@ def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspa
         _polar_grip_paths(
             plan_polar_paths(actions[start : start + CHUNK], config, workspace),
             workspace.grip_height,
-            config.theta_jerk,
         )
         for start in range(0, max(len(actions), 1), CHUNK)
     ]
@@ -213,8 +214,8 @@ def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspa
     return GripPath(knots=knots, coefficients=coefficients)
 
 
-def _polar_grip_paths(paths: PolarPaths, height: float, theta_jerk: float) -> GripPath:
-    knots = _knots(paths, theta_jerk)
+def _polar_grip_paths(paths: PolarPaths, height: float) -> GripPath:
+    knots = _knots(paths)
     xy, dxy, ddxy = paths.xy(knots)
     _, _, ddxy_before = paths.xy(knots, before=True)
     _, (yaw, dyaw, ddyaw) = paths.angles(knots)
@@ -231,7 +232,7 @@ def _polar_grip_paths(paths: PolarPaths, height: float, theta_jerk: float) -> Gr
     return GripPath.from_hermite(knots, poses, velocities, accelerations)
 
 
-def _knots(paths: PolarPaths, theta_jerk: float) -> NDArray[np.float64]:
+def _knots(paths: PolarPaths) -> NDArray[np.float64]:
     """Jerk switches and as many times between as the accuracy asks for, shape [action, knot]."""
     turning = paths.first.duration[:, None]
     switches = np.concatenate(
@@ -244,9 +245,10 @@ def _knots(paths: PolarPaths, theta_jerk: float) -> NDArray[np.float64]:
         np.maximum(np.abs(values[:, :-1]), np.abs(values[:, 1:])) for values in (rate, acceleration)
     )
     large = np.maximum(paths.r0, paths.r2)[:, None] / ACCURATE_RADIUS
+    jerk = np.max(np.abs(paths.first.jerks), axis=1, keepdims=True)
     longest = np.where(
         acceleration > 1e-6,
-        RAMP_SCALE * theta_jerk ** (-1 / 3),
+        RAMP_SCALE * jerk ** (-1 / 3),
         np.minimum(
             CRUISE_ANGLE / np.maximum(rate, 1e-3), CRUISE_SHARE * paths.arc_duration[:, None]
         ),

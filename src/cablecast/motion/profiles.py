@@ -97,14 +97,14 @@ class Profiles:
 
 
 def plan_profiles(
-    distances: NDArray[np.float64], velocities: NDArray[np.float64], jerk: float
+    distances: NDArray[np.float64], velocities: NDArray[np.float64], jerks: NDArray[np.float64]
 ) -> Profiles:
     """The fastest rest-to-rest moves under a limit of velocity and of jerk.
 
     Args:
         distances: How far to move, with sign [rad], shape [move].
         velocities: Velocity limit of each move [rad/s], shape [move].
-        jerk: Jerk limit [rad/s³].
+        jerks: Jerk limit of each move [rad/s³], shape [move].
 
     Raises:
         InputError: ruckig finds no plan, since a distance or a limit makes no sense.
@@ -114,19 +114,19 @@ def plan_profiles(
     planner = ruckig.Ruckig(1)
     request = ruckig.InputParameter(1)
     request.max_acceleration = [float("inf")]
-    request.max_jerk = [jerk]
     trajectory = ruckig.Trajectory(1)
     # Moves are planned forwards and mirrored after, so that mirrored moves are equal to the last
     # bit. A grid of actions repeats few distinct moves, and each is planned once.
     moves, inverse = np.unique(
-        np.stack([np.abs(distances), velocities], axis=1), axis=0, return_inverse=True
+        np.stack([np.abs(distances), velocities, jerks], axis=1), axis=0, return_inverse=True
     )
     planned = np.zeros((len(moves), 2, PHASE_COUNT))
-    for row, (distance, velocity) in enumerate(moves.tolist()):
+    for row, (distance, velocity, jerk) in enumerate(moves.tolist()):
         if distance == 0.0:
             continue
         request.target_position = [distance]
         request.max_velocity = [velocity]
+        request.max_jerk = [jerk]
         result = planner.calculate(request, trajectory)
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
             raise InputError(

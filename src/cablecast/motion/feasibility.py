@@ -1,0 +1,310 @@
+"""Which motions the arm can follow, and which limit each rejected one would break."""
+
+import collections
+import dataclasses
+import functools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.arm.limits import JOINT_NAMES, LimitKind
+from cablecast.arm.ur5 import ArmUR5
+from cablecast.errors import InputError
+from cablecast.motion.action import (
+    ActionRanges,
+    MotionConfig,
+    check_action_values,
+    grid_actions,
+)
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.grip_path import DEGREE, GripPath
+from cablecast.workspace import Workspace
+
+JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
+
+LIMIT_SHARE = 0.99
+"""Share of each limit that a motion may use [-]: peaks are found on samples, and a peak between two
+samples is higher by less than 1 % (tests/motion/test_feasibility.py measures it)."""
+
+# Where each piece of a grip path is looked at, in parts of its duration. Both ends belong to it:
+# accelerations peak where the jerk switches, and jump where the radius comes to rest.
+_PARTS = np.linspace(0.0, 1.0, 5)
+# Actions checked at a time: keeps the intermediate arrays within the processor's cache.
+_CHUNK = 256
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LimitViolation:
+    """One limit that a motion would break.
+
+    Attributes:
+        kind: Which kind of limit.
+        joint: Name of the joint; None where the grip is out of reach.
+        value: Peak value over the motion, in the unit of the kind.
+        bound: What it may be at most, or at least where the grip comes too close to the base.
+    """
+
+    kind: LimitKind
+    joint: str | None
+    value: float
+    bound: float
+
+    @property
+    def name(self) -> str:
+        """Short name of the limit, e.g. `elbow velocity`."""
+        return (
+            self.kind.name.lower()
+            if self.joint is None
+            else f"{self.joint} {self.kind.name.lower()}"
+        )
+
+    def __str__(self) -> str:
+        unit = self.kind.value
+        if self.joint is None:
+            side = "above" if self.value > self.bound else "below"
+            return f"reach: radius {self.value:.4g} {unit} is {side} {self.bound:.4g} {unit}"
+        return f"{self.name} {self.value:.4g} {unit} is above {self.bound:.4g} {unit}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Feasibility:
+    """What the limits of the arm say to a batch of motions.
+
+    Attributes:
+        mask: True where the arm can follow, shape [action].
+        peaks: Largest absolute position, velocity and acceleration of each joint [rad], [rad/s],
+            [rad/s²]; NaN where the grip is out of reach, shape [action, 3, 6].
+        bounds: What the peaks may be at most, shape [3, 6].
+        radius: Distance from the base axis that comes closest to or farthest beyond the reach [m],
+            shape [action].
+        radius_bound: The reach on that side [m], shape [action].
+    """
+
+    mask: NDArray[np.bool_]
+    peaks: NDArray[np.float64]
+    bounds: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    radius_bound: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.mask)
+
+    @functools.cached_property
+    def reasons(self) -> dict[int, tuple[LimitViolation, ...]]:
+        """Every limit that each rejected motion would break, by its row."""
+        found: dict[int, list[LimitViolation]] = {
+            int(row): [] for row in np.flatnonzero(~self.mask)
+        }
+        for row in np.flatnonzero(np.isnan(self.peaks[:, 0, 0])):
+            found[int(row)].append(
+                LimitViolation(
+                    kind=LimitKind.REACH,
+                    joint=None,
+                    value=float(self.radius[row]),
+                    bound=float(self.radius_bound[row]),
+                )
+            )
+        for row, kind, joint in np.argwhere(self.peaks > self.bounds):
+            found[int(row)].append(
+                LimitViolation(
+                    kind=JOINT_LIMIT_KINDS[kind],
+                    joint=JOINT_NAMES[joint],
+                    value=float(self.peaks[row, kind, joint]),
+                    bound=float(self.bounds[kind, joint]),
+                )
+            )
+        return {row: tuple(violations) for row, violations in found.items()}
+
+    def describe(self, row: int) -> str:
+        """One line that names every limit that a rejected motion would break."""
+        return "; ".join(str(violation) for violation in self.reasons.get(row, ()))
+
+    def counts(self) -> dict[str, int]:
+        """How many motions break each limit, by its name, the most frequent first."""
+        names = (v.name for violations in self.reasons.values() for v in violations)
+        return dict(collections.Counter(names).most_common())
+
+
+def check_grip_paths(
+    grip_path: GripPath,
+    workspace: Workspace,
+    arm: ArmUR5 | None = None,
+    *,
+    both_sides: bool = False,
+) -> Feasibility:
+    """Check motions against the reach and the joint limits of the arm.
+
+    Args:
+        grip_path: One motion per row.
+        workspace: Its r_max bounds the reach, too.
+        arm: The robot; a UR5 as the paper's by default.
+        both_sides: Also check each motion mirrored about the workspace axis, and take the worse of
+            both. The arm is not symmetric: its shoulder sits beside the base's axis.
+
+    Raises:
+        IKError: A path tilts the gripper.
+    """
+    arm = arm or ArmUR5()
+    bounds = LIMIT_SHARE * arm.limits.to_array()
+    sides = (grip_path, grip_path.mirrored()) if both_sides else (grip_path,)
+    checked = [_peaks(side, workspace, arm) for side in sides]
+    peaks = functools.reduce(np.maximum, (peaks for peaks, _, _ in checked))
+    # Reach does not depend on the side.
+    _, radius, radius_bound = checked[0]
+    mask = np.all(peaks <= bounds, axis=(1, 2))
+    return Feasibility(
+        mask=mask, peaks=peaks, bounds=bounds, radius=radius, radius_bound=radius_bound
+    )
+
+
+def check_actions(
+    actions: ArrayLike,
+    config: MotionConfig,
+    workspace: Workspace,
+    arm: ArmUR5 | None = None,
+    *,
+    both_sides: bool = True,
+) -> Feasibility:
+    """Check casting motions against the reach and the joint limits of the arm.
+
+    Args:
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+        config: System parameters.
+        workspace: Gives the reset position and r_max.
+        arm: The robot; a UR5 as the paper's by default.
+        both_sides: Accept an action only if its mirror image is feasible, too, so that it may be
+            used for targets on either side.
+
+    Raises:
+        ActionError: An action is no casting motion.
+    """
+    actions = check_action_values(actions)
+    chunks = []
+    for start in range(0, max(len(actions), 1), _CHUNK):
+        grip_path = cast_grip_paths(actions[start : start + _CHUNK], config, workspace)
+        chunks.append(check_grip_paths(grip_path, workspace, arm, both_sides=both_sides))
+    return Feasibility(
+        bounds=chunks[0].bounds,
+        **{
+            name: np.concatenate([getattr(chunk, name) for chunk in chunks])
+            for name in ("mask", "peaks", "radius", "radius_bound")
+        },
+    )
+
+
+def feasible_grid(
+    count: int,
+    config: MotionConfig,
+    workspace: Workspace,
+    ranges: ActionRanges | None = None,
+    seed: int = 0,
+    arm: ArmUR5 | None = None,
+) -> NDArray[np.float64]:
+    """A number of feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
+
+    The grid is made just fine enough, with half as many wrist turns as values of the other
+    variables (the paper's 10 x 10 x 10 x 5); of its feasible actions a random choice drops those
+    beyond the count.
+
+    Args:
+        count: How many actions.
+        config: System parameters.
+        workspace: Gives the reset position and r_max.
+        ranges: What the grid spans; by default those that suit the config.
+        seed: Of the choice.
+        arm: The robot; a UR5 as the paper's by default.
+
+    Returns:
+        Actions in the order of the grid, shape [count, 4].
+
+    Raises:
+        InputError: The count is not positive, or no action within the ranges is feasible.
+    """
+    if count < 1:
+        raise InputError(f"count = {count} actions must be at least 1")
+    ranges = ranges or ActionRanges.for_config(config)
+    probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), config, workspace, arm)
+    share = float(np.mean(probe.mask))
+    if share == 0.0:
+        raise InputError(
+            f"no action within {ranges} is feasible; most often broken: "
+            + ", ".join(list(probe.counts())[:3])
+        )
+    size = count / share
+    while True:
+        grid = grid_actions(ranges, _grid_counts(ranges, size))
+        actions = grid[check_actions(grid, config, workspace, arm).mask]
+        if len(actions) >= count:
+            break
+        size = max(1.02 * size * count / max(len(actions), 1), len(grid) + 1.0)
+    chosen = np.random.default_rng(seed).choice(len(actions), count, replace=False)
+    return actions[np.sort(chosen)]
+
+
+def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]:
+    """Counts of the smallest grid of the shape n x n x n x n/2 with at least some size."""
+    free = [low < high for low, high in (ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist)]
+    n = 1
+    while True:
+        # Grow one axis after the other, so that the size is met closely.
+        for grown in range(4):
+            per_axis = [n + (axis < grown) for axis in range(3)]
+            per_axis.append(max((n + 1) // 2, 1))
+            counts = [c if is_free else 1 for c, is_free in zip(per_axis, free, strict=True)]
+            if np.prod(counts) >= size or not any(free):
+                return counts[0], counts[1], counts[2], counts[3]
+        n += 1
+
+
+def _peaks(
+    grip_path: GripPath, workspace: Workspace, arm: ArmUR5
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Peaks of every joint, and the radius that is worst against the reach with its bound."""
+    lengths = np.diff(grip_path.knots, axis=1)
+    used = lengths > 0
+    # A path that only holds its pose still needs one piece to look at.
+    used[:, 0] = True
+    starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))[:-1]])
+    h = lengths[used][:, None, None] * _PARTS[:, None]
+    coefficients = grip_path.coefficients[used]
+    values = []
+    for derivative in range(3):
+        powers = np.arange(DEGREE + 1 - derivative)
+        factor = np.prod([powers + k for k in range(1, derivative + 1)], axis=0, dtype=float)
+        values.append(h**powers @ np.swapaxes(coefficients[..., derivative:] * factor, 1, 2))
+    motion = arm.inverse_motion(*values)
+    peaks = np.stack(
+        [
+            np.maximum.reduceat(np.max(np.abs(joint), axis=1), starts, axis=0)
+            for joint in (motion.q, motion.qd, motion.qdd)
+        ],
+        axis=1,
+    )
+    # The arm's bounds hold for the flange; r_max holds for the grip.
+    grip_radius = np.hypot(values[0][..., 0], values[0][..., 1])
+    excess = np.stack(
+        [
+            motion.radius - motion.radius_max,
+            motion.radius_min - motion.radius,
+            grip_radius - workspace.r_max,
+        ],
+        axis=-1,
+    )
+    pairs = (
+        np.stack([motion.radius, motion.radius, grip_radius], axis=-1),
+        np.stack(
+            np.broadcast_arrays(motion.radius_max, motion.radius_min, workspace.r_max), axis=-1
+        ),
+    )
+    flat = excess.reshape(len(excess), -1)
+    best = np.argmax(flat, axis=1)[:, None]
+    worst = np.take_along_axis(flat, best, axis=1)[:, 0]
+    radius, bound = (
+        np.take_along_axis(pair.reshape(len(excess), -1), best, axis=1)[:, 0] for pair in pairs
+    )
+    ends = np.append(starts[1:], len(worst))
+    row_of_piece = np.repeat(np.arange(len(starts)), ends - starts)
+    order = np.lexsort((worst, row_of_piece))
+    last = order[ends - 1]
+    peaks[worst[last] > 0] = np.nan
+    return peaks, radius[last], bound[last]

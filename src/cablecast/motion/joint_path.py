@@ -1,0 +1,78 @@
+"""Joint paths: what the robot's controller is sent, one set point per control cycle."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.limits import JOINT_COUNT
+from cablecast.arm.ur5 import ArmUR5
+from cablecast.errors import IKError, InputError
+from cablecast.motion.action import MotionConfig
+from cablecast.motion.grip_path import GripPath
+from cablecast.workspace import Workspace
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointPath:
+    """Set points of the six joints at the robot's control cycle.
+
+    Attributes:
+        times: Time since the motion began, every control_dt, to the first tick at or after its
+            end [s], shape [tick].
+        q: Joint angles [rad], shape [tick, 6].
+        qd: Joint rates, the exact derivative of the angles; zero at the end [rad/s], shape
+            [tick, 6].
+    """
+
+    times: NDArray[np.float64]
+    q: NDArray[np.float64]
+    qd: NDArray[np.float64]
+
+    def __post_init__(self):
+        shape = (len(self.times), JOINT_COUNT)
+        if self.q.shape != shape or self.qd.shape != shape:
+            raise InputError(
+                f"a joint path has shapes q {self.q.shape}, qd {self.qd.shape}: its {shape[0]} "
+                f"ticks ask for {shape}"
+            )
+
+    @property
+    def peak_speed(self) -> NDArray[np.float64]:
+        """Largest speed of each joint [rad/s], shape [6]."""
+        return np.max(np.abs(self.qd), axis=0)
+
+
+def joint_path(
+    grip_path: GripPath, workspace: Workspace, config: MotionConfig, arm: ArmUR5 | None = None
+) -> JointPath:
+    """Joint angles and rates that make the gripper follow a path.
+
+    Args:
+        grip_path: One row.
+        workspace: Bounds how far the gripper may be from the base.
+        config: Gives the control cycle.
+        arm: The robot; a UR5 as the paper's by default.
+
+    Raises:
+        InputError: More than one row.
+        IKError: The path leaves the reach of the arm or tilts the gripper.
+    """
+    if len(grip_path) != 1:
+        raise InputError(f"a joint path is made from one grip path, not from {len(grip_path)}")
+    arm = arm or ArmUR5()
+    start = float(grip_path.knots[0, 0])
+    # The tick at the very end must not be lost or doubled by rounding.
+    tick_count = int(np.ceil((grip_path.duration[0] - start) / config.control_dt - 1e-9)) + 1
+    times = np.arange(tick_count, dtype=np.float64) * config.control_dt
+    poses, velocities = (grip_path.evaluate(start + times, order)[0] for order in (0, 1))
+    velocities[-1] = 0.0
+    radius = np.hypot(poses[:, 0], poses[:, 1])
+    if np.max(radius) > workspace.r_max:
+        raise IKError(
+            f"the grip would be {np.max(radius):.4f} m from the base: r_max is {workspace.r_max} m"
+        )
+    # Raises where a pose is out of reach, which a path does not tell by its rates.
+    q = arm.inverse(poses)
+    qd = arm.inverse_motion(poses, velocities, np.zeros_like(poses)).qd
+    return JointPath(times=times, q=q, qd=qd)
