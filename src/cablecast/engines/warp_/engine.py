@@ -234,7 +234,8 @@ class _Batch:
         # Torque of angular damping on a segment of the reference length turns into a viscous
         # exchange of velocity with diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
         reference = cable.length / REFERENCE_SEGMENT_COUNT
-        diffusivity = values["angular_damping"] * reference**2 / 12 / segment_length**2
+        diffusivity = values["angular_damping"] * reference**2 / 12
+        viscosity = diffusivity * segment_mass / segment_length**2
         lane = self.build.lane
         model = self.build.Model()
         model.node_count = self.node_count
@@ -248,7 +249,7 @@ class _Batch:
             ("bending", bending),
             ("friction", values["lateral_friction"] * values["worksurface_friction"]),
             ("linear_damping", values["linear_damping"]),
-            ("rotation_diffusivity", diffusivity),
+            ("rotation_viscosity", viscosity),
         ):
             setattr(model, name, self.array(self.to_lanes(value[:, None])[:, 0], lane))
         model.filter_diagonal = self.array(self.to_lanes(diagonal), lane)

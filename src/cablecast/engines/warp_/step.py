@@ -41,7 +41,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         damping = model.linear_damping[group] * (real(0.5) * dt)
         one = lane(real(1.0))
         slow_down = f.div(one, one + damping)
-        diffusion = model.rotation_diffusivity[group]
+        viscosity = model.rotation_viscosity[group]
         friction = model.friction[group]
         scratch.predicted[group, 0] = held
         x_here = state.position[group, 1]
@@ -50,7 +50,6 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         pull_before = scale(state.tension[group, 0], x_here - state.position[group, 0])
         for i in range(1, last + 1):
             pull = vec3()
-            twisting = vec3()
             v_after = v_here
             x_after = x_here
             if i < last:
@@ -58,11 +57,15 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
                 v_after = state.velocity[group, i + 1]
                 pull = scale(state.tension[group, i], x_after - x_here)
             # Damped rotation of the segments: a viscous exchange between neighbours.
-            twisting = scale(diffusion, v_before - v_here * real(2.0) + v_after)
-            acceleration = scratch.bending[group, i] + twisting
+            turning = scale(viscosity, v_before - v_here * real(2.0) + v_after)
+            acceleration = scratch.bending[group, i]
             acceleration[2] = acceleration[2] - lane(model.gravity)
-            force = scale(model.inverse_mass[group, i], pull - pull_before) * (real(1.0) / dt)
-            free = scale(one - damping, v_here) + acceleration * dt + force
+            impulse = (pull - pull_before) * (real(1.0) / dt) + turning * dt
+            free = (
+                scale(one - damping, v_here)
+                + acceleration * dt
+                + scale(model.inverse_mass[group, i], impulse)
+            )
             after = contact.table_contact(
                 model, friction, x_here[2], v_here, scale(slow_down, free)
             )

@@ -32,7 +32,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         bending: wp.array(dtype=lane)  # type: ignore[valid-type]  # EI / l^3 [N/m]
         friction: wp.array(dtype=lane)  # type: ignore[valid-type]
         linear_damping: wp.array(dtype=lane)  # type: ignore[valid-type]
-        rotation_diffusivity: wp.array(dtype=lane)  # type: ignore[valid-type]  # per l^2 [1/s]
+        rotation_viscosity: wp.array(dtype=lane)  # type: ignore[valid-type]  # [kg/s]
         # Factors of the filter of the bending force (bending.py).
         filter_diagonal: wp.array2d(dtype=lane)  # type: ignore[valid-type]
         filter_lower1: wp.array2d(dtype=lane)  # type: ignore[valid-type]
