@@ -39,6 +39,8 @@ class JointMotion:
         radius: Distance of the flange from the base axis [m], shape [...].
         radius_min: Smallest such distance that the arm reaches at this height [m], shape [...].
         radius_max: Largest [m], shape [...].
+        lead: Angle from the arm's plane to the flange, which the shoulder's offset makes, with its
+            rate and acceleration [rad] and [s], shape [..., 3].
     """
 
     q: Array
@@ -47,6 +49,21 @@ class JointMotion:
     radius: Array
     radius_min: Array
     radius_max: Array
+    lead: Array
+
+    def mirrored(self) -> "JointMotion":
+        """The motion of the joints for the poses mirrored about the workspace axis.
+
+        The arm is not symmetric: the base and the last wrist joint turn the other way but for the
+        lead, and the other joints do the same.
+        """
+        turned = []
+        for order, values in enumerate((self.q, self.qd, self.qdd)):
+            values = values.copy(order="K")
+            for joint in (0, 5):
+                values[..., joint] = -values[..., joint] - 2.0 * self.lead[..., order]
+            turned.append(values)
+        return dataclasses.replace(self, q=turned[0], qd=turned[1], qdd=turned[2])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -210,9 +227,12 @@ class ArmUR5:
             q = [q1, -upper, upper - fore, fore - np.pi / 2, wrist_2, p[..., 3] + q1]
             qd = [dq1, -dupper, dupper - dfore, dfore, zero, v[..., 3] + dq1]
             qdd = [ddq1, -ddupper, ddupper - ddfore, ddfore, zero, a[..., 3] + ddq1]
-            motion = [np.stack(np.broadcast_arrays(*columns), axis=-1) for columns in (q, qd, qdd)]
-        for values in motion:
-            values[~np.isfinite(motion[0]).all(axis=-1)] = np.nan
+        # Each joint's values lie together in memory: that is how they are computed and looked at.
+        motion = [np.moveaxis(np.stack(columns), 0, -1) for columns in (q, qd, qdd)]
+        lost = np.isnan(upper) | np.isnan(e)
+        if np.any(lost):
+            for values in motion:
+                values[lost] = np.nan
         return JointMotion(
             q=motion[0],
             qd=motion[1],
@@ -220,6 +240,7 @@ class ArmUR5:
             radius=rho,
             radius_min=radius_min,
             radius_max=radius_max,
+            lead=np.moveaxis(np.stack([lead, dlead, ddlead]), 0, -1),
         )
 
     def _flange(self, p: Array, v: Array, a: Array) -> tuple[Array, ...]:

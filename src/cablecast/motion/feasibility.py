@@ -3,12 +3,13 @@
 import collections
 import dataclasses
 import functools
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.limits import JOINT_NAMES, LimitKind
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur5 import ArmUR5, JointMotion
 from cablecast.errors import InputError
 from cablecast.motion.action import (
     ActionRanges,
@@ -146,11 +147,7 @@ def check_grip_paths(
     """
     arm = arm or ArmUR5()
     bounds = LIMIT_SHARE * arm.limits.to_array()
-    sides = (grip_path, grip_path.mirrored()) if both_sides else (grip_path,)
-    checked = [_peaks(side, workspace, arm) for side in sides]
-    peaks = functools.reduce(np.maximum, (peaks for peaks, _, _ in checked))
-    # Reach does not depend on the side.
-    _, radius, radius_bound = checked[0]
+    peaks, radius, radius_bound = _peaks(grip_path, workspace, arm, both_sides)
     mask = np.all(peaks <= bounds, axis=(1, 2))
     return Feasibility(
         mask=mask, peaks=peaks, bounds=bounds, radius=radius, radius_bound=radius_bound
@@ -257,7 +254,7 @@ def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]
 
 
 def _peaks(
-    grip_path: GripPath, workspace: Workspace, arm: ArmUR5
+    grip_path: GripPath, workspace: Workspace, arm: ArmUR5, both_sides: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Peaks of every joint, and the radius that is worst against the reach with its bound."""
     lengths = np.diff(grip_path.knots, axis=1)
@@ -265,46 +262,63 @@ def _peaks(
     # A path that only holds its pose still needs one piece to look at.
     used[:, 0] = True
     starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))[:-1]])
-    h = lengths[used][:, None, None] * _PARTS[:, None]
-    coefficients = grip_path.coefficients[used]
+    motion, grip_radius = _sample(arm, grip_path.coefficients[used], lengths[used])
+    peaks = _row_peaks(motion, starts)
+    if both_sides:
+        peaks = np.maximum(peaks, _row_peaks(motion.mirrored(), starts))
+    # The arm's reach is told at the flange, the workspace's r_max at the grip; the reach is the
+    # same on both sides.
+    radius = np.full(len(grip_path), -np.inf)
+    bound, excess = np.zeros_like(radius), np.full_like(radius, -np.inf)
+    for values, limit, sign in (
+        (motion.radius, motion.radius_max, 1.0),
+        (motion.radius, motion.radius_min, -1.0),
+        (grip_radius, np.asarray(workspace.r_max), 1.0),
+    ):
+        beyond = np.maximum.reduceat(np.max(sign * (values - limit), axis=0), starts)
+        worse = beyond > excess
+        at_worst = np.maximum.reduceat(np.max(sign * values, axis=0), starts) * sign
+        excess = np.where(worse, beyond, excess)
+        radius = np.where(worse, at_worst, radius)
+        bound = np.where(worse, at_worst - sign * beyond, bound)
+    peaks[excess > 0] = np.nan
+    return peaks, radius, bound
+
+
+def _sample(
+    arm: ArmUR5, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
+) -> tuple[JointMotion, NDArray[np.float64]]:
+    """Joint motion and radius of the grip at some times of each piece, leading shape [part, piece].
+
+    Args:
+        arm: The robot.
+        coefficients: Of each piece, shape [piece, 5, 6].
+        lengths: Duration of each piece [s], shape [piece].
+    """
+    powers = np.arange(DEGREE + 1)
+    # Coefficients in parts of the piece's duration, the piece last: every sum then runs along
+    # memory.
+    scaled = np.ascontiguousarray(coefficients.transpose(2, 1, 0)) * (
+        lengths ** powers[:, None, None]
+    )
+    scaled = scaled.reshape(DEGREE + 1, -1)
+    safe = np.where(lengths > 0, lengths, 1.0)
     values = []
-    for derivative in range(3):
-        powers = np.arange(DEGREE + 1 - derivative)
-        factor = np.prod([powers + k for k in range(1, derivative + 1)], axis=0, dtype=float)
-        values.append(h**powers @ np.swapaxes(coefficients[..., derivative:] * factor, 1, 2))
-    motion = arm.inverse_motion(*values)
-    peaks = np.stack(
-        [
-            np.maximum.reduceat(np.max(np.abs(joint), axis=1), starts, axis=0)
-            for joint in (motion.q, motion.qd, motion.qdd)
-        ],
-        axis=1,
-    )
-    # The arm's bounds hold for the flange; r_max holds for the grip.
+    for order in range(3):
+        basis = np.zeros((len(_PARTS), DEGREE + 1))
+        for power in range(order, DEGREE + 1):
+            factor = math.perm(power, order)
+            basis[:, power] = factor * _PARTS ** (power - order)
+        sampled = (basis @ scaled).reshape(len(_PARTS), -1, len(lengths)) / safe**order
+        values.append(np.moveaxis(sampled, 1, -1))
     grip_radius = np.hypot(values[0][..., 0], values[0][..., 1])
-    excess = np.stack(
-        [
-            motion.radius - motion.radius_max,
-            motion.radius_min - motion.radius,
-            grip_radius - workspace.r_max,
-        ],
-        axis=-1,
-    )
-    pairs = (
-        np.stack([motion.radius, motion.radius, grip_radius], axis=-1),
-        np.stack(
-            np.broadcast_arrays(motion.radius_max, motion.radius_min, workspace.r_max), axis=-1
-        ),
-    )
-    flat = excess.reshape(len(excess), -1)
-    best = np.argmax(flat, axis=1)[:, None]
-    worst = np.take_along_axis(flat, best, axis=1)[:, 0]
-    radius, bound = (
-        np.take_along_axis(pair.reshape(len(excess), -1), best, axis=1)[:, 0] for pair in pairs
-    )
-    ends = np.append(starts[1:], len(worst))
-    row_of_piece = np.repeat(np.arange(len(starts)), ends - starts)
-    order = np.lexsort((worst, row_of_piece))
-    last = order[ends - 1]
-    peaks[worst[last] > 0] = np.nan
-    return peaks, radius[last], bound[last]
+    return arm.inverse_motion(*values), grip_radius
+
+
+def _row_peaks(motion: JointMotion, starts: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Largest absolute values over the parts and pieces of each row, shape [row, 3, 6]."""
+    peaks = [
+        np.maximum.reduceat(np.max(np.abs(values), axis=0), starts, axis=0)
+        for values in (motion.q, motion.qd, motion.qdd)
+    ]
+    return np.stack(peaks, axis=1)
