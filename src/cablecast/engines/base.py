@@ -128,42 +128,52 @@ def batch_size(*counts: int | None) -> int:
     return sizes[0] if sizes else 1
 
 
-def reset_state(cable: Cable, grip_path: GripPath, segment_count: int) -> CableState:
+def reset_state(
+    cable: Cable, params: CableParams, grip_path: GripPath, segment_count: int
+) -> CableState:
     """The cable as the paper's reset leaves it: straight, at rest, pulled towards the robot.
 
-    The gripper holds the near end a little above the table; from there a smooth ramp leads down to
-    the lying cable. Every segment has the same length.
+    The gripper holds the near end a little above the table; from there the cable descends as a
+    heavy elastic beam, clamped level at height h, that touches down with no slope and no moment:
+    z = h (1 - s)^3 (1 + 3 s) over the touchdown length (72 EI h / (rho g))^(1/4). Every segment
+    has the same length.
 
     Args:
         cable: Geometry.
+        params: Bend stiffness and mass shape the descent; shared or per world.
         grip_path: Its start gives the grip pose, so the cable points along the initial yaw.
         segment_count: Number of segments.
 
     Returns:
-        One state per row of the grip path.
+        One state, or one per world where the grip path or the parameters differ.
     """
-    segment_length = cable.length / segment_count
     start = grip_path.evaluate(grip_path.knots[:, :1])[:, 0]
+    world_count = batch_size(len(grip_path), params.world_count)
+    start = np.broadcast_to(start, (world_count, start.shape[1]))
+    segment_length = cable.length / segment_count
     height = start[:, 2] - cable.radius
-    # A raised-cosine ramp no steeper than about 15 degrees, walked with steps of equal length.
-    ramp = np.maximum(6.0 * np.abs(height), 1e-9)
-    s = np.zeros((len(start), segment_count + 1))
+    weight = 9.81 * np.asarray(params.mass) / cable.length
+    touchdown = (72.0 * np.asarray(params.bend_stiffness) * np.abs(height) / weight) ** 0.25
+    # A cable softer than it is high would fall steeply; a stiffer one than it is long reaches the
+    # table only with its end.
+    touchdown = np.clip(touchdown, 3.0 * np.abs(height) + 1e-9, cable.length)
+
+    def descent(at):
+        u = np.clip(at / touchdown, 0.0, 1.0)
+        return height * (1.0 - u) ** 3 * (1.0 + 3.0 * u)
+
+    s = np.zeros((world_count, segment_count + 1))
     z = np.zeros_like(s)
     z[:, 0] = height
-
-    def ramp_height(at):
-        u = np.clip(at / ramp, 0.0, 1.0)
-        return height * 0.5 * (1.0 + np.cos(np.pi * u))
-
     for node in range(segment_count):
-        # Solve |step| = segment_length for the horizontal step by fixed-point iteration; the slope
-        # is small, so it contracts fast.
-        step = np.full(len(start), segment_length)
-        for _ in range(60):
-            drop = ramp_height(s[:, node] + step) - z[:, node]
-            step = np.sqrt(np.maximum(segment_length**2 - drop**2, 0.0))
-        s[:, node + 1] = s[:, node] + step
-        z[:, node + 1] = ramp_height(s[:, node + 1])
+        # Bisect for the horizontal step whose end lies one segment length away.
+        low, high = np.zeros(world_count), np.full(world_count, segment_length)
+        for _ in range(50):
+            step = 0.5 * (low + high)
+            far = step**2 + (descent(s[:, node] + step) - z[:, node]) ** 2 > segment_length**2
+            low, high = np.where(far, low, step), np.where(far, step, high)
+        s[:, node + 1] = s[:, node] + 0.5 * (low + high)
+        z[:, node + 1] = descent(s[:, node + 1])
     positions = np.empty((*s.shape, 3))
     positions[..., 0] = start[:, None, 0] + s * np.sin(start[:, None, 3])
     positions[..., 1] = start[:, None, 1] + s * np.cos(start[:, None, 3])

@@ -51,8 +51,9 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         # Exact shrink for nodes about to stop, mean direction for those that slide on.
         keep = wp.max(lane(real(1.0)) - div(limit, speed), lane())
         sliding = div(limit, mean_speed)
-        slow = wp.min(wp.max(div(speed, limit + lane(real(tiny))) - lane(real(2.0)), lane()),
-                      lane(real(1.0)))
+        slow = wp.min(
+            wp.max(div(speed, limit + lane(real(tiny))) - lane(real(2.0)), lane()), lane(real(1.0))
+        )
         vx = mul(after[0], keep)
         vy = mul(after[1], keep)
         vx += mul(slow, after[0] - mul(sliding, mean_x) - vx)

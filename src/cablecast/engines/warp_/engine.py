@@ -24,7 +24,7 @@ from cablecast.motion.grip_path import GripPath
 wp.config.quiet = True
 
 DEFAULT_SEGMENT_COUNT = 40
-DEFAULT_DT = 1e-3
+DEFAULT_DT = 5e-4
 """Defaults chosen by `python -m benchmarks convergence`; see docs/validation.md."""
 
 REFERENCE_SEGMENT_COUNT = 18
@@ -99,7 +99,7 @@ class EngineWarp:
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
         if initial_state is None:
-            initial_state = reset_state(cable, grip_path, self.segment_count)
+            initial_state = reset_state(cable, params, grip_path, self.segment_count)
         elif initial_state.segment_count != self.segment_count:
             raise InputError(
                 f"the initial state has {initial_state.segment_count} segments, the engine "

@@ -61,9 +61,7 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def scale(s: lane, a: vec3):  # type: ignore[valid-type]
         """A vector times a number in each lane."""
-        return wp.matrix_from_rows(
-            wp.cw_mul(s, a[0]), wp.cw_mul(s, a[1]), wp.cw_mul(s, a[2])
-        )
+        return wp.matrix_from_rows(wp.cw_mul(s, a[0]), wp.cw_mul(s, a[1]), wp.cw_mul(s, a[2]))
 
     @wp.func
     def absolute(a: lane):  # type: ignore[valid-type]
