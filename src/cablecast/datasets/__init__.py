@@ -1,0 +1,5 @@
+"""Datasets of trials: one schema for D_tune, D_sim and D_real, kept in Parquet shards."""
+
+from cablecast.datasets.reader import Dataset, read_dataset
+
+__all__ = ["Dataset", "read_dataset"]

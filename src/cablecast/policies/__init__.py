@@ -1,0 +1,5 @@
+"""Policies: from a target to an action."""
+
+from cablecast.policies.forward_search import ForwardSearchPolicy, Plan
+
+__all__ = ["ForwardSearchPolicy", "Plan"]

@@ -1,0 +1,88 @@
+"""The README.md of a dataset: a card that people read and dataset viewers parse."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from cablecast.datasets.schema import COLUMNS
+
+_TITLES = {
+    "sim": "Simulated casts (D_sim)",
+    "real": "Casts on a rig for fine-tuning (D_real)",
+    "tune": "Casts on a rig for tuning the simulator (D_tune)",
+}
+
+
+def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
+    """The card of a finished dataset.
+
+    Args:
+        info: What `meta/info.json` holds.
+        stats: What `meta/stats.json` holds.
+    """
+    settings = info["settings"]
+    cable = settings.get("cable", {})
+    title = f"{_TITLES.get(info['kind'], 'Casts')}: {cable.get('name', 'a cable')}"
+    statuses = ", ".join(f"{count} {code}" for code, count in info["status_counts"].items())
+    lines = [
+        "---",
+        # JSON strings are YAML strings; a cable may be called anything.
+        f"pretty_name: {json.dumps(title)}",
+        "task_categories:",
+        "- robotics",
+        "tags:",
+        "- cablecast",
+        "- deformable-objects",
+        "- LeRobot",
+        "configs:",
+        "- config_name: default",
+        "  data_files: data/*/*.parquet",
+        "---",
+        "",
+        f"# {title}",
+        "",
+        f"{info['total_episodes']} casts of a cable of {cable.get('length', '?')} m: a row is one "
+        f"action of the robot and where the cable's free end came to rest ({statuses}).",
+        "",
+        "```python",
+        "import datasets",
+        "",
+        'casts = datasets.load_dataset("parquet", data_files="data/*/*.parquet")["train"]',
+        "```",
+        "",
+        "The robot's base is at (0, 0), y points away from the robot over the table, x to the "
+        "right; angles are measured from the y axis, positive to the right.",
+        "",
+        "| column | unit | meaning | least | greatest |",
+        "|---|---|---|---|---|",
+    ]
+    for column in COLUMNS:
+        entry = stats.get(column.name)
+        low, high = (f"{entry[key][0]:.4g}" if entry else "" for key in ("min", "max"))
+        lines.append(f"| `{column.name}` | {column.unit} | {column.meaning} | {low} | {high} |")
+    lines += [
+        "",
+        "In simulated rows the plane has no edge: a row whose free end left the table at any time "
+        "has the status `off_table` and keeps the resting point on the plane. A row of status "
+        "`non_finite` has no resting point.",
+        "",
+        "## Settings",
+        "",
+        f"Fingerprint `{info['fingerprint']}`; all of them are in `meta/info.json`.",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *(f"| `{name}` | {value} |" for name, value in _flatten(settings)),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    rows = []
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            rows += _flatten(value, f"{prefix}{key}.")
+        else:
+            rows.append((f"{prefix}{key}", value))
+    return rows

@@ -1,0 +1,171 @@
+"""Reading a dataset into arrays, with every shard checked."""
+
+import dataclasses
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.datasets.schema import (
+    ACTION_COLUMNS,
+    COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+)
+from cablecast.datasets.writer import read_info, read_shard, shard_path
+from cablecast.errors import DatasetError, InputError
+from cablecast.track import TrialStatus
+from cablecast.workspace import Workspace
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Dataset:
+    """Trials: actions and what came of them.
+
+    Attributes:
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [row, 4].
+        endpoint_xy: Where the free end came to rest [m], shape [row, 2]; NaN where unknown. A
+            simulated row that went off the table keeps its resting point on the endless plane.
+        status: Codes of the trial statuses, shape [row].
+        duration: How long the gripper moved [s], shape [row].
+        extent: Smallest x, largest x, smallest y and largest y of the free end on its way [m],
+            shape [row, 4].
+        extra: Other columns by name, each of length row.
+        info: What `meta/info.json` holds: settings, fingerprint and so on.
+        path: Where it was read from, if it was.
+    """
+
+    actions: NDArray[np.float64]
+    endpoint_xy: NDArray[np.float64]
+    status: NDArray[np.str_]
+    duration: NDArray[np.float64]
+    extent: NDArray[np.float64]
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict)
+    info: dict[str, Any] = dataclasses.field(default_factory=dict)
+    path: pathlib.Path | None = None
+
+    def __post_init__(self):
+        row_count = len(self.actions)
+        for name, shape in (
+            ("actions", (row_count, 4)),
+            ("endpoint_xy", (row_count, 2)),
+            ("status", (row_count,)),
+            ("duration", (row_count,)),
+            ("extent", (row_count, 4)),
+        ):
+            if getattr(self, name).shape != shape:
+                raise DatasetError(f"{name} has shape {getattr(self, name).shape}, not {shape}")
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """Rows whose resting point is known, on the table or off it, shape [row]."""
+        return np.all(np.isfinite(self.endpoint_xy), axis=1)
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Rows whose free end stayed on the table and came to rest there, shape [row]."""
+        return self.status == TrialStatus.OK.code
+
+    @property
+    def fingerprint(self) -> str:
+        """Short name of the settings that the rows come from."""
+        return self.info.get("fingerprint", "")
+
+    @property
+    def cable(self) -> Cable:
+        """The cable that was cast."""
+        return Cable.from_dict(self._setting("cable"))
+
+    @property
+    def params(self) -> CableParams:
+        """The parameters that the cable was simulated with."""
+        return CableParams(**self._setting("params"))
+
+    @property
+    def workspace(self) -> Workspace:
+        """The table and arm."""
+        return Workspace(**self._setting("workspace"))
+
+    @property
+    def motion_config(self):
+        """The system parameters of the motions, a `MotionConfig`."""
+        from cablecast.motion.action import MotionConfig
+
+        return MotionConfig(**self._setting("motion"))
+
+    def table_margin(self) -> NDArray[np.float64]:
+        """How far the free end stayed within the table's edges on its way [m], shape [row].
+
+        Negative where it left the table; minus infinity where its way is unknown.
+        """
+        workspace = self.workspace
+        x_min, x_max, y_min, y_max = self.extent.T
+        half_width = workspace.table_width / 2
+        margin = np.minimum.reduce(
+            [x_min + half_width, half_width - x_max, y_min, workspace.table_depth - y_max]
+        )
+        return np.where(np.isfinite(margin), margin, -np.inf)
+
+    def _setting(self, name: str) -> dict[str, Any]:
+        try:
+            return self.info["settings"][name]
+        except KeyError:
+            raise DatasetError(f"{self.path or 'the dataset'} says nothing of its {name}") from None
+
+
+def read_dataset(path: str | pathlib.Path) -> Dataset:
+    """Read a finished dataset.
+
+    Args:
+        path: Its folder.
+
+    Raises:
+        DatasetError: It is missing, unfinished, or a shard is truncated or damaged.
+    """
+    import pyarrow as pa
+
+    path = pathlib.Path(path)
+    info = read_info(path)
+    row_count, shard_rows = info["total_frames"], info["shard_rows"]
+    shards = range(info["shard_count"])
+    if not info["complete"]:
+        present = sum((path / shard_path(shard)).exists() for shard in shards)
+        raise DatasetError(
+            f"{path} is unfinished: {present} of {len(shards)} shards are there. "
+            "Run the same simulation again to complete it"
+        )
+    starts = [shard * shard_rows for shard in shards]
+    tables = [
+        read_shard(path / shard_path(shard), range(start, min(start + shard_rows, row_count)))
+        for shard, start in zip(shards, starts, strict=True)
+    ]
+    try:
+        table = pa.concat_tables(tables)
+    except pa.ArrowException as error:
+        raise DatasetError(f"shards of {path} differ in their columns: {error}") from None
+
+    def stack(names: tuple[str, ...]) -> NDArray[np.float64]:
+        return np.stack([table[name].to_numpy() for name in names], axis=-1)
+
+    known = {column.name for column in COLUMNS}
+    status = np.array(table["status"].to_pylist(), dtype=str)
+    for code in np.unique(status):
+        try:
+            TrialStatus.from_code(str(code))
+        except InputError as error:
+            raise DatasetError(f"{path}: {error}") from None
+    return Dataset(
+        actions=stack(ACTION_COLUMNS),
+        endpoint_xy=stack(ENDPOINT_COLUMNS),
+        status=status,
+        duration=table["duration"].to_numpy(),
+        extent=stack(EXTENT_COLUMNS),
+        extra={name: table[name].to_pylist() for name in table.column_names if name not in known},
+        info=info,
+        path=path,
+    )

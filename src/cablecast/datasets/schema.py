@@ -1,0 +1,145 @@
+"""The schema that D_tune, D_sim and D_real share: one row is one trial.
+
+The columns from `index` to `y_max` are in every dataset. Trials on a rig add some of
+`OPTIONAL_COLUMNS`. A column that this version does not know is kept as it is when read.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import DatasetError
+
+SCHEMA_VERSION = 1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Column:
+    """One column of a dataset.
+
+    Attributes:
+        name: Its name.
+        kind: Its type in Arrow's words.
+        unit: Its unit, "-" where it has none.
+        meaning: One phrase for the dataset card.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+
+
+COLUMNS = (
+    Column(name="index", kind="int64", unit="-", meaning="number of the trial, from 0"),
+    Column(name="theta1", kind="float64", unit="rad", meaning="angle where the motion turns back"),
+    Column(name="theta2", kind="float64", unit="rad", meaning="angle where the motion ends"),
+    Column(name="r2", kind="float64", unit="m", meaning="radius where the motion ends"),
+    Column(name="psi", kind="float64", unit="rad", meaning="heading of the gripper at the end"),
+    Column(
+        name="endpoint_x",
+        kind="float64",
+        unit="m",
+        meaning="where the cable's free end came to rest, to the right of the robot",
+    ),
+    Column(
+        name="endpoint_y",
+        kind="float64",
+        unit="m",
+        meaning="where the cable's free end came to rest, away from the robot",
+    ),
+    Column(name="status", kind="string", unit="-", meaning="how the trial ended"),
+    Column(name="duration", kind="float64", unit="s", meaning="how long the gripper moved"),
+    Column(name="x_min", kind="float64", unit="m", meaning="smallest x of the free end on its way"),
+    Column(name="x_max", kind="float64", unit="m", meaning="largest x of the free end on its way"),
+    Column(name="y_min", kind="float64", unit="m", meaning="smallest y of the free end on its way"),
+    Column(name="y_max", kind="float64", unit="m", meaning="largest y of the free end on its way"),
+)
+
+OPTIONAL_COLUMNS = (
+    Column(name="repeat", kind="int64", unit="-", meaning="repeat of the same action, from 0"),
+    Column(name="times", kind="list", unit="s", meaning="when the free end was seen"),
+    Column(name="track_x", kind="list", unit="m", meaning="x of the free end at these times"),
+    Column(name="track_y", kind="list", unit="m", meaning="y of the free end at these times"),
+)
+
+ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")
+ENDPOINT_COLUMNS = ("endpoint_x", "endpoint_y")
+EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
+
+
+def arrow_schema(column_names: tuple[str, ...] = ()):
+    """The schema of a shard as pyarrow wants it.
+
+    Args:
+        column_names: Names of the optional columns that the dataset has.
+    """
+    import pyarrow as pa
+
+    kinds = {
+        "int64": pa.int64(),
+        "float64": pa.float64(),
+        "string": pa.string(),
+        "list": pa.list_(pa.float64()),
+    }
+    optional = [column for column in OPTIONAL_COLUMNS if column.name in column_names]
+    return pa.schema(
+        [
+            pa.field(column.name, kinds[column.kind], metadata={"unit": column.unit})
+            for column in (*COLUMNS, *optional)
+        ]
+    )
+
+
+def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The box that the free end kept within on its way.
+
+    Args:
+        endpoint_xy: Path of the free end [m], shape [row, step, 2]; NaN where it was not seen.
+
+    Returns:
+        Smallest x, largest x, smallest y and largest y [m], shape [row, 4]; NaN in rows where the
+        free end was never seen.
+    """
+    missing = ~np.isfinite(endpoint_xy)
+    low = np.where(missing, np.inf, endpoint_xy).min(axis=1)
+    high = np.where(missing, -np.inf, endpoint_xy).max(axis=1)
+    extent = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=-1)
+    return np.where(np.isfinite(extent), extent, np.nan)
+
+
+def settings_differences(
+    stored: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = ""
+) -> list[str]:
+    """Phrases that name each setting in which two runs differ, with both values.
+
+    Args:
+        stored: Settings of the dataset on the disk.
+        wanted: Settings of this run.
+        prefix: Where both lie in the whole, for nested settings.
+    """
+    phrases = []
+    for key in (*stored, *(key for key in wanted if key not in stored)):
+        there, here = stored.get(key, "(absent)"), wanted.get(key, "(absent)")
+        if isinstance(there, Mapping) and isinstance(here, Mapping):
+            phrases += settings_differences(there, here, f"{prefix}{key}.")
+        elif there != here:
+            phrases.append(f"{prefix}{key} is {there!r} there and {here!r} here")
+    return phrases
+
+
+def check_columns(columns: Mapping[str, Any]) -> int:
+    """Return how many rows some columns have.
+
+    Raises:
+        DatasetError: A column is missing, or two differ in length.
+    """
+    if missing := [column.name for column in COLUMNS if column.name not in columns]:
+        raise DatasetError(f"rows of a dataset lack the columns {missing}")
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise DatasetError(f"columns of a dataset differ in length: {lengths}")
+    return lengths["index"]

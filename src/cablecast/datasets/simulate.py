@@ -1,0 +1,182 @@
+"""Simulating D_sim: many grid-sampled feasible actions and where each lands (section V-F)."""
+
+import dataclasses
+import hashlib
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cablecast
+from cablecast.cable import Cable, CableParams
+from cablecast.datasets.reader import Dataset, read_dataset
+from cablecast.datasets.schema import (
+    ACTION_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+    SCHEMA_VERSION,
+    track_extent,
+)
+from cablecast.datasets.writer import DatasetWriter
+from cablecast.engines.base import SETTLE_TIME, Engine
+from cablecast.errors import InputError
+from cablecast.motion.action import ActionRanges, MotionConfig
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_grid
+from cablecast.track import TrialStatus
+from cablecast.workspace import Workspace
+
+SIMULATED_COUNT = 36_000
+"""Actions in D_sim (section V-F)."""
+
+SHARD_ROWS = 3000
+"""A shard is the unit of progress and of loss when killed: a few seconds on two cores."""
+
+# The free end moves at several metres a second. Between samples it could swing over the table's
+# edge and back unseen, so the track is sampled five times as often as a camera would.
+SAMPLE_DT = 0.02
+
+# Settings of an engine that say how it uses the machine, not what it computes.
+_MACHINE_FIELDS = {"thread_count"}
+
+ProgressCallback = Callable[[int, int], None]
+"""Called with the number of rows done and the number of all rows."""
+
+
+def simulate_dataset(
+    path: str | pathlib.Path,
+    cable: Cable,
+    params: CableParams | None,
+    engine: Engine,
+    config: MotionConfig,
+    workspace: Workspace,
+    count: int = SIMULATED_COUNT,
+    seed: int = 0,
+    progress: ProgressCallback | None = None,
+    *,
+    ranges: ActionRanges | None = None,
+    shard_rows: int = SHARD_ROWS,
+) -> Dataset:
+    """Simulate a dataset, or go on where an earlier run of the same settings was stopped.
+
+    Args:
+        path: Folder of the dataset; new, empty, or begun with the same settings.
+        cable: The cable.
+        params: Its parameters, shared by all rows; the cable's own where None.
+        engine: The simulator.
+        config: System parameters of the motions.
+        workspace: Table and arm.
+        count: Number of actions.
+        seed: Chooses the actions among the feasible ones of the grid.
+        progress: Told after every shard how many rows are done.
+        ranges: Ranges of the actions; those that suit the config where None.
+        shard_rows: Rows of each shard.
+
+    Returns:
+        The finished dataset.
+
+    Raises:
+        DatasetError: The folder holds another dataset or other files, or a shard is damaged.
+        InputError: A count that is not positive, or parameters that differ between worlds.
+    """
+    for name, value in (("count", count), ("shard_rows", shard_rows)):
+        if value < 1:
+            raise InputError(f"{name} = {value} must be at least 1")
+    params = cable.params if params is None else params
+    ranges = ActionRanges.for_config(config) if ranges is None else ranges
+    actions = feasible_grid(count, config, workspace, ranges, seed)
+    settings = {
+        "cablecast_version": cablecast.__version__,
+        "schema_version": SCHEMA_VERSION,
+        "cable": cable.to_dict(),
+        "params": params.to_dict(),
+        "engine": engine_settings(engine),
+        "motion": dataclasses.asdict(config),
+        "workspace": dataclasses.asdict(workspace),
+        "ranges": dataclasses.asdict(ranges),
+        "count": count,
+        "seed": seed,
+        "sample_dt": SAMPLE_DT,
+        "settle_time": SETTLE_TIME,
+        # Rounded, so that the last bits of another machine's mathematics do not matter.
+        "actions_sha256": hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16],
+    }
+    writer = DatasetWriter(
+        pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
+    )
+    with writer:
+        if not writer.complete:
+            missing = writer.missing_shards()
+            done = count - sum(len(writer.rows_of(shard)) for shard in missing)
+            if progress is not None:
+                progress(done, count)
+            for shard in missing:
+                rows = writer.rows_of(shard)
+                columns = simulate_actions(
+                    actions[rows.start : rows.stop], cable, params, engine, config, workspace
+                )
+                writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
+                done += len(rows)
+                if progress is not None:
+                    progress(done, count)
+            writer.finish()
+    return read_dataset(path)
+
+
+def simulate_actions(
+    actions: NDArray[np.float64],
+    cable: Cable,
+    params: CableParams,
+    engine: Engine,
+    config: MotionConfig,
+    workspace: Workspace,
+) -> dict[str, Any]:
+    """Columns of a dataset for some actions, all but `index`.
+
+    Args:
+        actions: Feasible actions, shape [row, 4].
+        cable: The cable.
+        params: Its parameters.
+        engine: The simulator.
+        config: System parameters of the motions.
+        workspace: Table and arm.
+    """
+    grip_paths = cast_grip_paths(actions, config, workspace)
+    rollout = engine.rollout(
+        cable,
+        params,
+        grip_paths,
+        duration=float(grip_paths.duration.max()) + SETTLE_TIME,
+        sample_dt=SAMPLE_DT,
+    )
+    track = rollout.endpoint_xy
+    finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
+    endpoint_xy = np.where(finite[:, None], track[:, -1], np.nan)
+    stayed = np.all(workspace.on_table(track), axis=1)
+    codes = np.where(stayed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
+    status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
+    extent = np.where(finite[:, None], track_extent(track), np.nan)
+    return (
+        dict(zip(ACTION_COLUMNS, actions.T, strict=True))
+        | dict(zip(ENDPOINT_COLUMNS, endpoint_xy.T, strict=True))
+        | {"status": status.tolist(), "duration": grip_paths.duration}
+        | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))
+    )
+
+
+def engine_settings(engine: Engine) -> dict[str, Any]:
+    """What decides the results of an engine: its class and its public attributes.
+
+    Only plain values count, and the device by its name.
+    """
+    settings: dict[str, Any] = {"class": type(engine).__name__}
+    for name, value in vars(engine).items():
+        if name.startswith("_") or name in _MACHINE_FIELDS:
+            continue
+        if name == "device" or (isinstance(value, float) and not np.isfinite(value)):
+            value = str(value)
+        if isinstance(value, (bool, int, float, str)):
+            settings[name] = value
+    return settings

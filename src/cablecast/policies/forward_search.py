@@ -1,0 +1,280 @@
+"""The policy of equation 1: of many feasible actions, take the one predicted to land nearest.
+
+What the candidates are predicted to do does not depend on the target, so it is computed once and
+kept; a k-d tree then answers a thousand targets in milliseconds.
+"""
+
+import dataclasses
+import functools
+import io
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable
+from cablecast.conventions import mirror_xy
+from cablecast.errors import CheckpointError, InputError
+from cablecast.files import write_bytes
+from cablecast.models.forward import ForwardModel
+from cablecast.motion.action import ActionRanges, MotionConfig, mirror_actions
+from cablecast.workspace import Workspace
+
+FORMAT = "cablecast.forward_search"
+FORMAT_VERSION = 1
+POLICY_NAME = "policy.npz"
+
+CANDIDATE_COUNT = 50_000
+"""Candidate actions (section V-F)."""
+
+TIE_PCT = 0.5
+"""Candidates that land this close to the nearest one count as equally near [% of cable length]."""
+
+COVERAGE_PCT = 2.0
+"""A target is covered where a candidate is predicted to land this near [% of cable length]."""
+
+TABLE_MARGIN = 0.0
+"""How far the free end must keep within the table's edges on its way [m]."""
+
+_NEIGHBOR_COUNT = 16
+
+# What a rig may deviate by: 1 degree in theta1, theta2 and psi, 1 cm in r2.
+_DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0)])
+
+_ARRAYS = ("actions", "predicted_xy", "sensitivity", "margin")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Plan:
+    """One action per target.
+
+    Attributes:
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [target, 4].
+        predicted_xy: Where the model says they land [m], shape [target, 2].
+        sensitivity: How far the landing is predicted to move when the action deviates by 1 degree
+            and 1 cm [m], shape [target].
+        inside_coverage: Whether the target lies within the coverage, shape [target].
+    """
+
+    actions: NDArray[np.float64]
+    predicted_xy: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+    inside_coverage: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ForwardSearchPolicy:
+    """Plans by searching candidates whose landings a forward model has predicted.
+
+    The candidates plan the right half of the table; a target on the left is planned for its mirror
+    image, and the action mirrored back (section V-B). A candidate that is predicted to land left of
+    the axis is kept as its mirror image, which lands on the right, so none goes to waste.
+
+    Of the candidates that land within `TIE_PCT` of the nearest one, the policy takes the one whose
+    landing moves least when the action deviates a little: on a rig, whose motion and cable are
+    never quite those of the model, it is the likeliest to land where predicted.
+
+    Attributes:
+        actions: Candidates that stay on the table, shape [candidate, 4].
+        predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
+        sensitivity: Root of the summed squares of how far the landing moves for 1 degree of theta1,
+            of theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
+        margin: How far the free end is predicted to keep within the table's edges [m],
+            shape [candidate].
+        cable: The cable.
+        workspace: Table and arm.
+        config: System parameters of the motions.
+        info: Fingerprint of the model, numbers of candidates, seed.
+    """
+
+    actions: NDArray[np.float64]
+    predicted_xy: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+    margin: NDArray[np.float64]
+    cable: Cable
+    workspace: Workspace
+    config: MotionConfig
+    info: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def build(
+        cls,
+        model: ForwardModel,
+        config: MotionConfig,
+        workspace: Workspace,
+        candidate_count: int = CANDIDATE_COUNT,
+        seed: int = 0,
+        *,
+        ranges: ActionRanges | None = None,
+        table_margin: float = TABLE_MARGIN,
+    ) -> "ForwardSearchPolicy":
+        """Choose candidates and predict their landings.
+
+        Args:
+            model: The forward model.
+            config: System parameters of the motions.
+            workspace: Table and arm.
+            candidate_count: Number of feasible candidates.
+            seed: Chooses them from the grid.
+            ranges: Ranges of the actions; those that suit the config where None.
+            table_margin: Leave out candidates whose free end is predicted to come nearer to an edge
+                of the table than this [m].
+
+        Raises:
+            InputError: No candidate stays on the table.
+        """
+        from cablecast.motion.feasibility import feasible_grid
+
+        ranges = ActionRanges.for_config(config) if ranges is None else ranges
+        actions = feasible_grid(candidate_count, config, workspace, ranges, seed)
+        info = {
+            "candidate_count": len(actions),
+            "seed": seed,
+            "table_margin": table_margin,
+            "model_fingerprint": model.fingerprint,
+            "dataset_fingerprint": model.info.get("dataset", {}).get("fingerprint", ""),
+        }
+        return cls.from_candidates(actions, model, config, workspace, table_margin, info)
+
+    @classmethod
+    def from_candidates(
+        cls,
+        actions: NDArray[np.float64],
+        model: ForwardModel,
+        config: MotionConfig,
+        workspace: Workspace,
+        table_margin: float = TABLE_MARGIN,
+        info: dict[str, Any] | None = None,
+    ) -> "ForwardSearchPolicy":
+        """Like `build`, with candidates of one's own, shape [candidate, 4]."""
+        predicted_xy, margin = model.predict(actions), model.predict_margin(actions)
+        kept = (margin >= table_margin) & workspace.on_table(predicted_xy)
+        if not np.any(kept):
+            raise InputError(
+                f"none of {len(actions)} candidates is predicted to keep {table_margin:g} m within "
+                "the table's edges"
+            )
+        actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
+        squares = np.zeros(len(actions))
+        for step in np.diag(_DEVIATION):
+            moved = (model.predict(actions + step) - model.predict(actions - step)) / 2
+            squares += np.sum(moved**2, axis=1)
+        left = predicted_xy[:, :1] < 0
+        return cls(
+            actions=np.where(left, mirror_actions(actions), actions),
+            predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
+            sensitivity=np.sqrt(squares),
+            margin=margin,
+            cable=model.cable,
+            workspace=workspace,
+            config=config,
+            info=(info or {}) | {"kept_count": int(kept.sum())},
+        )
+
+    def plan(self, target_xy: ArrayLike) -> Plan:
+        """Choose an action for each target.
+
+        Args:
+            target_xy: Targets [m], shape [2] or [target, 2].
+
+        Raises:
+            TargetError: A target is not finite, out of reach, or off the table.
+        """
+        targets = np.atleast_2d(self.workspace.check_target(target_xy, self.cable.length))
+        left = targets[:, :1] < 0
+        neighbor_count = min(_NEIGHBOR_COUNT, len(self.actions))
+        distance, index = self._tree.query(
+            np.where(left, mirror_xy(targets), targets), k=neighbor_count
+        )
+        distance, index = (np.reshape(a, (len(targets), neighbor_count)) for a in (distance, index))
+        tied = distance <= distance[:, :1] + TIE_PCT / 100 * self.cable.length
+        best = np.argmin(np.where(tied, self.sensitivity[index], np.inf), axis=1)
+        chosen = index[np.arange(len(targets)), best]
+        actions, predicted_xy = self.actions[chosen], self.predicted_xy[chosen]
+        return Plan(
+            actions=np.where(left, mirror_actions(actions), actions),
+            predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
+            sensitivity=self.sensitivity[chosen],
+            inside_coverage=distance[:, 0] <= COVERAGE_PCT / 100 * self.cable.length,
+        )
+
+    def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
+        """Whether targets lie within the simulated coverage, on either half of the table.
+
+        A target is inside where at least one candidate that stays on the table is predicted to land
+        within `COVERAGE_PCT` of the cable's length of it.
+
+        Args:
+            target_xy: Targets [m], shape [..., 2].
+        """
+        targets = np.asarray(target_xy, dtype=float)
+        folded = np.where(targets[..., :1] < 0, mirror_xy(targets), targets)
+        distance, _ = self._tree.query(folded)
+        return np.asarray(distance <= COVERAGE_PCT / 100 * self.cable.length)
+
+    def save(self, folder: str | pathlib.Path) -> None:
+        """Write `policy.npz`, whole or not at all; nothing in it is pickled."""
+        meta = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "cable": self.cable.to_dict(),
+            "workspace": dataclasses.asdict(self.workspace),
+            "motion": dataclasses.asdict(self.config),
+            "info": self.info,
+        }
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            allow_pickle=False,
+            meta=np.array(json.dumps(meta, ensure_ascii=False)),
+            **{name: getattr(self, name) for name in _ARRAYS},
+        )
+        write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
+
+    @classmethod
+    def load(cls, folder: str | pathlib.Path) -> "ForwardSearchPolicy":
+        """Read what `save` wrote.
+
+        Raises:
+            CheckpointError: It is missing, truncated, damaged, or of another kind.
+        """
+        file = pathlib.Path(folder) / POLICY_NAME
+        try:
+            content = file.read_bytes()
+        except OSError as error:
+            raise CheckpointError(f"no policy at {file}: {error.strerror}") from None
+        import zipfile
+        import zlib
+
+        try:
+            with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in _ARRAYS}
+                meta = json.loads(str(stored["meta"]))
+            kind, version = meta["format"], meta["format_version"]
+        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+            raise CheckpointError(f"{file} is truncated or no policy: {error}") from None
+        except (zipfile.BadZipFile, zlib.error, AttributeError) as error:
+            raise CheckpointError(f"{file} is truncated or damaged: {error}") from None
+        if (kind, version) != (FORMAT, FORMAT_VERSION):
+            raise CheckpointError(
+                f"{file} holds {kind} of version {version}: it must be {FORMAT} of version "
+                f"{FORMAT_VERSION}"
+            )
+        return cls(
+            **arrays,
+            cable=Cable.from_dict(meta["cable"]),
+            workspace=Workspace(**meta["workspace"]),
+            config=MotionConfig(**meta["motion"]),
+            info=meta["info"],
+        )
+
+    @functools.cached_property
+    def _tree(self):
+        from scipy.spatial import KDTree
+
+        return KDTree(self.predicted_xy)
