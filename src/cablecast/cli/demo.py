@@ -11,7 +11,6 @@ from cablecast.cli.options import (
     MODEL_FOLDER,
     Device,
     cable_folder,
-    check_device,
 )
 from cablecast.cli.simulate import Simulate
 from cablecast.cli.train import Train
@@ -45,7 +44,6 @@ class Demo:
         from cablecast.cable import load_cable
 
         out = self.out or cable_folder(load_cable(self.cable).name)
-        check_device(self.device)
         dataset, model = out / DATASET_FOLDER, out / MODEL_FOLDER
         print("1/3 simulate", file=sys.stderr)
         Simulate(

@@ -80,6 +80,7 @@ class Evaluate:
         from cablecast.evaluation.evaluate import evaluate_policy
         from cablecast.evaluation.results import evaluation_metrics, save_trials
         from cablecast.files import write_bytes, write_text
+        from cablecast.policies.forward_search import COVERAGE_PCT
         from cablecast.report.landings import landing_map
         from cablecast.report.page import report_page
         from cablecast.report.style import png_bytes
@@ -104,9 +105,13 @@ class Evaluate:
         print("Drawing the report", file=sys.stderr)
         metrics = evaluation_metrics(evaluation)
         save_trials(evaluation, run.path / TRIALS_FILE)
-        figure = landing_map(evaluation, policy.workspace)
+        coverage = {
+            "simulated_xy": policy.predicted_xy,
+            "simulated_radius": COVERAGE_PCT / 100 * policy.cable.length,
+        }
+        figure = landing_map(evaluation, policy.workspace, **coverage)
         write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
-        page = report_page(evaluation, policy.workspace, model.info, run.config)
+        page = report_page(evaluation, policy.workspace, model.info, run.config, **coverage)
         write_text(run.path / REPORT_FILE, page)
         run.finish(metrics)
 
@@ -145,28 +150,29 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
         metrics: What metrics.json holds.
         published: Rows of the paper's tables for the same cable.
     """
+    from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="Distance from target to landing [% of cable length]", title_justify="left")
-    table.add_column("")
-    for name in ("casts", "median", "1st quartile", "3rd quartile", "min", "max"):
-        table.add_column(name, justify="right", min_width=3)
+    table = Table(title="Distance from target to landing, in % of cable length", box=box.SIMPLE)
+    table.add_column("", no_wrap=True)
+    for name in ("casts", "median", "q1", "q3", "min", "max"):
+        table.add_column(name, justify="right", no_wrap=True)
     rig = metrics["rig"].get("rig", "own")
     names = ("median_pct", "first_quartile_pct", "third_quartile_pct", "min_pct", "max_pct")
-    for label, key in (
-        (f"{rig} rig", "errors_pct"),
-        ("  targets in coverage", "errors_inside_coverage_pct"),
+    for label, key, style in (
+        (f"{rig} rig", "errors_pct", "bold"),
+        (f"{rig} rig, targets in coverage", "errors_inside_coverage_pct", ""),
     ):
         values = metrics[key]
         cells = ("-" if values[name] is None else f"{values[name]:.1f}" for name in names)
-        table.add_row(
-            label, str(values["count"]), *cells, style="bold" if key == "errors_pct" else ""
-        )
+        table.add_row(label, str(values["count"]), *cells, style=style)
     table.add_section()
     for row in published:
-        values = [f"{getattr(row, name):.0f}" for name in names]
-        table.add_row(f"paper, UR5: {row.method}", "", *values, style="dim")
+        cells = (f"{getattr(row, name):.0f}" for name in names)
+        # Short, so that the table fits into 80 columns.
+        method = row.method.replace("forward model", "model")
+        table.add_row(f"paper, UR5: {method}", "", *cells, style="dim")
     console = Console()
     console.print(table)
     statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())

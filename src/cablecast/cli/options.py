@@ -5,7 +5,7 @@ import pathlib
 import re
 import typing
 
-from cablecast.errors import CheckpointError, DatasetError, InputError
+from cablecast.errors import CheckpointError, DatasetError, InputError, MissingExtraError
 
 if typing.TYPE_CHECKING:
     from cablecast.cable import Cable
@@ -89,18 +89,19 @@ def check_same_cable(asked: "Cable | None", stored: "Cable", where: pathlib.Path
     return stored
 
 
-def check_device(device: Device) -> None:
-    """Refuse a CUDA device that is not there before any work is done.
+def check_torch_device(device: Device) -> None:
+    """Refuse a CUDA device that is not there before anything is written.
 
     Raises:
         InputError: No CUDA device was found.
+        MissingExtraError: torch is not installed.
     """
-    if device == "cuda":
-        import warp as wp
-
-        wp.config.quiet = True
-        if not wp.is_cuda_available():
-            raise InputError("device 'cuda' is not available: no CUDA device was found, use cpu")
+    try:
+        import torch
+    except ImportError:
+        raise MissingExtraError("torch", "learn", "training") from None
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device 'cuda' is not available: no CUDA device was found, use cpu")
 
 
 def polar_text(xy) -> str:

@@ -8,8 +8,8 @@ from cablecast.cli.options import (
     MODEL_FOLDER,
     Device,
     cable_folder,
-    check_device,
     check_same_cable,
+    check_torch_device,
     find_dataset,
 )
 
@@ -48,7 +48,6 @@ class Train:
 
         asked = load_cable(self.cable) if self.cable else None
         config = TrainingConfig(epochs=self.epochs)
-        check_device(self.device)
         folder = find_dataset(self.dataset, asked)
         dataset = read_dataset(folder)
         cable = check_same_cable(asked, dataset.cable, folder)
@@ -63,6 +62,7 @@ class Train:
         out = self.out or cable_folder(cable.name) / MODEL_FOLDER
         run = RunFolder.open(out, "train", settings)
         if run.metrics is None:
+            check_torch_device(self.device)
             run.begin()
             with console_progress("Training", "epochs") as progress:
                 # A bar may move at every epoch; a log with a line for each would be noise.
@@ -84,7 +84,7 @@ class Train:
             run.finish(model.metrics | {"policy": policy.info})
         metrics = run.metrics or {}
         print(
-            f"The model of {cable.name} is in {out}: its median error on {metrics['held_out_count']} "
-            f"held-out casts is {metrics['held_out_median_pct']:.2f} % of cable length "
+            f"The model of {cable.name} is in {out}: on {metrics['held_out_count']} held-out casts "
+            f"its median error is {metrics['held_out_median_pct']:.2f} % of cable length "
             f"(90 % are below {metrics['held_out_p90_pct']:.2f} %)"
         )

@@ -12,7 +12,7 @@ from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.metrics import summarise_errors
 from cablecast.files import write_text
 
-TRIAL_COLUMNS = (
+TRIAL_COLUMNS: tuple[str, ...] = (
     "target",
     "repeat",
     "target_x_m",

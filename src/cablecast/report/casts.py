@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLUMNS = 3
+_COLUMNS = 2
 _GRIP_SAMPLES = 120
 
 
@@ -56,13 +56,13 @@ def cast_frames(
         workspace: The table.
         trial_indices: Which of them to draw.
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     trials = [evaluation.trials[index] for index in trial_indices]
     end = max(float(trial.track.times[-1]) for trial in trials)
     row_count = -(-len(trials) // _COLUMNS)
-    figure = new_figure(10.4, 2.55 * row_count + 0.75)
+    figure = new_figure(9.2, 2.65 * row_count + 0.7)
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     with styled():
         grid = figure.subplots(row_count, _COLUMNS, squeeze=False)
         scale = ScalarMappable(Normalize(0.0, end), _time_colors())

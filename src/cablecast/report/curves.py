@@ -37,7 +37,7 @@ def error_boxes(
             axes.barh(place, q3 - q1, left=q1, height=0.52, color=color, alpha=0.28, zorder=2)
             axes.plot([median, median], [place - 0.31, place + 0.31], color=color, linewidth=2.6)
             axes.annotate(
-                f"{median:.1f}" if color == BLUE else f"{median:.0f}",
+                f"median {median:.1f}" if color == BLUE else f"median {median:.0f}",
                 (high, place),
                 xytext=(6, 0),
                 textcoords="offset points",
@@ -49,7 +49,7 @@ def error_boxes(
         axes.invert_yaxis()
         axes.set_xlim(0.0, None)
         axes.set_xlabel(
-            "error [% of cable length]: least to greatest, quartiles, median (also as a number)"
+            "error [% of cable length]; line from least to greatest, box between the quartiles"
         )
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
@@ -108,7 +108,7 @@ def target_errors(evaluation: Evaluation) -> "Figure":
         axes.tick_params(axis="x", labelsize=7.5, length=0)
         axes.set_xlim(-0.8, len(evaluation.target_xy) - 0.2)
         axes.set_ylim(0.0, None)
-        axes.set_xlabel("target (even numbers on the right of the table, odd on the left)")
+        axes.set_xlabel("target, numbered as on the map")
         axes.set_ylabel("error [% of cable length]")
         axes.grid(axis="y", color=FAINT, linewidth=0.6)
         axes.set_axisbelow(True)
@@ -124,6 +124,8 @@ def learning_curve(curve: Sequence[Mapping[str, Any]], cable_length: float) -> "
         cable_length: Cable length r_c [m].
     """
     figure = new_figure(9.2, 2.6)
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+
     epochs = [row["epoch"] for row in curve]
     with styled():
         axes = figure.add_subplot()
@@ -145,9 +147,11 @@ def learning_curve(curve: Sequence[Mapping[str, Any]], cable_length: float) -> "
         axes.set_yscale("log")
         axes.set_xlabel("epoch")
         axes.set_ylabel("mean distance\n[% of cable length]")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.yaxis.set_minor_formatter(lambda value, _: "")
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlim(epochs[0], epochs[-1])
-        axes.grid(axis="y", which="both", color=FAINT, linewidth=0.5)
+        axes.grid(axis="y", color=FAINT, linewidth=0.6)
         axes.set_axisbelow(True)
     return figure

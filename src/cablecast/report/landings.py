@@ -111,7 +111,7 @@ def _draw_reach(axes: "Axes", workspace: Workspace, cable_length: float) -> None
     axes.annotate(
         "robot base",
         (0.0, 0.0),
-        xytext=(9, -7),
+        xytext=(20, -5),
         textcoords="offset points",
         color=INK,
         fontsize=8,
@@ -124,6 +124,7 @@ def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
     import matplotlib as mpl
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize
+    from matplotlib.patheffects import withStroke
 
     errors_pct = evaluation.errors_pct
     known = np.isfinite(errors_pct)
@@ -137,30 +138,43 @@ def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
         if trial.status is not TrialStatus.OK:
             lost.add(trial.target_index)
             continue
-        color = scale.to_rgba(error_pct)
+        color = colors(error_pct / top)
         line = np.stack([trial.target_xy, trial.landed_xy])
         axes.plot(*line.T, color=color, linewidth=1.1, linestyle=(0, (3, 1.6)), zorder=3)
         axes.plot(
-            *trial.landed_xy, "o", color=color, markersize=5.5, markeredgecolor="white", zorder=4
+            *trial.landed_xy,
+            "o",
+            color=color,
+            markersize=5,
+            markeredgecolor="white",
+            markeredgewidth=0.6,
+            zorder=4,
         )
+    halo = [withStroke(linewidth=2.2, foreground="white")]
     for index, xy in enumerate(evaluation.target_xy):
-        axes.plot(*xy, "o", markersize=11, color="white", markeredgecolor=INK, zorder=5)
+        axes.plot(*xy, "o", markersize=8, color="none", markeredgecolor=INK, zorder=3.5)
         if index in lost:
-            axes.plot(
-                *(xy - (0.0, 0.062)), "^", markersize=6.5, color=VERMILLION, zorder=5, clip_on=False
-            )
-        axes.text(*xy, str(index), fontsize=6.5, ha="center", va="center_baseline", zorder=6)
+            axes.plot(*xy, "^", markersize=5, color=VERMILLION, markeredgecolor="none", zorder=3.4)
+        axes.annotate(
+            str(index),
+            xy,
+            xytext=(5, 4.5),
+            textcoords="offset points",
+            fontsize=7,
+            path_effects=halo,
+            zorder=5,
+        )
     bar = axes.figure.colorbar(scale, ax=axes, shrink=0.6, aspect=26, pad=0.01)
-    bar.set_label("distance from target to landing [% of cable length]")
+    bar.set_label("error [% of cable length]")
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     handles = [
-        axes.plot([], [], "o", markersize=9, color="white", markeredgecolor=INK)[0],
-        axes.plot([], [], "o", markersize=5.5, color=scale.to_rgba(0.5 * top))[0],
+        axes.plot([], [], "o", markersize=8, color="none", markeredgecolor=INK)[0],
+        axes.plot([], [], "o", markersize=5.5, color=colors(0.5))[0],
     ]
     labels = ["target", "landing, joined to its target"]
     if lost:
         handles.append(axes.plot([], [], "^", markersize=6.5, color=VERMILLION)[0])
-        labels.append("target with a cast that has no landing (off the table or hidden)")
+        labels.append("a cast without a landing (off the table or hidden)")
     axes.legend(
         handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, columnspacing=1.6
     )

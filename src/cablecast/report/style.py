@@ -66,7 +66,7 @@ def styled():
     """A context in which axes and artists are created in the house style."""
     import matplotlib as mpl
 
-    return mpl.rc_context(_RC)
+    return mpl.rc_context(_RC)  # pyright: ignore[reportArgumentType]
 
 
 def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
