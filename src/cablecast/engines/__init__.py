@@ -1,0 +1,1 @@
+"""Cable simulators behind one contract."""

@@ -7,6 +7,9 @@ gradient is EI / l^3 times (phi / sin phi) times b, spread over three nodes as (
 grip the cable leaves along the gripper's tangent t: half a cell with u = x[1] - x[0] - l t.
 """
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -80,7 +83,7 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
     sharpest = wp.constant(SHARPEST)
 
     @wp.func
-    def angle_over_sine(sine_squared: lane):  # type: ignore[valid-type]
+    def angle_over_sine(sine_squared: lane):
         """phi / sin(phi) from q = sin^2(phi / 2): the series 1 + 2/3 q + 8/15 q^2 + ..."""
         q = wp.min(sine_squared, lane(real(sharpest)))
         value = lane(real(128.0 / 315.0)) + q * real(256.0 / 693.0)
@@ -90,14 +93,14 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return lane(real(1.0)) + mul(q, value)
 
     @wp.func
-    def node_moment(model: Model, bending: lane, before: vec3, here: vec3, after: vec3):  # type: ignore[valid-type]
+    def node_moment(model: Model, bending: lane, before: vec3, here: vec3, after: vec3):
         """Gradient EI / l^3 (phi / sin phi) b of the energy at an inner node."""
         b = before - here * real(2.0) + after
         quarter = real(0.25) / (model.segment_length * model.segment_length)
         return scale(mul(bending, angle_over_sine(dot(b, b) * quarter)), b)
 
     @wp.func
-    def bending_forces(model: Model, state: State, scratch: Scratch, group: int, tangent: vec3):  # type: ignore[valid-type]
+    def bending_forces(model: Model, state: State, scratch: Scratch, group: int, tangent: vec3):
         """Bending force on each free node, already through the first half of the filter.
 
         The filter solves (M + FILTER dt^2 K) a = force (Newmark's scheme for the stiff part); its
@@ -135,7 +138,7 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
             w_here = w_after
 
     @wp.func
-    def bending_accelerations(model: Model, scratch: Scratch, group: int):  # type: ignore[valid-type]
+    def bending_accelerations(model: Model, scratch: Scratch, group: int):
         """Second half of the filter: back substitution from the free end to the grip."""
         last = model.node_count - 1
         zero = lane()

@@ -1,5 +1,8 @@
 """Contact with the table: the normal impulse, and Coulomb friction that never reverses a motion."""
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -24,7 +27,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     tiny = wp.constant(1.0e-12)
 
     @wp.func
-    def table_contact(model: Model, friction: lane, height: lane, before: vec3, after: vec3):  # type: ignore[valid-type]
+    def table_contact(model: Model, friction: lane, height: lane, before: vec3, after: vec3):
         """Velocity of a node after the table has acted on it.
 
         The normal impulse keeps the node from passing the surface within the step. Friction takes

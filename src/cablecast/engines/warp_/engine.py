@@ -21,7 +21,9 @@ from cablecast.engines.warp_.step import rollout_kernel
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
-wp.config.quiet = True
+# Without this, every command would begin with a list of devices, and on a machine without a GPU
+# with a warning that it has none.
+wp.config.log_level = wp.LOG_ERROR
 
 DEFAULT_SEGMENT_COUNT = 40
 DEFAULT_DT = 5e-4
@@ -36,7 +38,7 @@ REST_DURATION = 0.05
 
 
 class EngineWarp:
-    """The fast engine: an inextensible elastic rod with Coulomb friction, many worlds in one launch.
+    """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
 
     docs/engine.md explains the model. The result of a world depends neither on its neighbours nor
     on the number of threads.
@@ -142,7 +144,9 @@ class EngineWarp:
             samples,
         ]
         self._launch(batch.group_count, inputs)
-        return batch.read(state, samples, np.arange(sample_count) * steps_per_sample * self.dt)
+        return batch.read(
+            state, samples, np.arange(sample_count) * float(steps_per_sample * self.dt)
+        )
 
     def _launch(self, group_count: int, inputs: list) -> None:
         kernel = self._build.kernel
@@ -320,7 +324,8 @@ class _Batch:
             roll=segments,
             roll_rate=segments.copy(),
         )
-        finite = np.isfinite(endpoint).all(axis=(1, 2)) & np.isfinite(positions).all(axis=(1, 2))
+        finite = np.isfinite(endpoint).all(axis=(1, 2))
+        finite = np.asarray(finite & np.isfinite(positions).all(axis=(1, 2)))
         # Once a world is non-finite, no later sample of it may look like a position.
         broken = np.logical_or.accumulate(~np.isfinite(endpoint).all(axis=2), axis=1)
         endpoint[broken] = np.nan

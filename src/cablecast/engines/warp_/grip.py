@@ -1,5 +1,8 @@
 """Held ends: evaluate the polynomial path of the gripper inside the step."""
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -14,13 +17,13 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
     """Warp functions that follow a path."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
-    real, lane, vec3, sin_cos, mul = f.real, f.lane, f.vec3, f.sin_cos, f.mul
+    real, lane, sin_cos, mul = f.real, f.lane, f.sin_cos, f.mul
     Path = s.Path
     count = wp.constant(lane_count)
     never = wp.constant(1.0e30)
 
     @wp.func
-    def advance_pieces(path: Path, group: int, t: real):  # type: ignore[valid-type]
+    def advance_pieces(path: Path, group: int, t: real):
         """Make the pieces that hold at time t current, lane by lane.
 
         It runs only when the first lane passes a knot, a few times in a hundred steps, so that the
@@ -52,7 +55,7 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
             path.current[group, c] = value
 
     @wp.func
-    def horner(path: Path, group: int, channel: int, tau: lane):  # type: ignore[valid-type]
+    def horner(path: Path, group: int, channel: int, tau: lane):
         """One channel of the current pieces at local time tau."""
         c = channel * 6
         value = path.current[group, c + 5]
@@ -63,20 +66,20 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return mul(value, tau) + path.current[group, c]
 
     @wp.func
-    def local_time(path: Path, group: int, t: real):  # type: ignore[valid-type]
+    def local_time(path: Path, group: int, t: real):
         """Time since the current pieces began, held at their bounds."""
         tau = lane(t) - path.piece_start[group]
         return wp.min(wp.max(tau, lane()), path.piece_duration[group])
 
     @wp.func
-    def held_position(path: Path, group: int, tau: lane):  # type: ignore[valid-type]
+    def held_position(path: Path, group: int, tau: lane):
         """Position of a held end."""
         return wp.matrix_from_rows(
             horner(path, group, 0, tau), horner(path, group, 1, tau), horner(path, group, 2, tau)
         )
 
     @wp.func
-    def held_tangent(path: Path, group: int, tau: lane):  # type: ignore[valid-type]
+    def held_tangent(path: Path, group: int, tau: lane):
         """Unit direction in which the cable leaves the gripper (conventions.tangent)."""
         yaw = sin_cos(horner(path, group, 3, tau))
         pitch = sin_cos(horner(path, group, 4, tau))

@@ -7,6 +7,9 @@ y and z. All functions are built per (precision, lane count) so that nothing is 
 time.
 """
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -48,28 +51,28 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
     count = wp.constant(lane_count)
 
     @wp.func
-    def fill(value: real):  # type: ignore[valid-type]
+    def fill(value: real):
         """The same value in every lane."""
         return lane(value)
 
     @wp.func
-    def dot(a: vec3, b: vec3):  # type: ignore[valid-type]
+    def dot(a: vec3, b: vec3):
         """Inner product of two vectors in each lane."""
         product = wp.cw_mul(a, b)
         return product[0] + product[1] + product[2]
 
     @wp.func
-    def scale(s: lane, a: vec3):  # type: ignore[valid-type]
+    def scale(s: lane, a: vec3):
         """A vector times a number in each lane."""
         return wp.matrix_from_rows(wp.cw_mul(s, a[0]), wp.cw_mul(s, a[1]), wp.cw_mul(s, a[2]))
 
     @wp.func
-    def absolute(a: lane):  # type: ignore[valid-type]
+    def absolute(a: lane):
         """Absolute value in each lane."""
         return wp.max(a, -a)
 
     @wp.func
-    def root(a: lane):  # type: ignore[valid-type]
+    def root(a: lane):
         """Square root in each lane."""
         result = lane()
         for k in range(count):
@@ -77,7 +80,7 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return result
 
     @wp.func
-    def sin_cos(angle: lane):  # type: ignore[valid-type]
+    def sin_cos(angle: lane):
         """Sine and cosine in each lane, for angles within two turns.
 
         A Taylor series at an eighth of the angle, doubled three times: exact to rounding, and made

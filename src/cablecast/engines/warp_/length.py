@@ -13,6 +13,9 @@ LENGTH_TOLERANCE is left. (Ryckaert, Ciccotti and
 Berendsen 1977; gradients at the start of the step are what makes the scheme second order.)
 """
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -42,7 +45,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     max_iterations = wp.constant(MAX_ITERATIONS)
 
     @wp.func
-    def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int):  # type: ignore[valid-type]
+    def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int):
         """Forward elimination from the grip to the free end."""
         last = model.node_count - 1
         squared_length = lane(model.segment_length * model.segment_length)
@@ -78,7 +81,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             w = w_after
 
     @wp.func
-    def apply_tensions(model: Model, state: State, scratch: Scratch, group: int, share: lane):  # type: ignore[valid-type]
+    def apply_tensions(model: Model, state: State, scratch: Scratch, group: int, share: lane):
         """Back substitution from the free end, and what the change of tension does to the nodes.
 
         Args:
@@ -117,7 +120,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return worst * relative
 
     @wp.func
-    def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):  # type: ignore[valid-type]
+    def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):
         """Newton iterations until every length is right; a second one is rarely needed.
 
         Where the tip whips, an edge may turn by a third of a radian in one step, and what one

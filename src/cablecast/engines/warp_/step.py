@@ -1,5 +1,8 @@
 """One step of the cable, and the kernel that runs a whole rollout in a single launch."""
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -34,7 +37,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     airborne = wp.constant(1.0e6)
 
     @wp.func
-    def predict(model: Model, state: State, scratch: Scratch, group: int, held: vec3, far: vec3):  # type: ignore[valid-type]
+    def predict(model: Model, state: State, scratch: Scratch, group: int, held: vec3, far: vec3):
         """Velocities and positions after all forces but the change of tension."""
         last = model.node_count - 1
         dt = model.dt
@@ -81,7 +84,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             x_here = x_after
 
     @wp.func
-    def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):  # type: ignore[valid-type]
+    def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
         """Take the new positions; return the largest squared horizontal speed of any node.
 
         A cable whose free end is in the air counts as moving.
@@ -103,14 +106,14 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def step(
-        model: Model,  # type: ignore[valid-type]
-        state: State,  # type: ignore[valid-type]
-        scratch: Scratch,  # type: ignore[valid-type]
+        model: Model,
+        state: State,
+        scratch: Scratch,
         group: int,
-        tangent: vec3,  # type: ignore[valid-type]
-        held: vec3,  # type: ignore[valid-type]
-        far: vec3,  # type: ignore[valid-type]
-        active: lane,  # type: ignore[valid-type]
+        tangent: vec3,
+        held: vec3,
+        far: vec3,
+        active: lane,
     ):
         """Advance by dt: leapfrog with an implicit filter for bending and exact lengths.
 
@@ -127,7 +130,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         return move(model, state, scratch, group, active)
 
     @wp.func
-    def record(model: Model, state: State, samples: Samples, group: int, sample: int):  # type: ignore[valid-type]
+    def record(model: Model, state: State, samples: Samples, group: int, sample: int):
         """Write the endpoint, and the shape where asked for."""
         last = model.node_count - 1
         samples.endpoint[group, sample] = state.position[group, last]
@@ -143,15 +146,15 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     def kernel(
         first_group: int,
         sample_count: int,
-        rest_speed: real,  # type: ignore[valid-type]
-        rest_duration: real,  # type: ignore[valid-type]
-        motion_end: wp.array(dtype=lane),  # type: ignore[valid-type]
-        model: Model,  # type: ignore[valid-type]
-        path: Path,  # type: ignore[valid-type]
-        far_path: Path,  # type: ignore[valid-type]
-        state: State,  # type: ignore[valid-type]
-        scratch: Scratch,  # type: ignore[valid-type]
-        samples: Samples,  # type: ignore[valid-type]
+        rest_speed: real,
+        rest_duration: real,
+        motion_end: wp.array(dtype=lane),
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        samples: Samples,
     ):
         group = first_group + wp.tid()
         dt = model.dt

@@ -4,6 +4,9 @@ Worlds are grouped by lanes: world w is lane w % lane_count of group w // lane_c
 indexed [group, node] (or [group, edge]); edge e joins nodes e and e + 1.
 """
 
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
 import functools
 from types import SimpleNamespace
 
@@ -24,52 +27,52 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
 
         node_count: int
         far_is_held: int
-        dt: real  # type: ignore[valid-type]
-        segment_length: real  # type: ignore[valid-type]
-        contact_height: real  # type: ignore[valid-type]
-        gravity: real  # type: ignore[valid-type]
-        inverse_mass: wp.array2d(dtype=lane)  # type: ignore[valid-type]  # 0 where held
-        bending: wp.array(dtype=lane)  # type: ignore[valid-type]  # EI / l^3 [N/m]
-        friction: wp.array(dtype=lane)  # type: ignore[valid-type]
-        linear_damping: wp.array(dtype=lane)  # type: ignore[valid-type]
-        rotation_viscosity: wp.array(dtype=lane)  # type: ignore[valid-type]  # [kg/s]
+        dt: real
+        segment_length: real
+        contact_height: real
+        gravity: real
+        inverse_mass: wp.array2d(dtype=lane)  # 0 where held
+        bending: wp.array(dtype=lane)  # EI / l^3 [N/m]
+        friction: wp.array(dtype=lane)
+        linear_damping: wp.array(dtype=lane)
+        rotation_viscosity: wp.array(dtype=lane)  # [kg/s]
         # Factors of the filter of the bending force (bending.py).
-        filter_diagonal: wp.array2d(dtype=lane)  # type: ignore[valid-type]
-        filter_lower1: wp.array2d(dtype=lane)  # type: ignore[valid-type]
-        filter_lower2: wp.array2d(dtype=lane)  # type: ignore[valid-type]
+        filter_diagonal: wp.array2d(dtype=lane)
+        filter_lower1: wp.array2d(dtype=lane)
+        filter_lower2: wp.array2d(dtype=lane)
 
     @wp.struct
     class Path:
         """Motion of a held end: pieces of quintic polynomials, and those that apply now."""
 
-        knots: wp.array2d(dtype=real)  # type: ignore[valid-type]  # [row, piece + 1]
-        coefficients: wp.array3d(dtype=real)  # type: ignore[valid-type]  # [row, piece, 30]
+        knots: wp.array2d(dtype=real)  # [row, piece + 1]
+        coefficients: wp.array3d(dtype=real)  # [row, piece, 30]
         piece: wp.array2d(dtype=int)  # [group, lane]
-        piece_start: wp.array(dtype=lane)  # type: ignore[valid-type]
-        piece_duration: wp.array(dtype=lane)  # type: ignore[valid-type]
-        current: wp.array2d(dtype=lane)  # type: ignore[valid-type]  # [group, 30]
-        next_knot: wp.array(dtype=real)  # type: ignore[valid-type]  # first over the lanes
+        piece_start: wp.array(dtype=lane)
+        piece_duration: wp.array(dtype=lane)
+        current: wp.array2d(dtype=lane)  # [group, 30]
+        next_knot: wp.array(dtype=real)  # first over the lanes
 
     @wp.struct
     class State:
         """What moves."""
 
-        position: wp.array2d(dtype=vec3)  # type: ignore[valid-type]
-        velocity: wp.array2d(dtype=vec3)  # type: ignore[valid-type]
+        position: wp.array2d(dtype=vec3)
+        velocity: wp.array2d(dtype=vec3)
         # Force along an edge, as dt^2 times tension over length [kg]; the last step's value starts
         # the next step's solve.
-        tension: wp.array2d(dtype=lane)  # type: ignore[valid-type]
-        active: wp.array(dtype=lane)  # type: ignore[valid-type]  # 1, or 0 once at rest for good
-        rest_time: wp.array(dtype=lane)  # type: ignore[valid-type]
+        tension: wp.array2d(dtype=lane)
+        active: wp.array(dtype=lane)  # 1, or 0 once at rest for good
+        rest_time: wp.array(dtype=lane)
 
     @wp.struct
     class Scratch:
         """Memory within a step."""
 
-        bending: wp.array2d(dtype=vec3)  # type: ignore[valid-type]
-        predicted: wp.array2d(dtype=vec3)  # type: ignore[valid-type]
-        upper: wp.array2d(dtype=lane)  # type: ignore[valid-type]
-        rhs: wp.array2d(dtype=lane)  # type: ignore[valid-type]
+        bending: wp.array2d(dtype=vec3)
+        predicted: wp.array2d(dtype=vec3)
+        upper: wp.array2d(dtype=lane)
+        rhs: wp.array2d(dtype=lane)
 
     @wp.struct
     class Samples:
@@ -77,7 +80,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
 
         steps_per_sample: int
         record_nodes: int
-        endpoint: wp.array2d(dtype=vec3)  # type: ignore[valid-type]  # [group, sample]
-        nodes: wp.array3d(dtype=vec3)  # type: ignore[valid-type]  # [group, sample, node]
+        endpoint: wp.array2d(dtype=vec3)  # [group, sample]
+        nodes: wp.array3d(dtype=vec3)  # [group, sample, node]
 
     return SimpleNamespace(Model=Model, Path=Path, State=State, Scratch=Scratch, Samples=Samples)
