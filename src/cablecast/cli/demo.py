@@ -3,6 +3,7 @@
 import dataclasses
 import pathlib
 import sys
+from typing import Annotated
 
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.options import (
@@ -10,7 +11,9 @@ from cablecast.cli.options import (
     DEFAULT_CABLE,
     MODEL_FOLDER,
     Device,
+    argument,
     cable_folder,
+    evaluation_folder,
 )
 from cablecast.cli.simulate import Simulate
 from cablecast.cli.train import Train
@@ -24,10 +27,10 @@ class Demo:
     when it is started again; one that is done shows its results again.
     """
 
-    cable: str = DEFAULT_CABLE
+    cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
     """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
-    out: pathlib.Path | None = None
-    """Where to put everything; runs/CABLE if not given."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE")] = None
+    """Where to put everything."""
     seed: int = 0
     """Chooses everything that is drawn by chance."""
     device: Device = "cpu"
@@ -38,6 +41,8 @@ class Demo:
     """How often at most the training goes through them."""
     candidate_count: int = 50_000
     """How many motions to choose from when planning."""
+    rig: Annotated[str, argument("RIG")] = "virtual"
+    """What carries out the casts: virtual, engine, or your own robot as package.module:factory."""
 
     def run(self) -> None:
         """Run the three verbs one after the other."""
@@ -63,7 +68,7 @@ class Demo:
         Evaluate(
             cable=self.cable,
             model=model,
-            rig="virtual",
-            out=out / "evaluate-virtual",
+            rig=self.rig,
+            out=out / evaluation_folder(self.rig),
             seed=self.seed,
         ).run()

@@ -2,13 +2,16 @@
 
 import dataclasses
 import pathlib
-import re
 import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
-from cablecast.cli.options import cable_folder, check_same_cable, find_model
+from cablecast.cli.options import (
+    argument,
+    cable_folder,
+    check_same_cable,
+    evaluation_folder,
+    find_model,
+)
 
 if TYPE_CHECKING:
     from cablecast.cable import Cable
@@ -29,19 +32,18 @@ class Evaluate:
     and a report to open in a browser (report.html). Needs a trained model: see `cablecast train`.
     """
 
-    cable: str | None = None
-    """Which cable: cable_1, cable_2, cable_3, or a YAML file; cable_1, or that of --model, if not
-    given."""
-    model: pathlib.Path | None = None
-    """Folder that `cablecast train` wrote; runs/CABLE/model if not given."""
-    rig: Annotated[str, tyro.conf.arg(metavar="RIG")] = "virtual"
+    cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None
+    """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    model: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
+    """Folder that `cablecast train` wrote."""
+    rig: Annotated[str, argument("RIG")] = "virtual"
     """What carries out the casts: virtual (a laboratory in software, whose cable differs from the
     model's), engine (the simulator that the model learned from), or your own robot as
     package.module:factory."""
     repeats: int = 1
     """How many casts at each target; the paper makes 5."""
-    out: pathlib.Path | None = None
-    """Where to put the results; runs/CABLE/evaluate-RIG if not given."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/evaluate-RIG")] = None
+    """Where to put the results."""
     seed: int = 0
     """Chooses all that the virtual rig draws by chance."""
 
@@ -66,8 +68,7 @@ class Evaluate:
             "repeats": self.repeats,
             "seed": self.seed,
         }
-        slug = re.sub(r"[^\w.-]+", "-", self.rig)
-        out = self.out or cable_folder(cable.name) / f"evaluate-{slug}"
+        out = self.out or cable_folder(cable.name) / evaluation_folder(self.rig)
         run = RunFolder.open(out, "evaluate", settings)
         if run.metrics is None:
             self._cast(run, policy, model)
@@ -154,7 +155,8 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="Distance from target to landing, in % of cable length", box=box.SIMPLE)
+    title = "Distance from target to landing, in % of cable length (the paper's: of a real UR5)"
+    table = Table(title=title, box=box.SIMPLE)
     table.add_column("", no_wrap=True)
     for name in ("casts", "median", "q1", "q3", "min", "max"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -162,7 +164,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     names = ("median_pct", "first_quartile_pct", "third_quartile_pct", "min_pct", "max_pct")
     for label, key, style in (
         (f"{rig} rig", "errors_pct", "bold"),
-        (f"{rig} rig, targets in coverage", "errors_inside_coverage_pct", ""),
+        (f"{rig} rig, in coverage", "errors_inside_coverage_pct", ""),
     ):
         values = metrics[key]
         cells = ("-" if values[name] is None else f"{values[name]:.1f}" for name in names)
@@ -172,7 +174,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
         cells = (f"{getattr(row, name):.0f}" for name in names)
         # Short, so that the table fits into 80 columns.
         method = row.method.replace("forward model", "model")
-        table.add_row(f"paper, UR5: {method}", "", *cells, style="dim")
+        table.add_row(f"paper: {method}", "", *cells, style="dim")
     console = Console()
     console.print(table)
     statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())

@@ -53,7 +53,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             prog="cablecast",
             description=_DESCRIPTION,
             args=arguments or ["--help"],
-            config=(tyro.conf.OmitArgPrefixes,),
+            config=(
+                tyro.conf.OmitArgPrefixes,
+                tyro.conf.DisallowNone,
+                tyro.conf.FlagCreatePairsOff,
+            ),
         )
         command.run()
         sys.stdout.flush()

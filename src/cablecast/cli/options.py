@@ -4,6 +4,9 @@ import math
 import pathlib
 import re
 import typing
+from typing import Any
+
+import tyro
 
 from cablecast.errors import CheckpointError, DatasetError, InputError, MissingExtraError
 
@@ -20,6 +23,17 @@ DATASET_FOLDER = "dataset"
 MODEL_FOLDER = "model"
 
 
+def argument(metavar: str, default: str | None = None) -> Any:
+    """How `--help` shows an argument: what to give, and what happens without it.
+
+    Args:
+        metavar: Stands for the value.
+        default: Words for a default that the code knows as None.
+    """
+    hint = None if default is None else f"(default: {default})"
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
+
+
 def cable_folder(cable_name: str) -> pathlib.Path:
     """Where the results of a cable lie by default, e.g. runs/cable_1.
 
@@ -30,11 +44,9 @@ def cable_folder(cable_name: str) -> pathlib.Path:
     return RUNS_FOLDER / (re.sub(r"[^\w.-]+", "_", cable_name).strip(".") or "cable")
 
 
-def load_default_cable(name_or_path: str | None) -> "Cable":
-    """The cable that was named, or the first preset."""
-    from cablecast.cable import load_cable
-
-    return load_cable(name_or_path or DEFAULT_CABLE)
+def evaluation_folder(rig: str) -> str:
+    """Name of the folder of an evaluation on a rig, e.g. evaluate-virtual."""
+    return "evaluate-" + re.sub(r"[^\w.-]+", "-", rig)
 
 
 def find_dataset(folder: pathlib.Path | None, cable: "Cable | None") -> pathlib.Path:

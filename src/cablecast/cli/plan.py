@@ -5,9 +5,7 @@ import math
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
-from cablecast.cli.options import check_same_cable, find_model, polar_text
+from cablecast.cli.options import argument, check_same_cable, find_model, polar_text
 
 if TYPE_CHECKING:
     from cablecast.motion.joint_path import JointPath
@@ -21,17 +19,16 @@ class Plan:
     takes and how fast the joints turn. Needs a trained model: see `cablecast train`.
     """
 
-    target: Annotated[tuple[float, float], tyro.conf.arg(metavar="R THETA")]
+    target: Annotated[tuple[float, float], argument("R THETA")]
     """Where to land: distance from the robot's base [m], and angle from straight ahead [deg],
     positive to the robot's right."""
-    cable: str | None = None
-    """Which cable: cable_1, cable_2, cable_3, or a YAML file; cable_1, or that of --model, if not
-    given."""
-    model: pathlib.Path | None = None
-    """Folder that `cablecast train` wrote; runs/CABLE/model if not given."""
-    save: pathlib.Path | None = None
-    """Also write the motion for a robot, as CSV: time t [s], joint angles q1 to q6 [rad] and
-    speeds qd1 to qd6 [rad/s], 125 rows a second."""
+    cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None
+    """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    model: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
+    """Folder that `cablecast train` wrote."""
+    save: Annotated[pathlib.Path | None, argument("FILE", "not saved")] = None
+    """Also write the motion for a robot, as CSV: time t [s], joint angles q1 to q6 [rad] and speeds
+    qd1 to qd6 [rad/s], 125 rows a second."""
     force: bool = False
     """Overwrite the file of --save if it exists."""
 

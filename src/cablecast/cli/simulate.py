@@ -4,9 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-import tyro
-
-from cablecast.cli.options import DATASET_FOLDER, DEFAULT_CABLE, Device, cable_folder
+from cablecast.cli.options import DATASET_FOLDER, DEFAULT_CABLE, Device, argument, cable_folder
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -17,24 +15,24 @@ class Simulate:
     with a README. A run that was interrupted, in whatever way, goes on when it is started again.
     """
 
-    cable: str = DEFAULT_CABLE
+    cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
     """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     count: int = 36_000
     """How many casts."""
-    out: pathlib.Path | None = None
-    """Where to put the dataset; runs/CABLE/dataset if not given."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/dataset")] = None
+    """Where to put the dataset."""
     seed: int = 0
     """Chooses the actions. The same seed gives the same dataset."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
-    v_max: Annotated[float, tyro.conf.arg(metavar="M/S")] = 1.5
+    v_max: Annotated[float, argument("M/S")] = 1.5
     """How fast the gripper may move [m/s]. Faster casts reach farther and scatter more."""
-    r0: Annotated[float, tyro.conf.arg(metavar="M")] = 0.6
+    r0: Annotated[float, argument("M")] = 0.6
     """Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter."""
-    segment_count: int | None = None
-    """How many segments the simulated cable has; by default what the convergence study chose."""
-    dt: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """Time step of the simulation [s]; by default what the convergence study chose."""
+    segment_count: Annotated[int | None, argument("INT", "what the convergence study chose")] = None
+    """How many segments the simulated cable has."""
+    dt: Annotated[float | None, argument("S", "what the convergence study chose")] = None
+    """Time step of the simulation [s]."""
 
     def run(self) -> None:
         """Simulate, and say what came out."""

@@ -3,10 +3,12 @@
 import dataclasses
 import pathlib
 import sys
+from typing import Annotated
 
 from cablecast.cli.options import (
     MODEL_FOLDER,
     Device,
+    argument,
     cable_folder,
     check_same_cable,
     check_torch_device,
@@ -22,12 +24,12 @@ class Train:
     dataset is held out to measure the model's error.
     """
 
-    cable: str | None = None
-    """Which cable: cable_1, cable_2, cable_3, or a YAML file; that of the dataset if not given."""
-    dataset: pathlib.Path | None = None
-    """Folder of the dataset; runs/CABLE/dataset (of cable_1) if not given."""
-    out: pathlib.Path | None = None
-    """Where to put the model; runs/CABLE/model if not given."""
+    cable: Annotated[str | None, argument("CABLE", "that of --dataset, or cable_1")] = None
+    """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    dataset: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/dataset")] = None
+    """Folder that `cablecast simulate` wrote."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
+    """Where to put the model."""
     seed: int = 0
     """Chooses what is held out, the network's first weights, and the candidates."""
     device: Device = "cpu"

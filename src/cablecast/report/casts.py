@@ -94,7 +94,7 @@ def _time_colors():
 
 def _title(trial: Trial, error_pct: float) -> str:
     if trial.status is TrialStatus.OK:
-        return f"target {trial.target_index}: {error_pct:.1f} %"
+        return f"target {trial.target_index}: error {error_pct:.1f} %"
     return f"target {trial.target_index}: {trial.status.code.replace('_', ' ')}"
 
 

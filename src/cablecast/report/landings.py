@@ -94,16 +94,17 @@ def _draw_reach(axes: "Axes", workspace: Workspace, cable_length: float) -> None
             linestyle=style,
             zorder=1,
         )
-    for radius, text in (
-        (reach, f"reach of arm and cable, {reach:.2f} m"),
-        (workspace.r_max, f"reach of the arm, {workspace.r_max:.2f} m"),
+    # The arc of the arm passes between targets: its label stands at its foot, clear of them.
+    for text, xy, ha in (
+        (f"reach of arm and cable, {reach:.2f} m", (0.0, reach), "center"),
+        (f" reach of the arm,\n {workspace.r_max:.2f} m", (workspace.r_max, 0.0), "left"),
     ):
         axes.annotate(
             text,
-            (0.0, radius),
-            xytext=(0, 2),
+            xy,
+            xytext=(0, 3),
             textcoords="offset points",
-            ha="center",
+            ha=ha,
             va="bottom",
             color=MUTED,
             fontsize=7.5,
@@ -177,4 +178,4 @@ def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
         labels.append("a cast without a landing (off the table or hidden)")
     axes.legend(
         handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, columnspacing=1.6
-    )
+    ).set_in_layout(True)
