@@ -1,6 +1,7 @@
 """EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
 
 import concurrent.futures
+import functools
 import os
 
 import numpy as np
@@ -20,10 +21,6 @@ from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.step import rollout_kernel
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
-
-# Without this, every command would begin with a list of devices, and on a machine without a GPU
-# with a warning that it has none.
-wp.config.log_level = wp.LOG_ERROR
 
 DEFAULT_SEGMENT_COUNT = 40
 DEFAULT_DT = 5e-4
@@ -144,9 +141,7 @@ class EngineWarp:
             samples,
         ]
         self._launch(batch.group_count, inputs)
-        return batch.read(
-            state, samples, np.arange(sample_count) * float(steps_per_sample * self.dt)
-        )
+        return batch.read(state, samples, steps_per_sample * self.dt)
 
     def _launch(self, group_count: int, inputs: list) -> None:
         kernel = self._build.kernel
@@ -176,7 +171,26 @@ class EngineWarp:
 _NO_PATH = GripPath.hold(np.zeros(5), 0.0)
 
 
+@functools.cache
+def _start_warp() -> None:
+    """Start Warp without its list of devices, and without its warning where there is no GPU.
+
+    The warning goes straight to the process's error stream, at any log level; whoever asks for a
+    CUDA device that is not there gets an error of our own.
+    """
+    wp.config.log_level = wp.LOG_ERROR
+    saved, silent = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(silent, 2)
+        wp.init()
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(silent)
+
+
 def _find_device(name: str):
+    _start_warp()
     try:
         device = wp.get_device(name)
     except Exception as error:
@@ -314,7 +328,7 @@ class _Batch:
         values = values.reshape(self.group_count * self.lane_count, *values.shape[2:])
         return values[: self.world_count]
 
-    def read(self, state, samples, times: NDArray[np.float64]) -> Rollout:
+    def read(self, state, samples, sample_dt: float) -> Rollout:
         endpoint = self.to_worlds(samples.endpoint)
         positions = self.to_worlds(state.position)
         segments = np.zeros((self.world_count, self.node_count - 1))
@@ -330,7 +344,7 @@ class _Batch:
         broken = np.logical_or.accumulate(~np.isfinite(endpoint).all(axis=2), axis=1)
         endpoint[broken] = np.nan
         return Rollout(
-            times=times,
+            times=np.arange(endpoint.shape[1]) * sample_dt,
             endpoint_xyz=endpoint,
             final_state=final,
             finite=finite,

@@ -1,10 +1,10 @@
 """Lanes: how one source of the physics runs as SIMD on a CPU and as one world per thread on CUDA.
 
-A lane value holds one number for each of a few worlds side by side. On a CPU eight single-precision
-worlds fill a 256-bit register, and every operation below becomes one vector instruction; on CUDA
-the lane count is 1, since a GPU thread is itself a lane. A `Vec3` has a row of lanes for each of x,
-y and z. All functions are built per (precision, lane count) so that nothing is converted at run
-time.
+A lane value holds one number for each of a few worlds side by side. On a CPU sixteen
+single-precision worlds fill a 512-bit register or two of 256 bits, and every operation below
+becomes one or two vector instructions; on CUDA the lane count is 1, since a GPU thread is itself a
+lane. A `vec3` has a row of lanes for each of x, y and z. All functions are built per precision and
+lane count, so that nothing is converted at run time.
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-LANE_COUNT_CPU = {"single": 8, "double": 4}
+LANE_COUNT_CPU = {"single": 16, "double": 8}
 LANE_COUNT_CUDA = 1
 
 

@@ -37,11 +37,13 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     airborne = wp.constant(1.0e6)
 
     @wp.func
-    def predict(model: Model, state: State, scratch: Scratch, group: int, held: vec3, far: vec3):
+    def predict(
+        model: Model, state: State, scratch: Scratch, group: int, kick: real, held: vec3, far: vec3
+    ):
         """Velocities and positions after all forces but the change of tension."""
         last = model.node_count - 1
         dt = model.dt
-        damping = model.linear_damping[group] * (real(0.5) * dt)
+        damping = model.linear_damping[group] * (real(0.5) * kick)
         one = lane(real(1.0))
         slow_down = f.div(one, one + damping)
         viscosity = model.rotation_viscosity[group]
@@ -63,10 +65,10 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             turning = scale(viscosity, v_before - v_here * real(2.0) + v_after)
             acceleration = scratch.bending[group, i]
             acceleration[2] = acceleration[2] - lane(model.gravity)
-            impulse = (pull - pull_before) * (real(1.0) / dt) + turning * dt
+            impulse = (pull - pull_before) * (real(1.0) / dt) + turning * kick
             free = (
                 scale(one - damping, v_here)
-                + acceleration * dt
+                + acceleration * kick
                 + scale(model.inverse_mass[group, i], impulse)
             )
             after = contact.table_contact(
@@ -110,6 +112,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         state: State,
         scratch: Scratch,
         group: int,
+        kick: real,
         tangent: vec3,
         held: vec3,
         far: vec3,
@@ -118,6 +121,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         """Advance by dt: leapfrog with an implicit filter for bending and exact lengths.
 
         Args:
+            kick: How long forces act in this step [s]: dt, but half of it in the first step, since
+                velocities belong to the middle of a step and the initial ones to its start.
             tangent: Direction of the grip at the start of the step.
             held: Where the gripped end is at the end of the step [m].
             far: Where the far end is then, where it is held [m].
@@ -125,7 +130,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         """
         bend.bending_forces(model, state, scratch, group, tangent)
         bend.bending_accelerations(model, scratch, group)
-        predict(model, state, scratch, group, held, far)
+        predict(model, state, scratch, group, kick, held, far)
         length.hold_lengths(model, state, scratch, group, active)
         return move(model, state, scratch, group, active)
 
@@ -168,6 +173,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         slow = rest_speed * rest_speed
         record(model, state, samples, group, 0)
         moving = int(1)
+        kick = dt * real(0.5)
         for sample in range(1, sample_count):
             for k in range(samples.steps_per_sample):
                 if moving == 1:
@@ -182,7 +188,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
                         far = grip.held_position(
                             far_path, group, grip.local_time(far_path, group, t)
                         )
-                    fastest = step(model, state, scratch, group, tangent, held, far, active)
+                    fastest = step(model, state, scratch, group, kick, tangent, held, far, active)
+                    kick = dt
                     tangent = grip.held_tangent(path, group, tau)
                     # A world that has been slow for a while after its motion rests for good.
                     any_moving = int(0)
