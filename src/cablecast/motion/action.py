@@ -116,8 +116,10 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
             lies before theta2.
     """
     actions = np.asarray(actions, dtype=float)
-    if actions.ndim != 2 or actions.shape[1] != len(ACTION_NAMES):
-        raise ActionError(f"actions have shape {actions.shape}: it must be [action, 4]")
+    if actions.ndim != 2 or actions.shape[1] != len(ACTION_NAMES) or len(actions) == 0:
+        raise ActionError(
+            f"actions have shape {actions.shape}: it must be [action, 4] with at least one action"
+        )
     theta1, theta2, r2, psi = actions.T
 
     def refuse(bad, describe):

@@ -193,7 +193,7 @@ def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspa
             plan_polar_paths(actions[start : start + CHUNK], config, workspace),
             workspace.grip_height,
         )
-        for start in range(0, max(len(actions), 1), CHUNK)
+        for start in range(0, len(actions), CHUNK)
     ]
     piece_count = max(chunk.coefficients.shape[1] for chunk in chunks)
     knots = np.empty((len(actions), piece_count + 1))

@@ -44,8 +44,8 @@ class Profiles:
 
     @property
     def peak_velocity(self) -> NDArray[np.float64]:
-        """Largest speed of each move [rad/s], shape [move]; it is reached at a jerk switch."""
-        return np.max(np.abs(self._states()[1]), axis=1)
+        """Largest speed of each move [rad/s], shape [move]; by symmetry it is that halfway."""
+        return np.abs(self.evaluate(self.duration[:, None] / 2)[1][:, 0])
 
     def dilated(self, factor: NDArray[np.float64]) -> "Profiles":
         """The same moves run slower: all times are multiplied.
@@ -127,11 +127,13 @@ def plan_profiles(
         request.target_position = [distance]
         request.max_velocity = [velocity]
         request.max_jerk = [jerk]
-        result = planner.calculate(request, trajectory)
-        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        try:
+            planner.calculate(request, trajectory)
+        except ruckig.RuckigError as error:
             raise InputError(
-                f"no profile over {distance} rad at {velocity} rad/s and {jerk} rad/s³: {result}"
-            )
+                f"no profile over {distance} rad at {velocity} rad/s and {jerk} rad/s³: "
+                + str(error).strip()
+            ) from None
         profile = trajectory.profiles[0][0]
         planned[row, 0] = profile.t
         planned[row, 1] = profile.j

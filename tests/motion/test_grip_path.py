@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.motion.grip_path import GripPath
+
+# A handful of operations on doubles of order one.
+EXACT = 1e-12
+
+
+def smooth(times):
+    """A pose for each time and its first two derivatives, each [step, 5]."""
+    w = np.array([1.0, 1.5, 0.5, 2.0, 0.7])
+    phase = times[..., None] * w
+    return np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
+
+
+def hermite(knots):
+    knots = np.atleast_2d(knots)
+    return GripPath.from_hermite(knots, *smooth(knots))
+
+
+def test_quintic_pieces_match_pose_velocity_and_acceleration_at_every_knot():
+    knots = np.array([[0.0, 0.3, 0.5, 1.1], [0.2, 0.4, 0.9, 1.0]])
+    path = hermite(knots)
+    for order, reference in enumerate(smooth(knots)):
+        # The last knot belongs to the motion: derivatives are not yet zero there.
+        np.testing.assert_allclose(path.evaluate(knots, order), reference, atol=1e-10)
+
+
+def test_the_error_between_knots_falls_with_the_sixth_power_of_their_distance():
+    times = np.linspace(0.0, 2.0, 777)
+    errors = [
+        np.max(np.abs(hermite(np.linspace(0.0, 2.0, n + 1)).evaluate(times)[0] - smooth(times)[0]))
+        for n in (4, 8)
+    ]
+    # 2^6 = 64; the next order is not yet negligible.
+    assert 45 < errors[0] / errors[1] < 80
+
+
+def test_derivatives_are_those_of_the_pose():
+    path, h = hermite(np.linspace(0.0, 2.0, 6)), 1e-6
+    times = np.linspace(0.01, 1.99, 60)
+    for order in range(3):
+        slope = (path.evaluate(times + h, order) - path.evaluate(times - h, order)) / (2 * h)
+        np.testing.assert_allclose(path.evaluate(times, order + 1), slope, atol=1e-4)
+
+
+def test_the_gripper_holds_still_before_and_after():
+    path = hermite([0.5, 1.0, 1.5])
+    np.testing.assert_array_equal(path.evaluate([-1.0, 0.2])[0], path.evaluate([0.5, 0.5])[0])
+    np.testing.assert_array_equal(path.evaluate([1.6, 9.0])[0], path.evaluate([1.5, 1.5])[0])
+    np.testing.assert_array_equal(path.evaluate([0.2, 1.6], 1), 0.0)
+
+
+def test_a_jump_of_acceleration_is_kept_at_its_knot():
+    # x = t² / 2 until 1 s, and straight on from there.
+    knots = np.array([[0.0, 1.0, 2.0]])
+    poses, velocities, accelerations = (
+        np.zeros((1, 3, 5)),
+        np.zeros((1, 3, 5)),
+        np.zeros((1, 2, 2, 5)),
+    )
+    poses[0, :, 0], velocities[0, :, 0] = [0.0, 0.5, 1.5], [0.0, 1.0, 1.0]
+    accelerations[0, 0, :, 0] = 1.0
+    path = GripPath.from_hermite(knots, poses, velocities, accelerations)
+    times = np.linspace(0.0, 2.0, 41)
+    expected = np.where(times < 1.0, times**2 / 2, times - 0.5)
+    np.testing.assert_allclose(path.evaluate(times)[0, :, 0], expected, atol=EXACT)
+
+
+def test_pieces_of_no_duration_change_nothing():
+    plain, padded = hermite([0.0, 0.4, 1.0]), hermite([0.0, 0.4, 0.4, 1.0, 1.0, 1.0])
+    times = np.concatenate([np.linspace(-0.1, 1.2, 50), [0.4, 1.0]])
+    for order in range(3):
+        np.testing.assert_array_equal(plain.evaluate(times, order), padded.evaluate(times, order))
+
+
+def test_times_may_differ_from_world_to_world():
+    path = GripPath.stack([hermite([0.0, 1.0]), hermite([0.0, 0.5, 2.0])])
+    times = np.array([[0.1, 0.9], [0.7, 1.9]])
+    for world in range(2):
+        np.testing.assert_array_equal(
+            path.evaluate(times)[world], path[world].evaluate(times[world])[0]
+        )
+
+
+def test_a_stack_evaluates_as_its_members_did():
+    members = [hermite([0.0, 1.0]), hermite([0.0, 0.2, 0.5, 2.0])]
+    times = np.linspace(0.0, 2.5, 40)
+    stacked = GripPath.stack(members)
+    np.testing.assert_array_equal(stacked.duration, [1.0, 2.0])
+    for world, member in enumerate(members):
+        np.testing.assert_allclose(
+            stacked.evaluate(times)[world], member.evaluate(times)[0], atol=EXACT
+        )
+
+
+def test_selecting_worlds_always_leaves_a_batch():
+    path = GripPath.stack([hermite([0.0, 1.0]), hermite([0.0, 2.0]), hermite([0.0, 3.0])])
+    assert [len(path[1]), len(path[:2]), len(path[np.array([True, False, True])])] == [1, 2, 2]
+    np.testing.assert_array_equal(path[2].duration, [3.0])
+
+
+def test_mirroring_changes_the_sign_of_x_and_yaw_only():
+    path, times = hermite([0.0, 0.7, 1.5]), np.linspace(0.0, 1.5, 20)
+    flip = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(path.mirrored().evaluate(times), path.evaluate(times) * flip)
+
+
+def test_a_held_gripper_does_not_move():
+    path = GripPath.hold([0.1, 0.6, 0.02, 0.3, 0.0], duration=2.0)
+    poses = path.evaluate([0.0, 1.0, 2.0, 5.0])[0]
+    np.testing.assert_array_equal(poses, np.tile([0.1, 0.6, 0.02, 0.3, 0.0], (4, 1)))
+
+
+def test_a_fitted_path_passes_through_its_measurements():
+    times = np.linspace(0.0, 2.0, 21)
+    path = GripPath.fit(times, smooth(times)[0])
+    np.testing.assert_allclose(path.evaluate(times)[0], smooth(times)[0], atol=EXACT)
+    between = times[:-1] + 0.05
+    # A cubic spline errs by about 5/384 w⁴ h⁴ = 2e-5 at the fastest channel, more near the ends.
+    np.testing.assert_allclose(path.evaluate(between)[0], smooth(between)[0], atol=2e-4)
+
+
+def test_too_few_measurements_are_refused():
+    with pytest.raises(InputError, match="at least 4"):
+        GripPath.fit([0.0, 1.0, 2.0], np.zeros((3, 5)))
+
+
+@pytest.mark.parametrize(
+    ("knots", "shape", "message"),
+    [
+        ([[0.0, 1.0]], (1, 2, 5, 6), "ask for"),
+        ([[0.0]], (1, 0, 5, 6), "ask for"),
+        ([[1.0, 0.0]], (1, 1, 5, 6), "must not fall"),
+        ([[0.0, np.nan]], (1, 1, 5, 6), "must be finite"),
+    ],
+)
+def test_a_path_that_makes_no_sense_is_refused(knots, shape, message):
+    with pytest.raises(InputError, match=message):
+        GripPath(knots=np.array(knots), coefficients=np.zeros(shape))

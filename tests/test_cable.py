@@ -1,0 +1,156 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+
+from cablecast.cable import (
+    CABLE_NAMES,
+    PARAM_BOUNDS,
+    PARAM_UNITS,
+    Attachment,
+    Cable,
+    CableParams,
+    load_cable,
+    save_cable,
+)
+from cablecast.errors import InputError, UnknownNameError
+
+
+def params(**changes):
+    return dataclasses.replace(load_cable("cable_1").params, **changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "length", "diameter", "attachment", "with_attachment"),
+    [
+        ("cable_1", 0.62, 0.011, Attachment.HOOK, 0.67),
+        ("cable_2", 0.65, 0.002, Attachment.HOOK, 0.68),
+        ("cable_3", 0.67, 0.007, Attachment.MAGNET, 0.68),
+    ],
+)
+def test_the_presets_are_the_cables_of_the_paper(
+    name, length, diameter, attachment, with_attachment
+):
+    cable = load_cable(name)
+    assert (cable.length, cable.diameter, cable.attachment) == (length, diameter, attachment)
+    assert cable.length + cable.attachment_length == pytest.approx(with_attachment)
+    assert cable.radius == diameter / 2
+
+
+def test_every_parameter_has_a_bound_and_a_unit():
+    assert set(CableParams.names()) == set(PARAM_BOUNDS) == set(PARAM_UNITS)
+    assert len(CableParams.names()) == 10
+
+
+@pytest.mark.parametrize("name", CABLE_NAMES)
+def test_a_cable_survives_the_way_through_a_file(name, tmp_path):
+    cable = load_cable(name)
+    save_cable(cable, tmp_path / "mine.yaml")
+    assert load_cable(str(tmp_path / "mine.yaml")) == cable
+
+
+def test_an_attachment_may_be_left_out_of_a_file(tmp_path):
+    values = load_cable("cable_1").to_dict()
+    del values["attachment"], values["attachment_length"]
+    (tmp_path / "plain.yml").write_text(yaml.safe_dump(values))
+    assert load_cable(str(tmp_path / "plain.yml")).attachment is Attachment.NONE
+
+
+def test_an_unknown_cable_is_refused_with_those_that_exist():
+    with pytest.raises(UnknownNameError, match="'cable_9': one of cable_1, cable_2, cable_3"):
+        load_cable("cable_9")
+
+
+def test_a_file_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(UnknownNameError, match="unknown cable"):
+        load_cable(str(tmp_path / "none.yaml"))
+
+
+def changed(**changes):
+    return {**load_cable("cable_1").to_dict(), **changes}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[1, 2", "is not YAML"),
+        ("- 1\n- 2\n", "must hold a mapping"),
+        (yaml.safe_dump(changed(colour="red")), r"unknown keys \['colour'\]"),
+        (yaml.safe_dump({"name": "x"}), "lacks the keys"),
+        (yaml.safe_dump(changed(params=3)), "params must be a mapping"),
+        (yaml.safe_dump(changed(params={"mass": 0.1})), "params lacks the keys"),
+        (yaml.safe_dump(changed(attachment="anchor")), "one of none, hook, magnet"),
+        (yaml.safe_dump(changed(length=-0.6)), r"cable length = -0\.6 m is outside \[0\.05, 5\]"),
+        (yaml.safe_dump(changed(diameter="thick")), "cable diameter = thick"),
+        (yaml.safe_dump(changed(length=float("nan"))), "cable length = nan"),
+    ],
+)
+def test_a_file_that_describes_no_cable_is_refused(text, message, tmp_path):
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_cable(str(tmp_path / "bad.yaml"))
+
+
+@pytest.mark.parametrize("name", CableParams.names())
+@pytest.mark.parametrize("beyond", ["below", "above", "nan", "text"])
+def test_a_parameter_out_of_bounds_is_refused_with_both_bounds(name, beyond):
+    low, high = PARAM_BOUNDS[name]
+    value = {"below": low - 1.0, "above": high + 1.0, "nan": np.nan, "text": "much"}[beyond]
+    message = "not a number" if beyond == "text" else f"is outside .{low:g}, {high:g}."
+    with pytest.raises(InputError, match=f"{name} = .*{message}"):
+        params(**{name: value})
+
+
+@pytest.mark.parametrize("name", CableParams.names())
+def test_both_bounds_of_a_parameter_belong_to_it(name):
+    for value in PARAM_BOUNDS[name]:
+        assert getattr(params(**{name: value}), name) == value
+
+
+def test_friction_is_the_product_of_both_factors():
+    assert params(lateral_friction=0.8, worksurface_friction=0.5).friction == pytest.approx(0.4)
+
+
+def test_parameters_survive_the_way_through_an_array():
+    assert CableParams.from_array(params().to_array()) == params()
+
+
+def test_parameters_may_differ_from_world_to_world():
+    varied = params(mass=np.array([0.04, 0.05, 0.06]))
+    assert varied.world_count == 3
+    assert params().world_count is None
+    assert varied.to_array().shape == (3, 10)
+    back = CableParams.from_array(varied.to_array())
+    np.testing.assert_array_equal(back.to_array(), varied.to_array())
+
+
+def test_a_bad_world_is_refused_with_its_value():
+    with pytest.raises(InputError, match="mass = -1 kg"):
+        params(mass=np.array([0.04, -1.0]))
+
+
+def test_worlds_that_differ_in_number_are_refused():
+    with pytest.raises(InputError, match="different numbers of worlds"):
+        params(mass=np.full(3, 0.05), bend_stiffness=np.full(2, 1e-3))
+
+
+def test_an_array_of_the_wrong_shape_is_refused():
+    with pytest.raises(InputError, match="shape"):
+        CableParams.from_array(np.ones(9))
+    with pytest.raises(InputError, match="must be a number or"):
+        params(mass=np.full((2, 2), 0.05))
+
+
+def test_parameters_of_several_worlds_are_not_written_to_a_file(tmp_path):
+    cable = dataclasses.replace(load_cable("cable_1"), params=params(mass=np.full(2, 0.05)))
+    with pytest.raises(InputError, match="all worlds share"):
+        save_cable(cable, tmp_path / "many.yaml")
+    assert not (tmp_path / "many.yaml").exists()
+
+
+def test_a_cable_is_keyword_only_and_frozen():
+    with pytest.raises(TypeError):
+        Cable("mine", 0.5, 0.01)  # pyright: ignore[reportCallIssue]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        load_cable("cable_1").length = 1.0  # pyright: ignore[reportAttributeAccessIssue]

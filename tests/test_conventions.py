@@ -1,0 +1,40 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cablecast.conventions import mirror_xy, polar_to_xy, tangent, xy_to_polar
+
+# A few operations on doubles of order one.
+EXACT = 1e-12
+
+
+def test_theta_is_measured_from_the_y_axis_positive_to_the_right():
+    np.testing.assert_allclose(polar_to_xy([2.0, 0.0]), [0.0, 2.0], atol=EXACT)
+    np.testing.assert_allclose(polar_to_xy([2.0, np.pi / 2]), [2.0, 0.0], atol=EXACT)
+    np.testing.assert_allclose(xy_to_polar([-1.0, 0.0]), [1.0, -np.pi / 2], atol=EXACT)
+
+
+@given(r=st.floats(0.01, 5.0), theta=st.floats(-3.1, 3.1))
+def test_polar_coordinates_survive_the_way_through_cartesian_ones(r, theta):
+    np.testing.assert_allclose(xy_to_polar(polar_to_xy([r, theta])), [r, theta], atol=EXACT)
+
+
+def test_whole_batches_are_converted_at_once():
+    polar = np.random.default_rng(0).uniform(0.1, 1.0, (4, 3, 2))
+    assert polar_to_xy(polar).shape == (4, 3, 2)
+    np.testing.assert_array_equal(polar_to_xy(polar)[2, 1], polar_to_xy(polar[2, 1]))
+
+
+def test_mirroring_negates_theta_and_leaves_its_argument_alone():
+    xy = polar_to_xy([1.2, 0.4])
+    before = xy.copy()
+    np.testing.assert_allclose(xy_to_polar(mirror_xy(xy)), [1.2, -0.4], atol=EXACT)
+    np.testing.assert_array_equal(xy, before)
+    np.testing.assert_array_equal(mirror_xy([[1.0, 2.0, 3.0]]), [[-1.0, 2.0, 3.0]])
+
+
+def test_the_cable_leaves_along_its_yaw_and_rises_with_its_pitch():
+    np.testing.assert_allclose(tangent(0.0), [0.0, 1.0, 0.0], atol=EXACT)
+    np.testing.assert_allclose(tangent(np.pi / 2), [1.0, 0.0, 0.0], atol=EXACT)
+    np.testing.assert_allclose(tangent(0.3, np.pi / 2), [0.0, 0.0, 1.0], atol=EXACT)
+    np.testing.assert_allclose(np.linalg.norm(tangent(np.linspace(-3, 3, 9), 0.4), axis=-1), 1.0)
