@@ -155,8 +155,9 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    title = "Distance from target to landing, in % of cable length (the paper's: of a real UR5)"
-    table = Table(title=title, box=box.SIMPLE)
+    table = Table(title="Distance from target to landing, in % of cable length", box=box.SIMPLE)
+    if published:
+        table.caption = "The paper's rows are casts of a real UR5."
     table.add_column("", no_wrap=True)
     for name in ("casts", "median", "q1", "q3", "min", "max"):
         table.add_column(name, justify="right", no_wrap=True)

@@ -1,0 +1,56 @@
+import json
+import math
+
+import numpy as np
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.evaluation.metrics import summarise_errors, target_error_pct
+
+CLOSE = 1e-12  # Double precision; the values are of order 1 to 100.
+
+
+def test_an_error_is_the_distance_in_percent_of_cable_length():
+    errors = target_error_pct([[0.3, 0.4], [1.0, 1.0]], [[0.0, 0.0], [1.0, 1.0]], 0.5)
+    np.testing.assert_allclose(errors, [100.0, 0.0], atol=CLOSE)
+
+
+def test_an_unknown_landing_has_no_error():
+    assert np.isnan(target_error_pct([np.nan, np.nan], [0.0, 1.0], 0.62))
+
+
+def test_points_that_are_not_pairs_are_refused():
+    with pytest.raises(InputError, match=r"\[\.\.\., 2\]"):
+        target_error_pct([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], 0.62)
+
+
+def test_a_summary_interpolates_quartiles_as_numpy_does():
+    errors = np.random.default_rng(0).exponential(20.0, 37)
+    summary = summarise_errors(errors)
+    expected = np.quantile(errors, [0.5, 0.25, 0.75, 0.0, 1.0])
+    values = (
+        summary.median_pct,
+        summary.first_quartile_pct,
+        summary.third_quartile_pct,
+        summary.min_pct,
+        summary.max_pct,
+    )
+    np.testing.assert_allclose(values, expected, rtol=CLOSE)
+    assert summary.count == 37
+
+
+def test_trials_without_a_landing_are_left_out():
+    assert summarise_errors([1.0, np.nan, 3.0]) == summarise_errors([1.0, 3.0])
+
+
+def test_misses_of_unknown_size_raise_the_quantiles_without_spoiling_them():
+    summary = summarise_errors([1.0, 2.0, 3.0, math.inf, math.inf])
+    assert summary.median_pct == 3.0
+    assert summary.first_quartile_pct == 2.0
+    assert summary.third_quartile_pct == math.inf
+
+
+def test_a_summary_of_nothing_is_valid_json_without_numbers():
+    values = json.loads(json.dumps(summarise_errors([np.nan]).to_dict(), allow_nan=False))
+    assert values.pop("count") == 0
+    assert set(values.values()) == {None}

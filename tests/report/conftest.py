@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.evaluation.evaluate import Evaluation, Trial
+from cablecast.motion.action import Action, MotionConfig
+from cablecast.motion.trajectory import plan_trajectory
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.workspace import Workspace, load_targets
+
+TIMES = np.arange(0.0, 3.05, 0.1)
+NODE_COUNT = 7
+
+
+def straight_cable(grip_xy, length):
+    """A cable that always points away from the base: crude, but every node is where it can be."""
+    direction = grip_xy / np.linalg.norm(grip_xy, axis=-1, keepdims=True)
+    s = np.linspace(0.0, length, NODE_COUNT)
+    xy = grip_xy[:, None] + s[:, None] * direction[:, None]
+    return np.concatenate([xy, np.full((*xy.shape[:2], 1), 0.005)], axis=-1)
+
+
+@pytest.fixture(scope="session")
+def make_evaluation():
+    """Builds an evaluation of the 32 targets in which some casts left the table."""
+    cable, workspace = load_cable("cable_1"), Workspace()
+    action = Action(theta1=-0.6, theta2=0.5, r2=0.55, psi=0.8)
+    trajectory = plan_trajectory(action, MotionConfig(), workspace)
+    nodes = straight_cable(trajectory.grip_path.evaluate(TIMES)[0, :, :2], cable.length)
+    targets = load_targets()
+
+    def make(lost=(8, 9), with_nodes=True, rig=None, cable=cable):
+        rng = np.random.default_rng(1)
+        trials = []
+        for index, target in enumerate(targets):
+            path = nodes[:, -1, :2].copy()
+            path[-1] = target + rng.normal(scale=0.05, size=2)
+            status = TrialStatus.OFF_TABLE if index in lost else TrialStatus.OK
+            trials.append(
+                Trial(
+                    target_index=index,
+                    repeat=0,
+                    target_xy=target,
+                    action=action,
+                    predicted_xy=target + 0.002,
+                    track=EndpointTrack(
+                        times=TIMES,
+                        endpoint_xy=path,
+                        status=status,
+                        nodes=nodes if with_nodes else None,
+                    ),
+                    trajectory=trajectory,
+                    inside_coverage=index < 28,
+                )
+            )
+        return Evaluation(
+            cable=cable,
+            rig=rig or {"rig": "virtual", "seed": 0},
+            target_xy=targets,
+            inside_coverage=np.arange(len(targets)) < 28,
+            trials=tuple(trials),
+        )
+
+    return make

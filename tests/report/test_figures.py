@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.evaluation.metrics import summarise_errors
+from cablecast.evaluation.published import published_rows
+from cablecast.report.casts import cast_frames, chosen_casts
+from cablecast.report.curves import error_boxes, learning_curve, target_errors
+from cablecast.report.landings import landing_map
+from cablecast.report.style import png_bytes, svg_uri
+from cablecast.workspace import Workspace
+
+ON_SCREEN = 1e-9  # What is drawn is what is stored, to rounding.
+
+
+def points_drawn(axes):
+    """Every single point that is a marker on its own, as rows of x and y."""
+    lines = [line for line in axes.lines if len(line.get_xdata()) == 1]
+    return np.array([line.get_xydata()[0] for line in lines])
+
+
+def has_point(points, xy):
+    return np.any(np.all(np.abs(points - xy) < ON_SCREEN, axis=1))
+
+
+def test_the_map_shows_every_target_and_every_landing(make_evaluation):
+    evaluation = make_evaluation()
+    figure = landing_map(evaluation, Workspace())
+    points = points_drawn(figure.axes[0])
+    for trial in evaluation.trials:
+        assert has_point(points, trial.target_xy)
+        assert has_point(points, trial.track.endpoint_xy[-1]) == np.isfinite(trial.landed_xy[0])
+
+
+def test_the_map_numbers_the_targets_as_the_table_of_trials_does(make_evaluation):
+    figure = landing_map(make_evaluation(), Workspace())
+    labels = {text.get_text(): text.xy for text in figure.axes[0].texts if hasattr(text, "xy")}
+    for index, xy in enumerate(make_evaluation().target_xy):
+        np.testing.assert_allclose(labels[str(index)], xy)
+
+
+def test_a_dashed_line_joins_each_target_with_its_landing(make_evaluation):
+    evaluation = make_evaluation(lost=())
+    axes = landing_map(evaluation, Workspace()).axes[0]
+    joins = {
+        tuple(np.round(line.get_xydata().ravel(), 9))
+        for line in axes.lines
+        if line.is_dashed() and len(line.get_xdata()) == 2
+    }
+    for trial in evaluation.trials:
+        assert tuple(np.round([*trial.target_xy, *trial.landed_xy], 9)) in joins
+
+
+def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
+    figure = landing_map(make_evaluation(lost=range(32)), Workspace())
+    assert png_bytes(figure, dpi=40).startswith(b"\x89PNG")
+
+
+def test_the_coverage_is_shaded_on_both_halves_of_the_table(make_evaluation):
+    figure = landing_map(
+        make_evaluation(),
+        Workspace(),
+        simulated_xy=np.array([[0.5, 0.8]]),
+        simulated_radius=0.05,
+    )
+    (shade,) = figure.axes[0].collections
+    outline = np.concatenate([path.vertices for path in shade.get_paths()])
+    # The outline of a disc of 5 cm, drawn in cells of 1 cm.
+    assert outline[:, 0].max() == pytest.approx(0.55, abs=0.01)
+    assert outline[:, 0].min() == pytest.approx(-0.55, abs=0.01)
+
+
+def test_the_chosen_casts_run_from_the_best_to_the_worst_and_end_with_a_lost_one(make_evaluation):
+    evaluation = make_evaluation()
+    chosen = chosen_casts(evaluation, count=6)
+    errors = evaluation.errors_pct[chosen]
+    assert len(chosen) == 6
+    assert errors[0] == np.nanmin(evaluation.errors_pct)
+    assert errors[-2] == np.nanmax(evaluation.errors_pct)
+    assert np.all(np.diff(errors[:-1]) > 0)
+    assert np.isnan(errors[-1])
+
+
+@pytest.mark.parametrize("lost", [(), range(32), range(31)])
+def test_casts_can_be_chosen_and_drawn_however_many_landed(make_evaluation, lost):
+    evaluation = make_evaluation(lost=lost)
+    chosen = chosen_casts(evaluation)
+    assert 1 <= len(chosen) <= 6
+    assert png_bytes(cast_frames(evaluation, Workspace(), chosen), dpi=30)
+
+
+def test_a_frame_shows_the_cable_at_every_sample_and_the_whole_path_of_the_gripper(make_evaluation):
+    evaluation = make_evaluation()
+    axes = cast_frames(evaluation, Workspace(), [3]).axes[0]
+    drawn = [line.get_xydata() for line in axes.lines]
+    for nodes in evaluation.trials[3].track.nodes:
+        assert any(len(xy) == len(nodes) and np.allclose(xy, nodes[:, :2]) for xy in drawn)
+    path = evaluation.trials[3].trajectory.grip_path
+    ends = path.evaluate([0.0, path.duration[0]])[0, :, :2]
+    assert any(np.allclose(xy[[0, -1]], ends) for xy in drawn)
+
+
+def test_a_rig_that_does_not_see_the_cable_still_gives_pictures(make_evaluation):
+    evaluation = make_evaluation(with_nodes=False)
+    assert png_bytes(cast_frames(evaluation, Workspace(), [0, 1]), dpi=30)
+
+
+def test_the_boxes_show_our_errors_above_those_of_the_paper():
+    ours = [("ours", summarise_errors([1.0, 2.0, 4.0])), ("none", summarise_errors([]))]
+    figure = error_boxes(ours, published_rows("cable_1"))
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert labels[0] == "ours"
+    assert len(labels) == 1 + 5
+    assert "median 22" in [text.get_text() for text in figure.axes[0].texts]
+
+
+def test_errors_by_target_can_be_drawn_with_and_without_landings(make_evaluation):
+    for lost in ((), range(32)):
+        assert png_bytes(target_errors(make_evaluation(lost=lost)), dpi=30)
+
+
+def test_the_learning_curve_is_drawn_in_percent_of_cable_length():
+    curve = [{"epoch": k, "loss": 0.062 / k, "held_out_loss": 0.124 / k} for k in (1, 2, 3)]
+    lines = learning_curve(curve, load_cable("cable_1").length).axes[0].lines
+    np.testing.assert_allclose(lines[0].get_ydata(), [10.0, 5.0, 10.0 / 3.0])
+    np.testing.assert_allclose(lines[1].get_ydata(), [20.0, 10.0, 20.0 / 3.0])
+
+
+def test_the_same_evaluation_gives_the_same_picture_twice(make_evaluation):
+    pictures = {svg_uri(target_errors(make_evaluation())) for _ in range(2)}
+    assert len(pictures) == 1

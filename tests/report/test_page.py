@@ -1,0 +1,120 @@
+import dataclasses
+import html.parser
+import json
+import re
+
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.report.page import report_page
+from cablecast.workspace import Workspace
+
+CONFIG = {
+    "command": "evaluate",
+    "settings": {"rig": "virtual", "seed": 0, "model_fingerprint": "0123abcd"},
+    "versions": {"python": "3.11.7", "cablecast": "0.1.0"},
+    "commit": None,
+    "cpu_count": 2,
+    "started": "2026-11-21T00:00:00+00:00",
+}
+MODEL_INFO = {
+    "metrics": {
+        "training_count": 32_400,
+        "held_out_count": 3_600,
+        "held_out_median_pct": 0.4321,
+        "held_out_p90_pct": 2.1,
+        "epoch_count": 2,
+        "best_epoch": 2,
+    },
+    "curve": [
+        {"epoch": 1, "loss": 0.1, "held_out_loss": 0.1},
+        {"epoch": 2, "loss": 0.05, "held_out_loss": 0.06},
+    ],
+    "dataset": {"settings": {"count": 36_000, "engine": {"class": "EngineWarp"}}},
+}
+
+
+def page_of(evaluation, **changes):
+    return report_page(evaluation, Workspace(), MODEL_INFO, CONFIG | changes)
+
+
+@pytest.fixture(scope="module")
+def page(make_evaluation):
+    return page_of(make_evaluation())
+
+
+class LinkCollector(html.parser.HTMLParser):
+    """Everything that a browser would fetch, and whether all tags are closed."""
+
+    VOID = frozenset({"meta", "img", "input", "br", "link"})
+
+    def __init__(self):
+        super().__init__()
+        self.links, self.open_tags = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.links += [value for name, value in attrs if name in ("src", "href", "action")]
+        if tag not in self.VOID:
+            self.open_tags.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open_tags.pop() == tag
+
+
+def test_the_page_is_well_formed_and_refers_to_no_other_file(page):
+    collector = LinkCollector()
+    collector.feed(page)
+    assert collector.open_tags == []
+    assert len(collector.links) >= 5
+    assert all(link.startswith("data:image/") for link in collector.links)
+    assert not re.search(r"https?://|@import|url\(", page)
+
+
+def test_the_page_says_what_was_measured_and_that_no_robot_moved(page, make_evaluation):
+    evaluation = make_evaluation()
+    assert f"{evaluation.summary.median_pct:.1f}" in page
+    assert "30<small> of 32</small>" in page
+    assert "2 off table" in page
+    assert "virtual rig" in page
+    assert "No real robot moved" in page
+    assert "paper, table II: polar casting" in page
+
+
+def test_the_page_of_a_real_rig_does_not_call_it_virtual(make_evaluation):
+    evaluation = make_evaluation(rig={"serial": "UR5 no. 7"})
+    settings = CONFIG["settings"] | {"rig": "my_lab:make_rig"}
+    page = page_of(evaluation, settings=settings)
+    assert "virtual" not in page
+    assert "No real robot moved" not in page
+    assert "my_lab:make_rig" in page
+
+
+def test_names_from_a_users_file_cannot_break_out_of_the_page(make_evaluation):
+    name = "</script><script>alert(1)</script>"
+    cable = dataclasses.replace(load_cable("cable_1"), name=name)
+    page = page_of(make_evaluation(cable=cable))
+    assert name not in page
+    assert "&lt;/script&gt;" in page
+
+
+def test_the_player_holds_every_cast_in_millimetres(page, make_evaluation):
+    data = re.search(r'<script type="application/json" id="casts">(.*?)</script>', page, re.S)
+    casts = json.loads(data.group(1))["casts"]
+    trials = make_evaluation().trials
+    assert len(casts) == len(trials)
+    for cast, trial in zip(casts, trials, strict=True):
+        assert len(cast["nodes_mm"]) == len(cast["times"]) == len(trial.track.times)
+        last = cast["nodes_mm"][-1][-2:]
+        assert last == pytest.approx(1000 * trial.track.nodes[-1, -1, :2], abs=0.5)
+
+
+def test_without_cable_shapes_the_page_has_no_player(make_evaluation):
+    page = page_of(make_evaluation(with_nodes=False))
+    assert 'id="player"' not in page
+    assert 'id="casts"' not in page
+
+
+def test_a_page_without_any_landing_shows_dashes_instead_of_numbers(make_evaluation):
+    page = page_of(make_evaluation(lost=range(32)))
+    assert "0<small> of 32</small>" in page
+    assert "nan" not in re.sub(r'data:image/[^"]*|<script.*?</script>', "", page, flags=re.S)

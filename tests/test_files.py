@@ -1,0 +1,42 @@
+import os
+
+import pytest
+
+from cablecast.files import write_bytes, write_json, write_text
+
+
+def test_a_file_is_replaced_whole_and_leaves_nothing_else_behind(tmp_path):
+    file = tmp_path / "new" / "a.txt"
+    write_text(file, "first, and longer")
+    write_text(file, "second")
+    assert file.read_text() == "second"
+    assert [entry.name for entry in file.parent.iterdir()] == ["a.txt"]
+
+
+def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch):
+    file = tmp_path / "a.bin"
+    write_bytes(file, b"old")
+
+    def fail(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(OSError, match="no space"):
+        write_bytes(file, b"new")
+    assert file.read_bytes() == b"old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
+
+
+def test_a_number_that_json_cannot_hold_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="JSON compliant"):
+        write_json(tmp_path / "a.json", {"error": float("nan")})
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_a_written_file_can_be_read_by_whom_the_umask_allows(tmp_path):
+    umask = os.umask(0o022)
+    try:
+        write_text(tmp_path / "a.txt", "shared")
+    finally:
+        os.umask(umask)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o644
