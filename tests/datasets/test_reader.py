@@ -101,3 +101,12 @@ def test_the_description_follows_the_layout_of_lerobot(unbroken):
     assert info["total_frames"] == COUNT
     assert info["splits"] == {"train": f"0:{COUNT}"}
     assert set(info["features"]) >= {"theta1", "endpoint_x", "status"}
+
+
+def test_settings_of_another_version_are_refused_in_one_line(copied):
+    info = json.loads((copied / "meta/info.json").read_text())
+    info["settings"]["motion"] = {"warp_factor": 9}
+    (copied / "meta/info.json").write_text(json.dumps(info))
+    dataset = read_dataset(copied)
+    with pytest.raises(DatasetError, match=r"made by cablecast .*warp_factor.*simulate it again"):
+        _ = dataset.motion_config

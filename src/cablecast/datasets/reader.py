@@ -2,7 +2,8 @@
 
 import dataclasses
 import pathlib
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from cablecast.datasets.writer import read_info, read_shard, shard_path
 from cablecast.errors import DatasetError, InputError
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
+
+T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -79,24 +82,24 @@ class Dataset:
     @property
     def cable(self) -> Cable:
         """The cable that was cast."""
-        return Cable.from_dict(self._setting("cable"))
+        return settings_object(Cable.from_dict, self.info, "cable", self._name)
 
     @property
     def params(self) -> CableParams:
         """The parameters that the cable was simulated with."""
-        return CableParams(**self._setting("params"))
+        return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
 
     @property
     def workspace(self) -> Workspace:
         """The table and arm."""
-        return Workspace(**self._setting("workspace"))
+        return settings_object(lambda v: Workspace(**v), self.info, "workspace", self._name)
 
     @property
     def motion_config(self):
         """The system parameters of the motions, a `MotionConfig`."""
         from cablecast.motion.action import MotionConfig
 
-        return MotionConfig(**self._setting("motion"))
+        return settings_object(lambda v: MotionConfig(**v), self.info, "motion", self._name)
 
     def table_margin(self) -> NDArray[np.float64]:
         """How far the free end stayed within the table's edges on its way [m], shape [row].
@@ -111,11 +114,36 @@ class Dataset:
         )
         return np.where(np.isfinite(margin), margin, -np.inf)
 
-    def _setting(self, name: str) -> dict[str, Any]:
-        try:
-            return self.info["settings"][name]
-        except KeyError:
-            raise DatasetError(f"{self.path or 'the dataset'} says nothing of its {name}") from None
+    @property
+    def _name(self) -> str:
+        return str(self.path or "the dataset")
+
+
+def settings_object(
+    make: Callable[[dict[str, Any]], T], info: Mapping[str, Any], name: str, owner: str
+) -> T:
+    """What some stored settings describe.
+
+    Args:
+        make: Makes it from the settings.
+        info: Holds the settings of the dataset.
+        name: Which of them.
+        owner: What to call their owner in an error.
+
+    Raises:
+        DatasetError: They are missing, or of a version that had other settings.
+    """
+    values = info.get("settings", {}).get(name)
+    if values is None:
+        raise DatasetError(f"{owner} says nothing of its {name}")
+    try:
+        return make(values)
+    except (TypeError, InputError) as error:
+        version = info["settings"].get("cablecast_version", "?")
+        raise DatasetError(
+            f"{owner} was made by cablecast {version}, whose {name} settings do not fit this "
+            f"version ({error}): simulate it again"
+        ) from None
 
 
 def read_dataset(path: str | pathlib.Path) -> Dataset:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
+from cablecast.datasets.reader import settings_object
 from cablecast.errors import CheckpointError, InputError, MissingExtraError
 from cablecast.files import write_bytes, write_json
 from cablecast.workspace import Workspace
@@ -84,19 +85,23 @@ class ForwardModel:
     @property
     def cable(self) -> Cable:
         """The cable whose casts it has learned."""
-        return Cable.from_dict(self.info["dataset"]["settings"]["cable"])
+        return settings_object(Cable.from_dict, self.info["dataset"], "cable", "the model")
 
     @property
     def workspace(self) -> Workspace:
         """The table and arm that its dataset was simulated for."""
-        return Workspace(**self.info["dataset"]["settings"]["workspace"])
+        return settings_object(
+            lambda values: Workspace(**values), self.info["dataset"], "workspace", "the model"
+        )
 
     @property
     def motion_config(self):
         """The system parameters of its motions, a `MotionConfig`."""
         from cablecast.motion.action import MotionConfig
 
-        return MotionConfig(**self.info["dataset"]["settings"]["motion"])
+        return settings_object(
+            lambda values: MotionConfig(**values), self.info["dataset"], "motion", "the model"
+        )
 
     @functools.cached_property
     def fingerprint(self) -> str:

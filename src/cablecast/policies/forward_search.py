@@ -265,13 +265,18 @@ class ForwardSearchPolicy:
                 f"{file} holds {kind} of version {version}: it must be {FORMAT} of version "
                 f"{FORMAT_VERSION}"
             )
-        return cls(
-            **arrays,
-            cable=Cable.from_dict(meta["cable"]),
-            workspace=Workspace(**meta["workspace"]),
-            config=MotionConfig(**meta["motion"]),
-            info=meta["info"],
-        )
+        try:
+            return cls(
+                **arrays,
+                cable=Cable.from_dict(meta["cable"]),
+                workspace=Workspace(**meta["workspace"]),
+                config=MotionConfig(**meta["motion"]),
+                info=meta["info"],
+            )
+        except (KeyError, TypeError, InputError) as error:
+            raise CheckpointError(
+                f"{file} was written by another version of cablecast ({error}): train again"
+            ) from None
 
     @functools.cached_property
     def _tree(self):

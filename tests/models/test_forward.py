@@ -1,0 +1,168 @@
+import itertools
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.errors import CheckpointError, InputError
+from cablecast.models import ForwardModel
+from cablecast.motion.action import MotionConfig
+from cablecast.workspace import Workspace
+
+pytest.importorskip("safetensors")
+
+# Predictions are computed in single precision, for landings of the order of a metre.
+SINGLE_PRECISION = 1e-5
+
+
+def random_model(seed=0):
+    generator = np.random.default_rng(seed)
+    widths = [4, 16, 16, 2]
+    layers = tuple(
+        (
+            generator.normal(size=(a, b)).astype(np.float32) / np.float32(np.sqrt(a)),
+            generator.normal(size=b).astype(np.float32),
+        )
+        for a, b in itertools.pairwise(widths)
+    )
+    cable = load_cable("cable_2").to_dict()
+    settings = {"cable": cable, "workspace": {"table_width": 2.0}, "motion": {"v_max": 1.2}}
+    return ForwardModel(
+        weights=layers,
+        feature_mean=np.array([-0.7, 0.7, 0.5, 0.7]),
+        feature_scale=np.array([0.4, 0.4, 0.1, 0.4]),
+        endpoint_mean=np.array([0.5, 0.9]),
+        endpoint_scale=0.3,
+        margin_features=generator.normal(size=(40, 4)).astype(np.float32),
+        margins=generator.normal(size=40).astype(np.float32),
+        info={"metrics": {"held_out_median_pct": 0.5}, "dataset": {"settings": settings}},
+    )
+
+
+def some_actions(count=100):
+    actions = np.random.default_rng(1).uniform(
+        [-1.3, 0.1, 0.4, 0.1], [-0.1, 1.3, 0.8, 1.5], (count, 4)
+    )
+    actions[:, 3] += actions[:, 1]
+    return actions
+
+
+def test_a_saved_model_is_loaded_with_the_same_predictions_and_description(tmp_path):
+    model = random_model()
+    model.save(tmp_path)
+    loaded = ForwardModel.load(tmp_path)
+    np.testing.assert_array_equal(loaded.predict(some_actions()), model.predict(some_actions()))
+    np.testing.assert_array_equal(
+        loaded.predict_margin(some_actions()), model.predict_margin(some_actions())
+    )
+    assert loaded.info == model.info
+    assert loaded.fingerprint == model.fingerprint
+    assert loaded.cable == load_cable("cable_2")
+    assert loaded.workspace == Workspace(table_width=2.0)
+    assert loaded.motion_config == MotionConfig(v_max=1.2)
+
+
+def test_the_description_lies_beside_the_weights_for_people(tmp_path):
+    random_model().save(tmp_path)
+    assert (
+        json.loads((tmp_path / "model.json").read_text())["metrics"]["held_out_median_pct"] == 0.5
+    )
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_numpy_predicts_what_torch_computes():
+    torch = pytest.importorskip("torch")
+    model = random_model()
+    hidden = torch.tensor(model.normalize(some_actions(5000)))
+    for k, (matrix, offset) in enumerate(model.weights):
+        hidden = hidden @ torch.tensor(matrix) + torch.tensor(offset)
+        if k < len(model.weights) - 1:
+            hidden = torch.nn.functional.silu(hidden)
+    expected = model.endpoint_mean + model.endpoint_scale * hidden.numpy()
+    np.testing.assert_allclose(model.predict(some_actions(5000)), expected, atol=SINGLE_PRECISION)
+
+
+def test_predicting_does_not_import_torch(tmp_path):
+    random_model().save(tmp_path)
+    code = (
+        "import sys, numpy as np\n"
+        "from cablecast.models import ForwardModel\n"
+        f"model = ForwardModel.load({str(tmp_path)!r})\n"
+        "model.predict(np.ones((3, 4)))\n"
+        "assert 'torch' not in sys.modules and 'scipy' not in sys.modules\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+def test_extreme_features_do_not_make_a_prediction_non_finite():
+    assert np.all(np.isfinite(random_model().predict(np.full((1, 4), -1e4))))
+
+
+def test_margins_are_interpolated_between_simulated_actions():
+    model = random_model()
+    features = model.margin_features[:5] * model.feature_scale + model.feature_mean
+    features[:, 3] += features[:, 1]
+    at_rows = model.predict_margin(features)
+    np.testing.assert_allclose(at_rows, model.margins[:5], atol=1e-3)
+    everywhere = model.predict_margin(some_actions())
+    assert model.margins.min() <= everywhere.min()
+    assert everywhere.max() <= model.margins.max()
+
+
+def test_actions_of_the_wrong_shape_are_refused():
+    with pytest.raises(InputError, match=r"shape \(4,\)"):
+        random_model().predict(np.ones(4))
+
+
+def test_a_missing_model_is_named(tmp_path):
+    with pytest.raises(CheckpointError, match=r"no model at .*nowhere"):
+        ForwardModel.load(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("kept", [0, 5, 100, 1000, -1])
+def test_a_truncated_model_is_named(tmp_path, kept):
+    random_model().save(tmp_path)
+    file = tmp_path / "model.safetensors"
+    file.write_bytes(file.read_bytes()[:kept])
+    with pytest.raises(CheckpointError, match=r"model.safetensors is truncated") as caught:
+        ForwardModel.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_flipped_bit_in_the_weights_is_detected(tmp_path):
+    random_model().save(tmp_path)
+    file = tmp_path / "model.safetensors"
+    content = bytearray(file.read_bytes())
+    content[-10] ^= 0x01
+    file.write_bytes(content)
+    with pytest.raises(CheckpointError, match="do not match their checksum"):
+        ForwardModel.load(tmp_path)
+
+
+def test_a_foreign_safetensors_file_is_refused(tmp_path):
+    from safetensors.numpy import save_file
+
+    save_file({"weight": np.ones(3)}, tmp_path / "model.safetensors")
+    with pytest.raises(CheckpointError, match=r"must be cablecast.forward_model"):
+        ForwardModel.load(tmp_path)
+    save_file(
+        {"weight": np.ones(3)},
+        tmp_path / "model.safetensors",
+        metadata={"format": "cablecast.forward_model", "format_version": "2"},
+    )
+    with pytest.raises(CheckpointError, match="of version 2"):
+        ForwardModel.load(tmp_path)
+
+
+def test_a_failed_save_leaves_the_old_model(tmp_path):
+    old = random_model()
+    old.save(tmp_path)
+    broken = random_model(seed=1)
+    broken.info["metrics"]["held_out_median_pct"] = float("nan")
+    with pytest.raises(ValueError, match="JSON"):
+        broken.save(tmp_path)
+    assert ForwardModel.load(tmp_path).fingerprint == old.fingerprint
