@@ -1,0 +1,1 @@
+"""Rigs: one robot, real or virtual, that plays a motion and reports where the endpoint went."""

@@ -177,6 +177,10 @@ def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
     return factory
 
 
+def _import_failure(module_name: str, error: Exception) -> RigError:
+    return RigError(f"rig module {module_name} cannot be imported: {_one_line(error)}")
+
+
 def _has_method(rig: object, name: str) -> bool:
     return not isinstance(rig, type) and callable(getattr(rig, name, None))
 

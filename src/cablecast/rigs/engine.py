@@ -44,7 +44,7 @@ class RigEngine(RigLifecycle):
         params = cable.params if params is None else params
         if params.world_count is not None:
             raise InputError(
-                f"a rig has one cable, but its parameters differ between {params.world_count} worlds"
+                f"a rig has one cable, but its parameters are given for {params.world_count} worlds"
             )
         self.engine = engine
         self.cable = cable

@@ -27,10 +27,10 @@ class TrialNoise:
     bow: float = 0.003
     sway: float = 0.0015
     angle: float = 0.006
-    friction: float = 0.03
-    path_scale: float = 0.0015
-    time_scale: float = 0.0015
-    delay: float = 0.0008
+    friction: float = 0.005
+    path_scale: float = 0.0007
+    time_scale: float = 0.0007
+    delay: float = 0.0004
 
     def __post_init__(self):
         for field in dataclasses.fields(self):

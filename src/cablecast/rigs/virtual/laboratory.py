@@ -84,7 +84,7 @@ class _Group:
         sample_step_count = round(config.sample_dt / config.dt)
         # Samples fall on whole windows.
         self.window_count = max(1, round(sample_step_count / self.window))
-        self.sample_dt = self.window_count * self.window * config.dt
+        self.sample_dt = float(self.window_count * self.window * config.dt)
         self.motion_time = np.array([float(path.duration[0]) for path in paths])
         self.sample_max = np.ceil((self.motion_time + config.rest_time_max) / self.sample_dt)
         self.sample_max = self.sample_max.astype(int)
@@ -149,14 +149,11 @@ class _Group:
 
     def _advance(self, active: NDArray[np.intp], step: int) -> int:
         """One window of all trials that still run."""
-        import mujoco
-
         self._renew_drag(active)
         end = step + self.window
         self.batch.rollout(
             self.window,
             control=self.controls[active, step:end],
-            control_spec=mujoco.mjtState.mjSTATE_CTRL.value,
             record=(),
             ids=active,
         )
@@ -220,7 +217,7 @@ class _Group:
         elif self.left_table[world]:
             status = TrialStatus.OFF_TABLE
         return EndpointTrack(
-            times=self.times[samples].copy(),
+            times=np.array(self.times[samples], dtype=float),
             endpoint_xy=nodes[:, self.scene.endpoint, :2].copy(),
             status=status,
             nodes=nodes.copy(),

@@ -4,8 +4,10 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cablecast.cable import Cable
-from cablecast.errors import InputError
+from cablecast.errors import InputError, RigError
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
@@ -38,16 +40,16 @@ class RigVirtual(RigLifecycle):
         self, cable: Cable, workspace: Workspace, seed: int, config: VirtualConfig | None = None
     ):
         super().__init__()
-        if not isinstance(seed, int) or seed < 0:
+        if not isinstance(seed, (int, np.integer)) or seed < 0:
             raise InputError(f"seed = {seed!r} must be a whole number of at least 0")
         self.config = VirtualConfig() if config is None else config
-        self._seed = seed
+        self._seed = int(seed)
         self._trial_count = 0
         self._lab: Laboratory | None = Laboratory(cable, workspace, self.config)
         self.description: dict[str, Any] = {
             "rig": "virtual",
             "cable": cable.name,
-            "seed": seed,
+            "seed": int(seed),
             "config": dataclasses.asdict(self.config),
             "workspace": dataclasses.asdict(workspace),
         }
@@ -72,7 +74,7 @@ class RigVirtual(RigLifecycle):
         """
         self._check_open()
         self._is_reset = False
-        return self._run(trajectories, progress)
+        return self._run(trajectories, progress) if trajectories else []
 
     def close(self) -> None:
         """Forget the laboratory."""
@@ -84,8 +86,8 @@ class RigVirtual(RigLifecycle):
         trajectories: Sequence["Trajectory"],
         progress: Callable[[int], None] | None,
     ) -> list[EndpointTrack]:
-        self._check_open()
-        assert self._lab is not None
+        if self._lab is None:
+            raise RigError("the virtual rig is closed: make a new rig")
         first = self._trial_count
         trials = [
             Trial.draw(self.config.noise, self._seed, first + index)

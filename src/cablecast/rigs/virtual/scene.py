@@ -8,6 +8,7 @@ through its joints: a mocap body has no velocity, and the rod's length constrain
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class Scene:
         vertex_origin: Slides at 0 stand for these positions [m], shape [vertex - 2, 3].
     """
 
-    model: object
+    model: Any
     arc_lengths: NDArray[np.float64]
     masses: NDArray[np.float64]
     endpoint: int
@@ -94,7 +95,7 @@ def build_scene(
         MissingExtraError: MuJoCo is not installed.
     """
     try:
-        import mujoco
+        from mujoco import MjModel  # pyright: ignore[reportAttributeAccessIssue]
     except ModuleNotFoundError:
         raise MissingExtraError("mujoco", "mujoco", "the virtual rig") from None
     # The clamped edge is as short as the jaws. With a clamped edge of a whole segment the hinge
@@ -113,7 +114,7 @@ def build_scene(
     positions[:, 1] += arc
     xml = _mjcf(cable, truth, workspace, dt, arc, masses, hand_origin, positions)
     return Scene(
-        model=mujoco.MjModel.from_xml_string(xml),
+        model=MjModel.from_xml_string(xml),
         arc_lengths=arc,
         masses=masses,
         endpoint=endpoint,

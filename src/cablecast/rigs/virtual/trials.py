@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable
-from cablecast.engines.base import reset_state
 from cablecast.motion.grip_path import GripPath
 from cablecast.rigs.virtual.config import TrialNoise
 
-# The reset shape is worked out on a fine rod and read off at the vertices.
-_FINE_SEGMENT_COUNT = 200
+# Length of the ramp from the grip to the table in multiples of the grip's height.
+_RAMP_RATIO = 6.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -93,23 +92,23 @@ def reset_shape(
     Returns:
         Positions in the base frame [m], shape [vertex, 3].
     """
-    fine = reset_state(cable, grip_path, _FINE_SEGMENT_COUNT).positions[0]
-    fine_arc = np.linspace(0.0, cable.length, _FINE_SEGMENT_COUNT + 1)
-    reach = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(fine[:, :2], axis=0).T))])
-    # An attachment beyond the cable lies flat on the table in line with it.
-    along = np.interp(arc_lengths, fine_arc, reach) + np.maximum(arc_lengths - cable.length, 0.0)
-    height = np.interp(arc_lengths, fine_arc, fine[:, 2])
+    start = grip_path.evaluate(grip_path.knots[:, :1])[0, 0]
+    drop = start[2] - cable.radius
+    # A gentle ramp from the grip to the table; gravity finds the true descent within the settling
+    # time. An attachment beyond the cable lies flat on the table in line with it.
+    ramp = np.clip(arc_lengths / max(_RAMP_RATIO * abs(drop), 1e-9), 0.0, 1.0)
+    height = cable.radius + drop * 0.5 * (1.0 + np.cos(np.pi * ramp))
+    height[:2] = start[2]
+    step = np.sqrt(np.diff(arc_lengths) ** 2 - np.diff(height) ** 2)
     middle = (arc_lengths[1:] + arc_lengths[:-1]) / 2 / cable.length
-    yaw = grip_path.evaluate(grip_path.knots[:, :1])[0, 0, 3]
     # Slopes of the sideways shapes; all vanish at the grip, which holds the tangent.
     slope = trial.angle * (1.0 - np.exp(-middle / 0.15))
     slope = slope + trial.bow * np.pi / cable.length * np.sin(2 * np.pi * middle)
     slope = slope + trial.sway * 2 * np.pi / cable.length * np.sin(4 * np.pi * middle)
-    heading = yaw + np.where(middle <= 1.0, slope, slope[middle <= 1.0][-1])
-    step = np.diff(along)
+    heading = start[3] + np.where(middle <= 1.0, slope, slope[middle <= 1.0][-1])
     positions = np.empty((len(arc_lengths), 3))
-    positions[0] = fine[0]
-    positions[1:, 0] = fine[0, 0] + np.cumsum(step * np.sin(heading))
-    positions[1:, 1] = fine[0, 1] + np.cumsum(step * np.cos(heading))
+    positions[0, :2] = start[:2]
+    positions[1:, 0] = start[0] + np.cumsum(step * np.sin(heading))
+    positions[1:, 1] = start[1] + np.cumsum(step * np.cos(heading))
     positions[:, 2] = height
     return positions

@@ -1,0 +1,115 @@
+"""What every rig must do, whatever it is made of."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cablecast.errors import RigError
+from cablecast.rigs.base import Rig, run_trials
+from cablecast.track import TrialStatus
+
+# Rods may stretch by as much as a soft length constraint lets them; 1 % would be seen.
+STRETCH_MAX = 0.01
+# A cable at rest may creep a little until the trial ends; errors are counted in per cent of 0.6 m.
+REST_MOVE = 0.004
+# Engines in single precision may round otherwise in a batch, and a whip magnifies it.
+BATCH_TOLERANCE = 1e-3
+# The grip path begins where the workspace says, and so must the cable's near end.
+GRIP_TOLERANCE = 1e-6
+
+
+@pytest.fixture(scope="module")
+def track(rig_kind, cast):
+    rig = rig_kind.make()
+    rig.reset()
+    track = rig.execute(cast)
+    rig.close()
+    return track
+
+
+def test_it_answers_the_rig_protocol_and_describes_itself_in_plain_values(rig_kind):
+    rig = rig_kind.make()
+    assert isinstance(rig, Rig)
+    assert rig.description["rig"]
+    json.dumps(rig.description)
+
+
+def test_a_cast_ends_at_rest_on_the_table(rig_kind, track, cable, workspace):
+    assert track.status is TrialStatus.OK
+    assert np.all(np.isfinite(track.final_xy))
+    assert workspace.on_table(track.final_xy)
+    assert np.hypot(*track.final_xy) <= workspace.reach(cable.length)
+    if rig_kind.name != "user":
+        assert np.linalg.norm(track.endpoint_xy[-1] - track.endpoint_xy[-2]) < REST_MOVE
+
+
+def test_samples_come_every_100_ms_from_the_start_to_after_the_motion(track, cast):
+    np.testing.assert_allclose(track.times, 0.1 * np.arange(len(track.times)), atol=1e-9)
+    assert track.times[-1] >= cast.duration
+
+
+def test_the_cable_begins_straight_along_the_grip_and_keeps_its_length(track, cable, workspace):
+    first = track.nodes[0]
+    np.testing.assert_allclose(first[0, :2], [0.0, workspace.reset_y], atol=GRIP_TOLERANCE)
+    assert np.linalg.norm(first[-1] - first[0]) > 0.98 * cable.length
+    length = np.linalg.norm(np.diff(track.nodes, axis=1), axis=-1).sum(axis=1)
+    np.testing.assert_allclose(length, cable.length, rtol=STRETCH_MAX)
+
+
+def test_the_last_node_is_the_endpoint(track):
+    np.testing.assert_allclose(track.nodes[:, -1, :2], track.endpoint_xy)
+
+
+def test_the_gripped_end_is_where_the_motion_ends(track, cast):
+    end = cast.grip_path.evaluate(cast.grip_path.duration[:, None])[0, 0]
+    # A rig has an arm, and an arm misses its path by some millimetres.
+    np.testing.assert_allclose(track.nodes[-1, 0], end[:3], atol=0.005)
+
+
+def test_a_motion_without_a_reset_is_refused(rig_kind, small_cast):
+    rig = rig_kind.make()
+    with pytest.raises(RigError, match="reset"):
+        rig.execute(small_cast)
+    rig.reset()
+    rig.execute(small_cast)
+    with pytest.raises(RigError, match="reset"):
+        rig.execute(small_cast)
+
+
+def test_a_closed_rig_is_refused_and_may_be_closed_again(rig_kind, small_cast):
+    rig = rig_kind.make()
+    rig.reset()
+    rig.close()
+    rig.close()
+    with pytest.raises(RigError, match="closed"):
+        rig.execute(small_cast)
+    with pytest.raises(RigError, match="closed"):
+        rig.reset()
+
+
+def test_a_wild_motion_is_reported_as_off_the_table(rig_kind, wild):
+    rig = rig_kind.make()
+    rig.reset()
+    track = rig.execute(wild)
+    assert track.status is TrialStatus.OFF_TABLE
+    assert np.all(np.isnan(track.final_xy))
+
+
+def test_rigs_made_with_one_seed_play_trials_equally_one_by_one_or_many(rig_kind, cast, small_cast):
+    one_by_one = rig_kind.make()
+    tracks = []
+    for trajectory in (small_cast, cast):
+        one_by_one.reset()
+        tracks.append(one_by_one.execute(trajectory))
+    counts = []
+    many = run_trials(rig_kind.make(), [small_cast, cast], counts.append)
+    assert counts[-1] == 2
+    for track, other in zip(tracks, many, strict=True):
+        assert track.status is other.status
+        np.testing.assert_array_equal(track.times, other.times)
+        np.testing.assert_allclose(track.endpoint_xy, other.endpoint_xy, atol=BATCH_TOLERANCE)
+
+
+def test_no_trials_give_no_tracks(rig_kind):
+    assert run_trials(rig_kind.make(), []) == []
