@@ -38,7 +38,7 @@ class Plan:
 
         from cablecast.cable import load_cable
         from cablecast.conventions import polar_to_xy
-        from cablecast.errors import InputError
+        from cablecast.errors import InputError, TargetError
         from cablecast.motion.action import Action
         from cablecast.motion.trajectory import plan_trajectory
         from cablecast.policies.forward_search import ForwardSearchPolicy
@@ -50,9 +50,11 @@ class Plan:
         policy = ForwardSearchPolicy.load(folder)
         cable = check_same_cable(asked, policy.cable, folder)
         r, theta_deg = self.target
-        target_xy = polar_to_xy([r, math.radians(theta_deg)])
+        if not (math.isfinite(r) and math.isfinite(theta_deg)):
+            raise TargetError(f"target r = {r} m, theta = {theta_deg} deg must be finite numbers")
         if r < 0:
-            raise InputError(f"target r = {r:g} m must not be negative")
+            raise TargetError(f"target r = {r:g} m must not be negative")
+        target_xy = polar_to_xy([r, math.radians(theta_deg)])
         plan = policy.plan(target_xy)
         action = Action.from_array(plan.actions[0])
         trajectory = plan_trajectory(action, policy.config, policy.workspace)

@@ -56,25 +56,28 @@ class RunFolder:
             InputError: The folder holds something else.
         """
         # A round through JSON makes tuples lists, so that stored and wanted settings compare.
-        wanted = json.loads(json.dumps({"command": command} | settings, allow_nan=False))
+        settings = json.loads(json.dumps(settings, allow_nan=False))
         stored = cls.read_config(path)
         if stored is None:
             refuse_foreign_folder(path)
-            return cls(path=path, config={"command": command, "settings": settings} | run_facts())
+        else:
+            from cablecast.datasets.schema import settings_differences
 
-        from cablecast.datasets.schema import settings_differences
-
-        there = {"command": stored["command"]} | stored["settings"]
-        if differences := settings_differences(there, wanted):
-            raise InputError(
-                f"{path} holds a run of other settings: {'; '.join(differences)}. "
-                "Give the same settings, or another folder with --out"
-            )
-        return cls(path=path, config=stored)
+            there = {"command": stored["command"]} | stored["settings"]
+            differences = settings_differences(there, {"command": command} | settings)
+            if not differences:
+                return cls(path=path, config=stored)
+            # A run that was stopped before its first result leaves nothing worth keeping.
+            if _visible_names(path) != [CONFIG_FILE]:
+                raise InputError(
+                    f"{path} holds a run of other settings: {'; '.join(differences)}. "
+                    "Give the same settings, or another folder with --out"
+                )
+        return cls(path=path, config={"command": command, "settings": settings} | run_facts())
 
     def begin(self) -> None:
-        """Write config.json, unless an earlier run has."""
-        if not (self.path / CONFIG_FILE).exists():
+        """Write config.json, unless it is there already."""
+        if self.read_config(self.path) != self.config:
             write_json(self.path / CONFIG_FILE, self.config)
 
     @staticmethod
@@ -121,10 +124,15 @@ def refuse_foreign_folder(path: pathlib.Path) -> None:
     """
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file: --out needs a folder")
-    if path.is_dir() and (names := sorted(name for name in os.listdir(path) if name[0] != ".")):
+    if names := _visible_names(path):
         raise InputError(
             f"{path} holds {names[0]} but no run of cablecast: give a new or empty folder"
         )
+
+
+def _visible_names(path: pathlib.Path) -> list[str]:
+    """Names in a folder, without hidden ones such as the leftovers of a killed write."""
+    return sorted(name for name in os.listdir(path) if name[0] != ".") if path.is_dir() else []
 
 
 def run_facts() -> dict[str, Any]:

@@ -1,0 +1,101 @@
+import csv
+import json
+
+import pytest
+
+from cablecast.cli import main
+
+RIG_MODULE = '''
+import numpy as np
+from cablecast.track import EndpointTrack, TrialStatus
+
+
+class MyRig:
+    """Lands one centimetre short of straight ahead, whatever is asked."""
+
+    def __init__(self):
+        self.description = {"robot": "mine"}
+        self.cast_count = 0
+
+    def reset(self):
+        pass
+
+    def execute(self, trajectory):
+        self.cast_count += 1
+        status = TrialStatus.OFF_TABLE if self.cast_count == 1 else TrialStatus.OK
+        endpoint_xy = np.array([[0.0, 1.2], [0.0, 0.99]])
+        return EndpointTrack(times=np.array([0.0, 0.1]), endpoint_xy=endpoint_xy, status=status)
+
+    def close(self):
+        print("the rig was closed")
+
+
+def make(cable, workspace, seed):
+    return MyRig()
+'''
+
+
+@pytest.fixture(scope="module")
+def evaluated(model_folder, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("evaluated") / "engine"
+    arguments = ["--model", str(model_folder), "--rig", "engine", "--out", str(folder)]
+    assert main(["evaluate", *arguments]) == 0
+    return folder, arguments
+
+
+def test_an_evaluation_leaves_metrics_trials_a_map_and_a_report(evaluated):
+    folder, _ = evaluated
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["trial_count"] == 32
+    assert metrics["rig"]["engine"] == "EngineWarp"
+    with open(folder / "trials.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 32
+    assert sum(row["status"] == "ok" for row in rows) == metrics["errors_pct"]["count"]
+    assert (folder / "landings.png").read_bytes().startswith(b"\x89PNG")
+    assert "<!doctype html>" in (folder / "report.html").read_text()
+
+
+def test_the_engine_rig_simulates_as_the_dataset_was_simulated(evaluated):
+    folder, _ = evaluated
+    assert json.loads((folder / "metrics.json").read_text())["rig"]["segment_count"] == 10
+
+
+def test_a_run_folder_says_what_ran_and_with_which_versions(evaluated):
+    folder, _ = evaluated
+    config = json.loads((folder / "config.json").read_text())
+    assert config["command"] == "evaluate"
+    assert config["settings"]["seed"] == 0
+    assert config["settings"]["rig"] == "engine"
+    assert {"python", "cablecast", "numpy", "warp-lang", "torch"} <= set(config["versions"])
+
+
+def test_the_same_evaluation_again_shows_its_table_without_casting(evaluated, capsys):
+    folder, arguments = evaluated
+    before = (folder / "metrics.json").stat().st_mtime_ns
+    assert main(["evaluate", *arguments]) == 0
+    captured = capsys.readouterr()
+    assert "engine rig" in captured.out
+    assert str(folder / "report.html") in captured.out
+    assert "Casting" not in captured.err
+    assert (folder / "metrics.json").stat().st_mtime_ns == before
+
+
+def test_an_evaluation_of_another_seed_is_not_written_over_it(evaluated, capsys):
+    folder, arguments = evaluated
+    before = (folder / "metrics.json").read_bytes()
+    assert main(["evaluate", *arguments, "--seed", "3"]) == 2
+    assert "seed is 0 there and 3 here" in capsys.readouterr().err
+    assert (folder / "metrics.json").read_bytes() == before
+
+
+def test_a_rig_of_ones_own_is_found_in_the_working_folder(model_folder, capsys, in_new_folder):
+    (in_new_folder / "my_lab_rig.py").write_text(RIG_MODULE)
+    arguments = ["--model", str(model_folder), "--rig", "my_lab_rig:make", "--out", "result"]
+    assert main(["evaluate", *arguments]) == 0
+    output = capsys.readouterr().out
+    assert "the rig was closed" in output
+    assert "31 ok, 1 off_table" in output
+    metrics = json.loads((in_new_folder / "result" / "metrics.json").read_text())
+    assert metrics["rig"] == {"robot": "mine"}
+    assert metrics["status_counts"] == {"ok": 31, "off_table": 1}

@@ -1,0 +1,110 @@
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import cablecast
+from cablecast.cli import main
+from cablecast.cli.simulate import Simulate
+
+VERBS = ("simulate", "train", "plan", "evaluate", "demo")
+HEAVY = ("torch", "warp", "mujoco", "matplotlib", "scipy", "pyarrow", "jinja2", "ruckig")
+
+
+def imported_by(arguments):
+    """Which of the heavy libraries a run of the command line imports, in a new interpreter."""
+    code = (
+        "import json, sys\n"
+        "from cablecast.cli import main\n"
+        "try:\n"
+        f"    status = main({list(map(str, arguments))!r})\n"
+        "except SystemExit as exit:\n"
+        "    status = exit.code\n"
+        f"heavy = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "print(json.dumps([status or 0, heavy]), file=sys.stderr)\n"
+    )
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    return json.loads(process.stderr.strip().splitlines()[-1])
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_explains_itself(verb, capsys):
+    with pytest.raises(SystemExit) as exit_info:
+        main([verb, "--help"])
+    assert exit_info.value.code == 0
+    text = capsys.readouterr().out
+    assert f"usage: cablecast {verb}" in text
+    assert "None" not in text
+
+
+def test_no_arguments_show_the_verbs(capsys):
+    with pytest.raises(SystemExit) as exit_info:
+        main([])
+    assert exit_info.value.code == 0
+    text = capsys.readouterr().out
+    assert all(verb in text for verb in VERBS)
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"cablecast {cablecast.__version__}\n"
+
+
+def test_help_imports_no_heavy_library():
+    assert imported_by(["--help"]) == [0, []]
+
+
+def test_planning_imports_neither_torch_nor_an_engine(model_folder):
+    status, heavy = imported_by(["plan", "--model", model_folder, "--target", "1.0", "10"])
+    assert status == 0
+    assert not {"torch", "warp", "mujoco", "matplotlib"} & set(heavy)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["no-such-verb"], ["simulate", "--count", "many"], ["plan"], ["plan", "--target", "1.0"]],
+    ids=" ".join,
+)
+def test_arguments_that_make_no_sense_exit_with_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as exit_info:
+        main(arguments)
+    assert exit_info.value.code == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_an_interrupted_run_exits_with_status_130_and_says_so(monkeypatch, capsys):
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Simulate, "run", interrupted)
+    assert main(["simulate"]) == 130
+    assert capsys.readouterr().err == "cablecast: interrupted\n"
+
+
+def test_ctrl_c_in_the_middle_of_a_simulation_ends_it_without_a_traceback(tmp_path):
+    arguments = ["--count", "9000", "--segment-count", "10", "--dt", "0.002"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cablecast", "simulate", *arguments, "--out", tmp_path / "d"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "0 of 9000" in line:
+            break
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert rest.endswith("cablecast: interrupted\n")
+    assert "Traceback" not in rest
+
+
+def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(tmp_path, capsys):
+    blocker = tmp_path / "file"
+    blocker.write_text("in the way")
+    assert main(["simulate", "--count", "60", "--out", str(blocker / "dataset")]) == 2
+    error = capsys.readouterr().err
+    assert error.splitlines()[-1].startswith("cablecast: ")
+    assert blocker.read_text() == "in the way"
