@@ -45,12 +45,14 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     max_iterations = wp.constant(MAX_ITERATIONS)
 
     @wp.func
-    def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int):
+    def eliminate_tensions(
+        model: Model, directions: wp.array2d(dtype=vec3), scratch: Scratch, group: int
+    ):
         """Forward elimination from the grip to the free end."""
         last = model.node_count - 1
         squared_length = lane(model.segment_length * model.segment_length)
-        x_here = state.position[group, 0]
-        x_after = state.position[group, 1]
+        x_here = directions[group, 0]
+        x_after = directions[group, 1]
         p_here = scratch.predicted[group, 0]
         d_before = vec3()
         d = x_after - x_here
@@ -63,7 +65,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             w_after = model.inverse_mass[group, e + 1]
             d_after = vec3()
             if e + 1 < last:
-                x_next = state.position[group, e + 2]
+                x_next = directions[group, e + 2]
                 d_after = x_next - x_after
                 x_after = x_next
             below = -mul(w, dot(predicted, d_before))
@@ -81,7 +83,14 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             w = w_after
 
     @wp.func
-    def apply_tensions(model: Model, state: State, scratch: Scratch, group: int, share: lane):
+    def apply_tensions(
+        model: Model,
+        directions: wp.array2d(dtype=vec3),
+        state: State,
+        scratch: Scratch,
+        group: int,
+        share: lane,
+    ):
         """Back substitution from the free end, and what the change of tension does to the nodes.
 
         Args:
@@ -97,11 +106,11 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         change = lane()
         pull_after = vec3()
         worst = lane()
-        x_here = state.position[group, last]
+        x_here = directions[group, last]
         p_after = vec3()
         for back in range(last):
             i = last - back
-            x_before = state.position[group, i - 1]
+            x_before = directions[group, i - 1]
             change = scratch.rhs[group, i - 1] - mul(scratch.upper[group, i - 1], change)
             pull = scale(mul(share, change), x_here - x_before)
             shift = scale(model.inverse_mass[group, i], pull_after - pull)
@@ -127,10 +136,16 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         iteration leaves would come back as a kick in the next step.
         """
         share = active
+        worst = lane()
         iteration = int(0)
         while iteration < max_iterations:
-            eliminate_tensions(model, state, scratch, group)
-            worst = apply_tensions(model, state, scratch, group, share)
+            # A jerk that one iteration cannot take up acts along the edges as they have turned.
+            if iteration == 0:
+                eliminate_tensions(model, state.position, scratch, group)
+                worst = apply_tensions(model, state.position, state, scratch, group, share)
+            else:
+                eliminate_tensions(model, scratch.predicted, scratch, group)
+                worst = apply_tensions(model, scratch.predicted, state, scratch, group, share)
             iteration += 1
             again = int(0)
             for k in range(count):
