@@ -1,0 +1,43 @@
+"""Many casts at once in the fast engine.
+
+A batch has one row per world. Here one cable is cast with several actions, and then one action is
+cast with several cables that differ in their friction with the table.
+"""
+
+import pathlib
+
+import numpy as np
+
+from cablecast.cable import CableParams, load_cable
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.action import ActionRanges, MotionConfig
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_grid
+from cablecast.workspace import Workspace
+
+HERE = pathlib.Path(__file__).parent
+
+
+def main(count: int = 200) -> None:
+    cable = load_cable(str(HERE / "my_cable.yaml"))
+    config, workspace = MotionConfig(), Workspace()
+    engine = EngineWarp()
+
+    # Actions that the arm can carry out, spread over a grid.
+    actions = feasible_grid(count, config, workspace, ActionRanges.for_config(config), seed=0)
+    rollout = engine.rollout(cable, cable.params, cast_grip_paths(actions, config, workspace))
+    landings = rollout.endpoint_xy[:, -1]
+    on_table = workspace.on_table(landings)
+    print(f"{count} casts of {cable.name}: {on_table.sum()} landed on the table")
+    print(f"the farthest landed {np.hypot(*landings[on_table].T).max():.2f} m from the robot")
+
+    # Every parameter is a number for all worlds, or one number per world.
+    frictions = np.linspace(0.3, 1.2, 4)
+    params = CableParams(**{**cable.params.to_dict(), "worksurface_friction": frictions})
+    rollout = engine.rollout(cable, params, cast_grip_paths(actions[:1], config, workspace))
+    for friction, (x, y) in zip(params.friction, rollout.endpoint_xy[:, -1], strict=True):
+        print(f"  Coulomb coefficient {friction:.2f}: lands at x = {x:+.3f} m, y = {y:.3f} m")
+
+
+if __name__ == "__main__":
+    main()
