@@ -2,8 +2,8 @@
 
 Put a class like this into a module and give it to the command line:
 `cablecast evaluate --rig my_lab:make_rig`. This one only pretends: it plays the motion in the
-engine with an endpoint that is heavier than believed, and its camera sees to 2 mm. The policy is the
-one of 04_train_and_plan.py.
+engine with an endpoint that is heavier than believed, and its camera sees to 2 mm. The policy is
+the one of 04_train_and_plan.py.
 """
 
 import pathlib
