@@ -66,7 +66,7 @@ class Plan:
         theta1_deg, theta2_deg, psi_deg = np.degrees(
             [action.theta1, action.theta2, plan.actions[0, 3]]
         )
-        peaks_deg = np.degrees(np.abs(joint_path.qd).max(axis=0))
+        peaks_deg = np.degrees(joint_path.peak_speed)
         print(f"cable      {cable.name}, {cable.length:.2f} m")
         print(f"target     {polar_text(target_xy)}")
         print(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+import sys
 from typing import Annotated
 
 from cablecast.cli.options import DATASET_FOLDER, DEFAULT_CABLE, Device, argument, cable_folder
@@ -52,6 +53,7 @@ class Simulate:
             **{name: value for name, value in resolution.items() if value is not None},
         )
         out = self.out or cable_folder(cable.name) / DATASET_FOLDER
+        print(f"Choosing {self.count} motions that the arm can make", file=sys.stderr)
         with console_progress(f"Simulating {cable.name}") as progress:
             dataset = simulate_dataset(
                 out,
