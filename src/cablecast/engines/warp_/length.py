@@ -28,7 +28,10 @@ LENGTH_TOLERANCE = 2e-4
 """Error of a squared segment length, relative, that is left to the next step: lengths are kept to
 one part in ten thousand."""
 
-MAX_ITERATIONS = 6
+START_ITERATIONS = 1
+"""Iterations along the edges as they were at the start of the step."""
+
+MAX_ITERATIONS = 20
 """Newton converges in two or three iterations, or the motion is far too fast for the step."""
 
 
@@ -43,6 +46,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     count = wp.constant(lane_count)
     tolerance = wp.constant(LENGTH_TOLERANCE)
     max_iterations = wp.constant(MAX_ITERATIONS)
+    start_iterations = wp.constant(START_ITERATIONS)
 
     @wp.func
     def eliminate_tensions(
@@ -90,6 +94,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         scratch: Scratch,
         group: int,
         share: lane,
+        keep: real,
     ):
         """Back substitution from the free end, and what the change of tension does to the nodes.
 
@@ -117,7 +122,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             p_here = scratch.predicted[group, i] + shift
             scratch.predicted[group, i] = p_here
             state.velocity[group, i] = state.velocity[group, i] + shift * rate
-            state.tension[group, i - 1] = state.tension[group, i - 1] + mul(share, change)
+            state.tension[group, i - 1] = mul(share, change) + state.tension[group, i - 1] * keep
             if back > 0:
                 edge = p_after - p_here
                 worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
@@ -140,12 +145,13 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         iteration = int(0)
         while iteration < max_iterations:
             # A jerk that one iteration cannot take up acts along the edges as they have turned.
-            if iteration == 0:
+            keep = wp.where(iteration == 0, real(0.0), real(1.0))
+            if iteration < start_iterations:
                 eliminate_tensions(model, state.position, scratch, group)
-                worst = apply_tensions(model, state.position, state, scratch, group, share)
+                worst = apply_tensions(model, state.position, state, scratch, group, share, keep)
             else:
                 eliminate_tensions(model, scratch.predicted, scratch, group)
-                worst = apply_tensions(model, scratch.predicted, state, scratch, group, share)
+                worst = apply_tensions(model, scratch.predicted, state, scratch, group, share, keep)
             iteration += 1
             again = int(0)
             for k in range(count):

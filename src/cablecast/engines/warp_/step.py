@@ -50,13 +50,14 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         friction = model.friction[group]
         scratch.predicted[group, 0] = held
         x_here = state.position[group, 1]
+        rate = real(1.0) / dt
         v_before = state.velocity[group, 0]
         v_here = state.velocity[group, 1]
         pull_before = scale(state.tension[group, 0], x_here - state.position[group, 0])
         for i in range(1, last + 1):
-            pull = vec3()
             v_after = v_here
             x_after = x_here
+            pull = vec3()
             if i < last:
                 x_after = state.position[group, i + 1]
                 v_after = state.velocity[group, i + 1]
@@ -65,21 +66,23 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             turning = scale(viscosity, v_before - v_here * real(2.0) + v_after)
             acceleration = scratch.bending[group, i]
             acceleration[2] = acceleration[2] - lane(model.gravity)
-            impulse = (pull - pull_before) * (real(1.0) / dt) + turning * kick
             free = (
                 scale(one - damping, v_here)
                 + acceleration * kick
-                + scale(model.inverse_mass[group, i], impulse)
+                + scale(model.inverse_mass[group, i], turning * kick)
             )
-            after = contact.table_contact(
-                model, friction, x_here[2], v_here, scale(slow_down, free)
-            )
+            free = scale(slow_down, free)
+            # The table feels the tension of the step before; the length solve starts without it,
+            # since a stale tension after a jerk would throw it far from the solution.
+            tension = scale(model.inverse_mass[group, i], pull - pull_before) * rate
+            after = contact.table_contact(model, friction, x_here[2], v_here, free, tension)
             predicted = x_here + after * dt
             if i == last and model.far_is_held == 1:
                 predicted = far
                 after = (far - x_here) * (real(1.0) / dt)
             scratch.predicted[group, i] = predicted
             state.velocity[group, i] = after
+            pull_before = pull
             pull_before = pull
             v_before = v_here
             v_here = v_after
