@@ -58,10 +58,10 @@ _PRESETS = {
     ),
     "cable_2": HiddenCable(
         mass=0.0058,
-        bend_stiffness=3.4e-5,
+        bend_stiffness=2.8e-5,
         twist_stiffness=2.6e-5,
         bend_damping=0.008,
-        friction=0.27,
+        friction=0.29,
         endpoint_mass=0.0033,
         endpoint_share=0.6,
         drag=1.15,

@@ -24,13 +24,13 @@ class TrialNoise:
         delay: Change of the arm's lag [s].
     """
 
-    bow: float = 0.003
-    sway: float = 0.0015
-    angle: float = 0.006
-    friction: float = 0.005
-    path_scale: float = 0.0007
-    time_scale: float = 0.0007
-    delay: float = 0.0004
+    bow: float = 0.004
+    sway: float = 0.002
+    angle: float = 0.008
+    friction: float = 0.007
+    path_scale: float = 0.001
+    time_scale: float = 0.001
+    delay: float = 0.0005
 
     def __post_init__(self):
         for field in dataclasses.fields(self):

@@ -37,6 +37,9 @@ _EDGE_SOLREF = "0.001 1"
 _EDGE_SOLIMP = "0.9999 0.9999 0.001"
 _CONTACT_SOLREF = "0.004 1"
 _CONTACT_SOLIMP = "0.99 0.99 0.001"
+# A smaller attachment is a part of the cable's last vertex: it would only make the model stiff.
+_ATTACHMENT_LENGTH_MIN = 0.003
+_ATTACHMENT_MASS_MIN = 1e-4
 # Resists the spinning of each segment about its own axis, as rolling on foam does [N·m·s].
 _ROLL_DAMPING_PER_MASS = 1e-4
 
@@ -103,10 +106,11 @@ def build_scene(
     arc = np.concatenate([[0.0], np.linspace(truth.sleeve, cable.length, segment_count + 1)])
     masses = _lumped(arc, truth.mass / cable.length)
     endpoint = len(arc) - 1
-    if cable.attachment_length > 0.0 and truth.endpoint_mass > 0.0:
+    tip_mass = truth.endpoint_share * truth.endpoint_mass
+    if cable.attachment_length >= _ATTACHMENT_LENGTH_MIN and tip_mass >= _ATTACHMENT_MASS_MIN:
         arc = np.append(arc, cable.length + cable.attachment_length)
-        masses = np.append(masses, truth.endpoint_share * truth.endpoint_mass)
-        masses[endpoint] += (1.0 - truth.endpoint_share) * truth.endpoint_mass
+        masses = np.append(masses, tip_mass)
+        masses[endpoint] += truth.endpoint_mass - tip_mass
     else:
         masses[endpoint] += truth.endpoint_mass
     hand_origin = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
