@@ -1,0 +1,28 @@
+"""`python -m benchmarks NAME`: one command for every measurement."""
+
+import importlib
+import sys
+
+NAMES = {
+    "convergence": "error of the landing by segments and step",
+    "engines": "rollouts per second of every engine, with the accuracy reached",
+}
+
+
+def main() -> int:
+    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
+    if name not in NAMES:
+        print("usage: python -m benchmarks NAME [options]\n")
+        for known, what in NAMES.items():
+            print(f"  {known:14}{what}")
+        return 0 if name in ("-h", "--help") else 2
+    import tyro
+
+    module = importlib.import_module(f"benchmarks.{name}")
+    args = tyro.cli(module.Args, prog=f"python -m benchmarks {name}", args=sys.argv[2:])
+    module.main(args)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
