@@ -129,7 +129,9 @@ class CableParams:
         """Parameters from an array in the order of `names`, shape [10] or [world, 10]."""
         values = np.asarray(values, dtype=float)
         if values.ndim not in (1, 2) or values.shape[-1] != len(cls.names()):
-            raise InputError(f"parameters have shape {values.shape}: it must be [10] or [world, 10]")
+            raise InputError(
+                f"parameters have shape {values.shape}: it must be [10] or [world, 10]"
+            )
         columns = [float(c) if c.ndim == 0 else c for c in np.moveaxis(values, -1, 0)]
         return cls(**dict(zip(cls.names(), columns, strict=True)))
 

@@ -14,7 +14,9 @@ class TrialStatus(enum.Enum):
 
     OK = "The endpoint came to rest on the table and was seen."
     OFF_TABLE = "The endpoint left the table: choose a slower or narrower motion."
-    OCCLUDED = "The endpoint was hidden from the camera at the end: move the arm away and look again."
+    OCCLUDED = (
+        "The endpoint was hidden from the camera at the end: move the arm away and look again."
+    )
     NON_FINITE = "The simulated cable became non-finite: check its parameters and the step."
     ABORTED = "The trial was stopped before its end: clear the cause and run it again."
 
