@@ -40,8 +40,8 @@ class TrainingConfig:
     hidden_width: int = 256
     hidden_count: int = 4
     epochs: int = 100
-    batch_size: int = 512
-    learning_rate: float = 2e-3
+    batch_size: int = 256
+    learning_rate: float = 6e-3
     weight_decay: float = 1e-4
     held_out_fraction: float = 0.1
     patience: int = 25

@@ -20,6 +20,7 @@ from cablecast.errors import CheckpointError, InputError
 from cablecast.files import write_bytes
 from cablecast.models.forward import ForwardModel
 from cablecast.motion.action import ActionRanges, MotionConfig, mirror_actions
+from cablecast.policies.refinement import deviations, landing_shifts, refine_actions
 from cablecast.workspace import Workspace
 
 FORMAT = "cablecast.forward_search"
@@ -39,9 +40,6 @@ TABLE_MARGIN = 0.0
 """How far the free end must keep within the table's edges on its way [m]."""
 
 _NEIGHBOR_COUNT = 16
-
-# What a rig may deviate by: 1 degree in theta1, theta2 and psi, 1 cm in r2.
-_DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0)])
 
 _ARRAYS = ("actions", "predicted_xy", "sensitivity", "margin")
 
@@ -79,6 +77,10 @@ class ForwardSearchPolicy:
     landing moves least when the action deviates a little: on a rig, whose motion and cable are
     never quite those of the model, it is the likeliest to land where predicted.
 
+    With a `model` the chosen action is also moved a little, until the model predicts that it lands
+    on the target; see `refine_actions`. That costs a third of a millisecond a target, for the check
+    that the arm can still follow.
+
     Attributes:
         actions: Candidates that stay on the table, shape [candidate, 4].
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
@@ -90,6 +92,7 @@ class ForwardSearchPolicy:
         workspace: Table and arm.
         config: System parameters of the motions.
         info: Fingerprint of the model, numbers of candidates, seed.
+        model: Refines plans, where given; it is not saved.
     """
 
     actions: NDArray[np.float64]
@@ -100,6 +103,7 @@ class ForwardSearchPolicy:
     workspace: Workspace
     config: MotionConfig
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
+    model: ForwardModel | None = None
 
     @classmethod
     def build(
@@ -160,15 +164,14 @@ class ForwardSearchPolicy:
                 "the table's edges"
             )
         actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
-        squares = np.zeros(len(actions))
-        for step in np.diag(_DEVIATION):
-            moved = (model.predict(actions + step) - model.predict(actions - step)) / 2
-            squares += np.sum(moved**2, axis=1)
+        sensitivity = np.linalg.norm(
+            landing_shifts(model, actions, deviations(actions)), axis=(1, 2)
+        )
         left = predicted_xy[:, :1] < 0
         return cls(
             actions=np.where(left, mirror_actions(actions), actions),
             predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
-            sensitivity=np.sqrt(squares),
+            sensitivity=sensitivity,
             margin=margin,
             cable=model.cable,
             workspace=workspace,
@@ -196,6 +199,16 @@ class ForwardSearchPolicy:
         best = np.argmin(np.where(tied, self.sensitivity[index], np.inf), axis=1)
         chosen = index[np.arange(len(targets)), best]
         actions, predicted_xy = self.actions[chosen], self.predicted_xy[chosen]
+        if self.model is not None:
+            actions, predicted_xy = refine_actions(
+                actions,
+                np.where(left, mirror_xy(targets), targets),
+                deviations(self.actions),
+                model=self.model,
+                config=self.config,
+                workspace=self.workspace,
+                table_margin=self.info.get("table_margin", TABLE_MARGIN),
+            )
         return Plan(
             actions=np.where(left, mirror_actions(actions), actions),
             predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
@@ -237,11 +250,18 @@ class ForwardSearchPolicy:
         write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
 
     @classmethod
-    def load(cls, folder: str | pathlib.Path) -> "ForwardSearchPolicy":
+    def load(
+        cls, folder: str | pathlib.Path, model: ForwardModel | None = None
+    ) -> "ForwardSearchPolicy":
         """Read what `save` wrote.
 
+        Args:
+            folder: The folder given to `save`.
+            model: Refine plans with this model, the one that the policy was built with.
+
         Raises:
-            CheckpointError: It is missing, truncated, damaged, or of another kind.
+            CheckpointError: It is missing, truncated, damaged, of another kind, or was built with
+                another model.
         """
         file = pathlib.Path(folder) / POLICY_NAME
         try:
@@ -265,9 +285,16 @@ class ForwardSearchPolicy:
                 f"{file} holds {kind} of version {version}: it must be {FORMAT} of version "
                 f"{FORMAT_VERSION}"
             )
+        built_with = meta["info"].get("model_fingerprint") if "info" in meta else None
+        if model is not None and built_with != model.fingerprint:
+            raise CheckpointError(
+                f"{file} was built with another model ({built_with}, not {model.fingerprint}): "
+                "train again"
+            )
         try:
             return cls(
                 **arrays,
+                model=model,
                 cable=Cable.from_dict(meta["cable"]),
                 workspace=Workspace(**meta["workspace"]),
                 config=MotionConfig(**meta["motion"]),
