@@ -23,6 +23,8 @@ _WINDOW = 0.002
 """Air drag is renewed, and the endpoint looked at, this often [s]."""
 _OFF_TABLE_TIME = 0.5
 """A cable whose endpoint fell is watched this long after the motion [s]: it hangs and swings."""
+_FALLEN_Z = -0.005
+"""Below this height the endpoint hangs beside the table [m]; a contact never gives way so far."""
 _REST_MOVE = 5e-4
 """At rest the endpoint moves less than this between two samples [m]."""
 _GROUP_SIZE = 64
@@ -158,7 +160,7 @@ class _Group:
             ids=active,
         )
         tip = self._vertices(self.qpos, active)[:, self.scene.endpoint]
-        on_table = self.lab._workspace.on_table(tip[:, :2]) & (tip[:, 2] >= 0.0)
+        on_table = self.lab._workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
         self.left_table[active] |= ~on_table
         return end
 
