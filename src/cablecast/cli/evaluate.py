@@ -57,8 +57,8 @@ class Evaluate:
 
         asked = load_cable(self.cable) if self.cable else None
         folder = find_model(self.model, asked)
-        policy = ForwardSearchPolicy.load(folder)
         model = ForwardModel.load(folder)
+        policy = ForwardSearchPolicy.load(folder, model)
         cable = check_same_cable(asked, policy.cable, folder)
         settings = {
             "cable": cable.to_dict(),

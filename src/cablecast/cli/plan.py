@@ -39,6 +39,7 @@ class Plan:
         from cablecast.cable import load_cable
         from cablecast.conventions import polar_to_xy
         from cablecast.errors import InputError, TargetError
+        from cablecast.models.forward import ForwardModel
         from cablecast.motion.action import Action
         from cablecast.motion.trajectory import plan_trajectory
         from cablecast.policies.forward_search import ForwardSearchPolicy
@@ -47,7 +48,7 @@ class Plan:
             raise InputError(f"{self.save} exists: give --force to overwrite it")
         asked = load_cable(self.cable) if self.cable else None
         folder = find_model(self.model, asked)
-        policy = ForwardSearchPolicy.load(folder)
+        policy = ForwardSearchPolicy.load(folder, ForwardModel.load(folder))
         cable = check_same_cable(asked, policy.cable, folder)
         r, theta_deg = self.target
         if not (math.isfinite(r) and math.isfinite(theta_deg)):
