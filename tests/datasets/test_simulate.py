@@ -210,3 +210,28 @@ def test_the_settings_say_everything_that_made_the_rows(unbroken):
     assert dataset.cable == CABLE
     assert dataset.workspace == Workspace()
     assert dataset.motion_config == MotionConfig()
+
+
+def test_a_dataset_of_the_fast_engine_is_resumed_with_the_same_rows(tmp_path):
+    from cablecast.engines.warp_ import EngineWarp
+
+    def engine():
+        return EngineWarp(segment_count=8, dt=1e-3)
+
+    def interrupt_after_the_second_shard(done, total):
+        if done == 20:
+            raise KeyboardInterrupt
+
+    unbroken = simulate(tmp_path / "unbroken", engine=engine(), count=30, shard_rows=10)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(
+            tmp_path / "broken",
+            engine=engine(),
+            count=30,
+            shard_rows=10,
+            progress=interrupt_after_the_second_shard,
+        )
+    simulate(tmp_path / "broken", engine=engine(), count=30, shard_rows=10)
+    assert contents(tmp_path / "broken") == contents(tmp_path / "unbroken")
+    assert unbroken.info["settings"]["engine"]["segment_count"] == 8
+    assert unbroken.finite.all()
