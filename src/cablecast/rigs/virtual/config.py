@@ -53,8 +53,9 @@ class VirtualConfig:
             It stays the same while one rig's seed varies, so that data collected today and an
             evaluation tomorrow meet the same cable.
         noise: What changes from trial to trial.
-        segment_count: Segments of the discrete rod.
-        dt: Step [s].
+        segment_count: Segments of the discrete rod. Twice as many move a landing by a median of 3 %
+            of the cable length; the rod is the world here, so that is no error, but a likeness.
+        dt: Step [s]. An eighth of it moves a landing by a median of 0.9 %.
         sample_dt: Time between samples of a track [s]; the paper's camera analysis takes 100 ms.
         reset_time: How long the cable settles after a reset before the motion begins [s].
         rest_time_max: How long after the motion a trial may last [s].
@@ -65,8 +66,8 @@ class VirtualConfig:
 
     lab_seed: int = 0
     noise: TrialNoise = dataclasses.field(default_factory=TrialNoise)
-    segment_count: int = 24
-    dt: float = 5e-4
+    segment_count: int = 30
+    dt: float = 1e-3
     sample_dt: float = 0.1
     reset_time: float = 0.3
     rest_time_max: float = 2.5
