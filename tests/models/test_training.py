@@ -1,4 +1,7 @@
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -166,3 +169,19 @@ def test_first_weights_keep_the_variance_through_the_layers():
     for matrix, _ in initial_weights(TrainingConfig(), 256, seed=0)[:-1]:
         hidden = np.maximum(hidden @ matrix, 0)
         assert 0.5 < np.mean(hidden**2) / 1.0 < 2.0
+
+
+def test_threads_that_wait_leave_the_processor_to_others():
+    # libgomp prints, when loaded, what it has read.
+    code = "from cablecast.models.training import check_device; check_device('cpu')"
+    environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"}
+    done = subprocess.run(
+        [sys.executable, "-c", code + "; import os; assert 'OMP_WAIT_POLICY' not in os.environ"],
+        env=environment | {"OMP_DISPLAY_ENV": "TRUE"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    if "OMP_WAIT_POLICY" not in done.stderr:
+        pytest.skip("torch uses no OpenMP here")
+    assert "OMP_WAIT_POLICY = 'PASSIVE'" in done.stderr

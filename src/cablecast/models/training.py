@@ -1,8 +1,11 @@
 """Training the forward model on the L2 error of equation 5."""
 
+import contextlib
 import dataclasses
 import itertools
+import os
 import platform
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -120,16 +123,17 @@ def train_forward_model(
     inputs = ((features - feature_mean) / feature_scale).astype(np.float32)
     outputs = ((endpoints - endpoint_mean) / endpoint_scale).astype(np.float32)
     began = time.monotonic()
-    weights, curve = _fit(
-        weights,
-        (inputs[training], outputs[training]),
-        (inputs[held_out], outputs[held_out]),
-        config=config,
-        seed=seed,
-        device=device,
-        metre=endpoint_scale,
-        on_epoch=on_epoch,
-    )
+    with _one_thread():
+        weights, curve = _fit(
+            weights,
+            (inputs[training], outputs[training]),
+            (inputs[held_out], outputs[held_out]),
+            config=config,
+            seed=seed,
+            device=device,
+            metre=endpoint_scale,
+            on_epoch=on_epoch,
+        )
     margins = dataset.table_margin()
     known = np.isfinite(margins)
     model = ForwardModel(
@@ -176,6 +180,23 @@ def train_forward_model(
     return dataclasses.replace(model, info=info)
 
 
+def check_device(device: str) -> None:
+    """Refuse a device that training cannot run on.
+
+    Args:
+        device: "cpu" or "cuda".
+
+    Raises:
+        InputError: Another name, or no CUDA device was found.
+        MissingExtraError: torch is not installed.
+    """
+    if device not in ("cpu", "cuda"):
+        raise InputError(f"device {device!r} must be 'cpu' or 'cuda'")
+    torch = _torch()
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device 'cuda' is not available: no CUDA device was found, use cpu")
+
+
 def initial_weights(
     config: TrainingConfig, input_count: int, seed: int
 ) -> tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]:
@@ -208,11 +229,8 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
         metre: Metres per unit of the normalised outputs.
         on_epoch: Told after every epoch.
     """
+    check_device(device)
     torch = _torch()
-    if device not in ("cpu", "cuda"):
-        raise InputError(f"device {device!r} must be 'cpu' or 'cuda'")
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("device 'cuda' is not available: no CUDA device was found")
 
     def tensor(values):
         return torch.tensor(np.asarray(values), device=device)
@@ -278,11 +296,37 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
     return tuple((m.cpu().numpy(), o.cpu().numpy()) for m, o in best), curve
 
 
+@contextlib.contextmanager
+def _one_thread():
+    """Keep torch to one thread for a while.
+
+    A few hundred rows through 256 units are microseconds of work: threads that wait for each other
+    at every layer cost more than they bring, and on a busy machine ten times as much.
+    """
+    torch = _torch()
+    thread_count = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(thread_count)
+
+
 def _torch():
+    # OpenMP's threads wait for each other by spinning, some forty times a step. When anything else
+    # runs on the same cores, they mostly spin for one that is not running: training then took 15
+    # times as long as on one thread. They read this wish once, when the library is loaded.
+    wish = "OMP_WAIT_POLICY"
+    is_ours = "torch" not in sys.modules and wish not in os.environ
+    if is_ours:
+        os.environ[wish] = "PASSIVE"
     try:
         import torch
     except ImportError:
         raise MissingExtraError("torch", "learn", "training the forward model") from None
+    finally:
+        if is_ours:
+            del os.environ[wish]
     return torch
 
 
