@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from cablecast.errors import CheckpointError, DatasetError, InputError, MissingExtraError
+from cablecast.errors import CheckpointError, DatasetError, InputError
 
 if typing.TYPE_CHECKING:
     from cablecast.cable import Cable
@@ -99,21 +99,6 @@ def check_same_cable(asked: "Cable | None", stored: "Cable", where: pathlib.Path
     if differences := settings_differences(stored.to_dict(), asked.to_dict()):
         raise InputError(f"{where} was made for another cable: {'; '.join(differences)}")
     return stored
-
-
-def check_torch_device(device: Device) -> None:
-    """Refuse a CUDA device that is not there before anything is written.
-
-    Raises:
-        InputError: No CUDA device was found.
-        MissingExtraError: torch is not installed.
-    """
-    try:
-        import torch
-    except ImportError:
-        raise MissingExtraError("torch", "learn", "training") from None
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("device 'cuda' is not available: no CUDA device was found, use cpu")
 
 
 def polar_text(xy) -> str:

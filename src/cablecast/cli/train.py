@@ -11,7 +11,6 @@ from cablecast.cli.options import (
     argument,
     cable_folder,
     check_same_cable,
-    check_torch_device,
     find_dataset,
 )
 
@@ -45,7 +44,7 @@ class Train:
         from cablecast.cli.run_folder import RunFolder
         from cablecast.datasets.progress import console_progress
         from cablecast.datasets.reader import read_dataset
-        from cablecast.models.training import TrainingConfig, train_forward_model
+        from cablecast.models.training import TrainingConfig, check_device, train_forward_model
         from cablecast.policies.forward_search import ForwardSearchPolicy
 
         asked = load_cable(self.cable) if self.cable else None
@@ -64,7 +63,7 @@ class Train:
         out = self.out or cable_folder(cable.name) / MODEL_FOLDER
         run = RunFolder.open(out, "train", settings)
         if run.metrics is None:
-            check_torch_device(self.device)
+            check_device(self.device)
             run.begin()
             with console_progress("Training", "epochs") as progress:
                 # A bar may move at every epoch; a log with a line for each would be noise.

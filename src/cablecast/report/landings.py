@@ -52,7 +52,7 @@ def landing_map(
         if simulated_xy is not None:
             _draw_coverage(axes, workspace, simulated_xy, simulated_radius)
         _draw_reach(axes, workspace, evaluation.cable.length)
-        _draw_landings(axes, evaluation)
+        _draw_landings(figure, axes, evaluation)
         half_width = workspace.table_width / 2
         top = max(workspace.table_depth, workspace.reach(evaluation.cable.length))
         axes.set_xlim(-half_width - _MARGIN, half_width + _MARGIN)
@@ -121,7 +121,7 @@ def _draw_reach(axes: "Axes", workspace: Workspace, cable_length: float) -> None
     )
 
 
-def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
+def _draw_landings(figure: "Figure", axes: "Axes", evaluation: Evaluation) -> None:
     import matplotlib as mpl
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -165,7 +165,7 @@ def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
             path_effects=halo,
             zorder=5,
         )
-    bar = axes.figure.colorbar(scale, ax=axes, shrink=0.6, aspect=26, pad=0.01)
+    bar = figure.colorbar(scale, ax=axes, shrink=0.6, aspect=26, pad=0.01)
     bar.set_label("error [% of cable length]")
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     handles = [
@@ -176,6 +176,5 @@ def _draw_landings(axes: "Axes", evaluation: Evaluation) -> None:
     if lost:
         handles.append(axes.plot([], [], "^", markersize=6.5, color=VERMILLION)[0])
         labels.append("a cast without a landing (off the table or hidden)")
-    axes.legend(
-        handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, columnspacing=1.6
-    ).set_in_layout(True)
+    # A legend of the figure, not of the axes: the layout then keeps room for it below.
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, columnspacing=1.6)
