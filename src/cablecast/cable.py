@@ -1,4 +1,4 @@
-"""Cables: geometry, the ten tuned parameters in SI, three presets, and a YAML file for one's own."""
+"""Cables: geometry, the ten tuned parameters in SI, three presets, and files for one's own."""
 
 import dataclasses
 import enum

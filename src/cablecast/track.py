@@ -1,4 +1,4 @@
-"""What every executor returns: the path of the cable's endpoint over time, and how the trial ended."""
+"""What every executor returns: the path of the endpoint over time, and how the trial ended."""
 
 import dataclasses
 import enum
