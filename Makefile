@@ -44,5 +44,5 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "On Debian and Ubuntu: sudo apt install python3-venv, then run make again." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  --editable '.[learn,mujoco,report,dev]'
+	  --editable '.[all,dev]'
 	@touch $(STAMP)
