@@ -19,8 +19,6 @@ How the ten parameters are mapped, and what differs from `EngineWarp`:
   slower motion, too strong for a faster one. Joints are damped a little more to keep them stable.
 """
 
-import contextlib
-import ctypes
 import dataclasses
 import functools
 import math
@@ -62,22 +60,18 @@ _AXIS = np.array([0.0, 1.0, 0.0])
 
 
 def _load_pybullet() -> Any:
-    """The module, without the build time that it prints on the process's output when imported."""
+    """The module, without the build time that it prints on the process's error stream."""
     if (library := sys.modules.get("pybullet")) is not None:
         return library
-    sys.stdout.flush()
-    saved, silent = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    sys.stderr.flush()
+    saved, silent = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(silent, 1)
+        os.dup2(silent, 2)
         import pybullet
-
-        # What C has printed waits in a buffer of its own.
-        with contextlib.suppress(OSError, TypeError, AttributeError):
-            ctypes.CDLL(None).fflush(None)
     except ModuleNotFoundError:
         raise MissingExtraError("pybullet", "pybullet", "EnginePybullet") from None
     finally:
-        os.dup2(saved, 1)
+        os.dup2(saved, 2)
         os.close(saved)
         os.close(silent)
     return pybullet
