@@ -12,16 +12,23 @@ is built so that it converges to the same continuum as `EngineWarp`:
   through damped tendons, as in `EngineWarp`, and slows the roll of each segment.
 - The table is a plane, which touches every node once.
 
-What differs from `EngineWarp`, and how much, is told in docs/validation.md: the bending moment
-grows as tan(phi / 2) (1 + tan(phi / 2)^2) instead of phi / 2 with the angle phi at a node, which
-vanishes with the segment; lengths and contacts are stiff springs; friction acts on the cable's
-surface, not on its axis. A twist that is thousands of times stiffer than the bending must not be
-asked for to suppress rolling: the implicit step then adds inertia to the bending. Use `rolling`.
+What differs from `EngineWarp` (tests/engines/test_third_opinion.py, docs/other_engines.md):
+
+- The bending moment grows with the angle phi at a node as 2 tan(phi / 2) / cos(phi / 2)^2, not as
+  phi. Both are right in the limit of short segments.
+- Where contacts slide, MuJoCo's friction points not quite against the velocity but also against
+  the other forces on the node, the more so the larger the friction, whatever step and softness.
+- Lengths and contacts are stiff springs, and friction acts on the cable's surface, not its axis.
+
+A twist that is thousands of times stiffer than the bending must not be asked for to suppress
+rolling: the implicit step then adds inertia to the bending, too. `rolling=False` is for that.
 """
 
+import contextlib
 import dataclasses
 import math
 import os
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -159,7 +166,8 @@ class EngineMujoco:
                 _path_rows(grip_path, worlds),
                 None if far_path is None else _path_rows(far_path, worlds),
             )
-            nodes[worlds] = group.run(sample_count, steps_per_sample)
+            with _quiet():
+                nodes[worlds] = group.run(sample_count, steps_per_sample)
             state = group.state()
             for field in dataclasses.fields(CableState):
                 getattr(final, field.name)[worlds] = getattr(state, field.name)
@@ -235,8 +243,7 @@ class _Group:
         records[:, :, _RECORD_BEND] *= column["bend_stiffness"]
         twist = column["twist_stiffness"] if self.engine.rolling else 0.0
         records[:, :, _RECORD_TWIST] *= twist
-        if not (np.shares_memory(records, batch.expand("flex_bending"))):
-            batch.expand("flex_bending")[:, 1:] = records.reshape(self.world_count, -1)
+        batch.expand("flex_bending")[:, 1:] = records.reshape(self.world_count, -1)
         batch.set_const()
 
     def start(self, state: CableState, grip_path: GripPath, far_path: GripPath | None) -> None:
@@ -301,6 +308,9 @@ class _Group:
             self.batch.rollout(count, control=control[active], record=(), ids=active)
         except SimulationError as error:
             self.broken[np.asarray(error.ids, dtype=int)] = True
+        # A world that MuJoCo warns of has stopped.
+        warned = self.batch.warning[active].reshape(len(active), -1).any(axis=1)
+        self.broken[active[warned]] = True
 
     def _nodes(self) -> NDArray[np.float64]:
         nodes = np.empty((self.world_count, self.engine.segment_count + 1, 3))
@@ -329,6 +339,20 @@ class _Group:
         for field in dataclasses.fields(CableState):
             getattr(state, field.name)[self.broken] = np.nan
         return state
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep MuJoCo from writing a log file where a world breaks; we mark that world instead."""
+    import mujoco
+
+    library: Any = mujoco
+    handler = library.get_mju_user_warning()
+    library.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        library.set_mju_user_warning(handler)
 
 
 def _rows(values: NDArray, worlds: NDArray[np.intp]) -> NDArray:
