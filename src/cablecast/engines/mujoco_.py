@@ -237,7 +237,7 @@ class _Group:
         friction = batch.expand("flex_friction").reshape(self.world_count, 3)
         friction[:, 0] = params.friction
         friction[:, 1] = params.spinning_friction
-        friction[:, 2] = params.rolling_friction
+        friction[:, 2] = params.rolling_friction if self.engine.rolling else 0.0
         # The model was compiled with unit stiffness of bending and of twist.
         records = batch.expand("flex_bending")[:, 1:].reshape(self.world_count, -1, _RECORD)
         records[:, :, _RECORD_BEND] *= column["bend_stiffness"]

@@ -1,0 +1,188 @@
+"""The third opinion: a rod whose every equation is as plain as can be, at a step of microseconds.
+
+Springs for edges, a spring for the table, friction regularised at 1 mm/s, symplectic Euler. It
+shares nothing with the engines but the equations and the CableState, and is far too slow for use.
+"""
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+import dataclasses
+
+import numpy as np
+import warp as wp
+
+from cablecast.conventions import tangent
+from cablecast.engines.base import reset_state
+
+GRAVITY = 9.81
+REFERENCE_SEGMENT_COUNT = 18
+GRIP_DT = 1e-4
+"""The grip's path is linear in between such times [s]: at 10 m/s² it is right to 12 nm."""
+
+
+@wp.struct
+class Rod:
+    segment_length: wp.float64
+    node_mass: wp.float64
+    last_mass: wp.float64
+    bending: wp.float64  # EI / l [N·m]
+    friction: wp.float64
+    damping: wp.float64
+    viscosity: wp.float64  # [kg/s]
+    radius: wp.float64
+    edge_stiffness: wp.float64  # [N] per strain
+    edge_damping: wp.float64  # [kg/s]
+    table_stiffness: wp.float64  # [1/s²]
+    table_damping: wp.float64  # [1/s]
+    slip_speed: wp.float64  # [m/s]
+    tangent_law: int
+
+
+@wp.func
+def bending_moment(rod: Rod, cell: wp.float64, sine: wp.float64, cosine: wp.float64):
+    """Derivative of the bending energy by the angle at a node [N·m].
+
+    The energy is EI phi^2 / (2 l), or that of discrete elastic rods, EI (2 tan(phi / 2))^2 / (2 l).
+    """
+    moment = wp.atan2(sine, cosine)
+    if rod.tangent_law == 1:
+        half = sine / wp.max(wp.float64(1.0) + cosine, wp.float64(1e-9))
+        moment = wp.float64(2.0) * half * (wp.float64(1.0) + half * half)
+    return rod.bending * moment / cell
+
+
+@wp.kernel(enable_backward=False)
+def advance(
+    rod: Rod,
+    dt: wp.float64,
+    step_count: int,
+    substeps: int,
+    grip: wp.array2d(dtype=wp.vec3d),
+    direction: wp.array2d(dtype=wp.vec3d),
+    x: wp.array2d(dtype=wp.vec3d),
+    v: wp.array2d(dtype=wp.vec3d),
+    f: wp.array2d(dtype=wp.vec3d),
+):
+    world = wp.tid()
+    last = x.shape[1] - 1
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    for step in range(step_count):
+        k = step // substeps
+        part = wp.float64(step - k * substeps + 1) / wp.float64(substeps)
+        x[world, 0] = grip[world, k] * (one - part) + grip[world, k + 1] * part
+        v[world, 0] = (grip[world, k + 1] - grip[world, k]) / (wp.float64(substeps) * dt)
+        held = wp.normalize(direction[world, k] * (one - part) + direction[world, k + 1] * part)
+        for i in range(last + 1):
+            f[world, i] = wp.vec3d()
+        for e in range(last):
+            edge = x[world, e + 1] - x[world, e]
+            length = wp.length(edge)
+            along = edge / length
+            rate = v[world, e + 1] - v[world, e]
+            stretching = wp.dot(rate, along)
+            pull = along * (
+                rod.edge_stiffness * (length / rod.segment_length - one)
+                + rod.edge_damping * stretching
+            )
+            pull = pull + (rate - along * stretching) * rod.viscosity
+            # The angle at the near end of this edge; half a cell at the grip.
+            before = held
+            cell = wp.float64(0.5)
+            length_before = one
+            if e > 0:
+                edge_before = x[world, e] - x[world, e - 1]
+                length_before = wp.length(edge_before)
+                before = edge_before / length_before
+                cell = one
+            cosine = wp.dot(before, along)
+            sine = wp.length(wp.cross(before, along))
+            if sine > wp.float64(1e-14):
+                moment = bending_moment(rod, cell, sine, cosine)
+                after_force = (before - along * cosine) * (moment / (sine * length))
+                f[world, e + 1] = f[world, e + 1] + after_force
+                f[world, e] = f[world, e] - after_force
+                if e > 0:
+                    before_force = (along - before * cosine) * (moment / (sine * length_before))
+                    f[world, e] = f[world, e] + before_force
+                    f[world, e - 1] = f[world, e - 1] - before_force
+            f[world, e] = f[world, e] + pull
+            f[world, e + 1] = f[world, e + 1] - pull
+        for i in range(1, last + 1):
+            mass = rod.node_mass
+            if i == last:
+                mass = rod.last_mass
+            vi = v[world, i]
+            a = f[world, i] / mass - vi * rod.damping - wp.vec3d(zero, zero, wp.float64(GRAVITY))
+            depth = rod.radius - x[world, i][2]
+            if depth > zero:
+                push = wp.max(rod.table_stiffness * depth - rod.table_damping * vi[2], zero)
+                flat = wp.vec3d(vi[0], vi[1], zero)
+                speed = wp.sqrt(wp.dot(flat, flat) + rod.slip_speed * rod.slip_speed)
+                a = a + wp.vec3d(zero, zero, push) - flat * (rod.friction * push / speed)
+            v[world, i] = vi + a * dt
+            x[world, i] = x[world, i] + v[world, i] * dt
+
+
+def simulate(
+    cable, params, grip_path, segment_count, dt, duration, sample_dt=0.1, *, tangent_law=False
+):
+    """Cable shapes from the reset state on [m], shape [world, step, node, 3]."""
+    x = reset_state(cable, params, grip_path, segment_count).positions
+    segment_length = cable.length / segment_count
+    mass = params.mass / segment_count
+    diffusivity = params.angular_damping * (cable.length / REFERENCE_SEGMENT_COUNT) ** 2 / 12
+    rod = Rod()
+    values = {
+        "segment_length": segment_length,
+        "node_mass": mass,
+        "last_mass": mass / 2 + params.endpoint_mass,
+        "bending": params.bend_stiffness / segment_length,
+        "friction": params.friction,
+        "damping": params.linear_damping,
+        "viscosity": diffusivity * mass / segment_length**2,
+        "radius": cable.radius,
+        "edge_stiffness": 2000.0,
+        "edge_damping": 0.1,
+        "table_stiffness": 1e6,
+        "table_damping": 2e3,
+        "slip_speed": 1e-3,
+        "tangent_law": int(tangent_law),
+    }
+    for name, value in values.items():
+        setattr(rod, name, value)
+    substeps = round(GRIP_DT / dt)
+    ticks_per_sample = round(sample_dt / GRIP_DT)
+    sample_count = round(duration / sample_dt)
+    poses = grip_path.evaluate(np.arange(sample_count * ticks_per_sample + 1) * GRIP_DT)
+    directions = tangent(poses[:, :, 3], poses[:, :, 4])
+
+    def device_array(values):
+        return wp.array(np.ascontiguousarray(values), dtype=wp.vec3d, device="cpu")
+
+    state = [device_array(x), device_array(np.zeros_like(x)), device_array(np.zeros_like(x))]
+    shapes = [x]
+    for sample in range(sample_count):
+        ticks = slice(sample * ticks_per_sample, (sample + 1) * ticks_per_sample + 1)
+        wp.launch(
+            advance,
+            dim=len(x),
+            inputs=[
+                rod,
+                dt,
+                ticks_per_sample * substeps,
+                substeps,
+                device_array(poses[:, ticks, :3]),
+                device_array(directions[:, ticks]),
+                *state,
+            ],
+            device="cpu",
+        )
+        shapes.append(state[0].numpy().copy())
+    return np.stack(shapes, axis=1)
+
+
+def with_friction(params, friction):
+    """The same parameters with another Coulomb coefficient."""
+    return dataclasses.replace(params, lateral_friction=friction, worksurface_friction=1.0)

@@ -1,0 +1,195 @@
+"""The physics of EngineMujoco against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import CableState
+from cablecast.errors import InputError
+from cablecast.motion.grip_path import GripPath
+
+mujoco = pytest.importorskip("mujoco")
+
+from cablecast.engines.mujoco_ import EngineMujoco  # noqa: E402
+
+GRAVITY = 9.81
+LENGTH = 0.6
+RADIUS = 0.005
+MASS = 0.05
+
+BARE = CableParams(
+    twist_stiffness=0.0,
+    bend_stiffness=0.0,
+    mass=MASS,
+    endpoint_mass=0.0,
+    lateral_friction=0.0,
+    worksurface_friction=1.0,
+    spinning_friction=0.0,
+    rolling_friction=0.0,
+    linear_damping=0.0,
+    angular_damping=0.0,
+)
+
+
+def cable(**params) -> Cable:
+    params = dataclasses.replace(BARE, **params)
+    return Cable(name="test", length=LENGTH, diameter=2 * RADIUS, params=params)
+
+
+def straight(segment_count, height, speed=(0.0, 0.0, 0.0)) -> CableState:
+    """A cable along y."""
+    positions = np.zeros((1, segment_count + 1, 3))
+    positions[0, :, 1] = np.linspace(0.0, LENGTH, segment_count + 1)
+    positions[0, :, 2] = height
+    state = CableState.at_rest(positions)
+    return dataclasses.replace(state, velocities=state.velocities + np.asarray(speed))
+
+
+def sideways(distance_at, duration) -> GripPath:
+    """A grip that lies on the table and moves along x by a law."""
+    times = np.linspace(0.0, duration, 200)
+    poses = np.zeros((200, 5))
+    poses[:, 0] = distance_at(times)
+    poses[:, 2] = RADIUS
+    return GripPath.fit(times, poses)
+
+
+def heavy_elastica(bend_stiffness):
+    """Tip (y, z) of a clamped cable that hangs under its own weight: EI theta'' = w s cos theta."""
+    weight = MASS * GRAVITY / LENGTH
+
+    def slope(s, y):
+        return np.stack([y[1], weight * (LENGTH - s) * np.cos(y[0]) / bend_stiffness])
+
+    def ends(near, far):
+        return np.array([near[0], far[1]])
+
+    s = np.linspace(0.0, LENGTH, 200)
+    # Start from the straight beam that hangs a little, or the solver may find a coiled one.
+    guess = np.stack([-0.5 * s / LENGTH, np.zeros_like(s)])
+    solution = solve_bvp(slope, ends, s, guess, tol=1e-8, max_nodes=20_000)
+    assert solution.success
+    s = np.linspace(0.0, LENGTH, 4001)
+    theta = solution.sol(s)[0]
+    return np.trapezoid(np.cos(theta), s), np.trapezoid(np.sin(theta), s)
+
+
+@pytest.mark.parametrize("bend_stiffness", [5e-2, 2e-2])
+def test_a_clamped_cable_hangs_as_the_heavy_elastica(bend_stiffness):
+    c = cable(bend_stiffness=bend_stiffness, linear_damping=5.0, angular_damping=50.0)
+    path = GripPath.hold([0, 0, 2, 0, 0], 1.0)
+    rollout = EngineMujoco(24).rollout(c, c.params, path, straight(24, 2.0), duration=5.0)
+    tip = rollout.endpoint_xyz[0, -1, 1:] - [0.0, 2.0]
+    expected = heavy_elastica(bend_stiffness)
+    assert expected[1] < -0.2  # it does hang far
+    # Half a cell at the clamp makes the error second order in the segment: 0.05 % at 24.
+    np.testing.assert_allclose(tip, expected, atol=1e-3 * LENGTH)
+
+
+def test_a_cable_sliding_sideways_stops_after_v_squared_over_2_mu_g():
+    speed, friction = 1.0, 0.4
+    stop = speed / (friction * GRAVITY)
+    # Some bending keeps neighbours together, which hop by a millimetre at their own instants each.
+    c = cable(lateral_friction=friction, bend_stiffness=1e-3)
+    path = sideways(lambda t: speed * t - 0.5 * friction * GRAVITY * t**2, stop)
+    state = straight(12, RADIUS, speed=(speed, 0, 0))
+    engine = EngineMujoco(12, 2.5e-4, rolling=False)
+    rollout = engine.rollout(c, c.params, path, state, duration=0.4)
+    expected = speed**2 / (2 * friction * GRAVITY)
+    moved = rollout.final_state.positions[0, :, 0]
+    np.testing.assert_allclose(moved, expected, rtol=5e-3)
+
+
+def test_a_cable_pushed_sideways_ends_up_rolling_at_two_thirds_of_its_speed():
+    speed, friction = 0.6, 0.4
+    slip = speed / 3 / (friction * GRAVITY)
+
+    def moved(t):
+        sliding = speed * t - 0.5 * friction * GRAVITY * t**2
+        rolling = speed * slip - 0.5 * friction * GRAVITY * slip**2 + 2 / 3 * speed * (t - slip)
+        return np.where(t < slip, sliding, rolling)
+
+    c = cable(lateral_friction=friction)
+    state = straight(10, RADIUS, speed=(speed, 0, 0))
+    rollout = EngineMujoco(10, 2.5e-4).rollout(
+        c, c.params, sideways(moved, 0.25), state, duration=0.25, sample_dt=0.05
+    )
+    final = rollout.final_state
+    # The path's spline smooths the corner at the end of slipping, which leaves 1 %. MuJoCo
+    # turns a segment by what touches its near node, which is the grip for the first; the last node
+    # has half a segment's mass and turns a whole one.
+    np.testing.assert_allclose(final.velocities[0, 1:-2, 0], 2 / 3 * speed, rtol=0.02)
+    np.testing.assert_allclose(final.roll_rate[0, 1:-2], 2 / 3 * speed / RADIUS, rtol=0.02)
+
+
+def test_a_twisted_cable_swings_at_its_torsional_frequency():
+    # Clamped and free: the first mode is sin(pi s / 2 L) at pi / (2 L) sqrt(GJ / (I / L)).
+    segment_count, stiffness = 24, 3e-4
+    c = cable(twist_stiffness=stiffness)
+    inertia = 0.5 * MASS / LENGTH * RADIUS**2
+    period = 4.0 * LENGTH / np.sqrt(stiffness / inertia)
+    middle = (np.arange(segment_count) + 0.5) / segment_count
+    state = straight(segment_count, 1.0)
+    mode = 0.3 * np.sin(0.5 * np.pi * middle)[None]
+    state = dataclasses.replace(state, roll=mode)
+    path = GripPath.hold([0, 0, 1, 0, 0], 1.0)
+    engine = EngineMujoco(segment_count, period / 2000, gravity=0.0)
+    rollout = engine.rollout(c, c.params, path, state, duration=period / 4, sample_dt=period / 4)
+    final = rollout.final_state
+    # The implicit step takes a fraction pi^2 dt / (2 period) = 0.25 % of the swing.
+    assert np.abs(final.roll).max() < 0.01 * mode.max()
+    np.testing.assert_allclose(final.roll_rate, -2 * np.pi / period * mode, rtol=0.01)
+
+
+def test_segments_keep_their_length_in_a_cast():
+    c = cable(bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4, endpoint_mass=0.01)
+    times = np.linspace(0.0, 0.5, 40)
+    poses = np.zeros((40, 5))
+    poses[:, 0] = 0.4 * np.sin(np.pi * times / 0.5) ** 2
+    poses[:, 2] = 0.02
+    rollout = EngineMujoco(16).rollout(
+        c, c.params, GripPath.fit(times, poses), duration=1.0, sample_dt=0.05, record_nodes=True
+    )
+    lengths = np.linalg.norm(np.diff(rollout.nodes[0], axis=1), axis=-1)
+    # An edge that turns by an angle in one step is stretched by half its square: 0.35 % measured.
+    np.testing.assert_allclose(lengths, LENGTH / 16, rtol=5e-3)
+
+
+def test_a_stopped_cable_can_be_taken_up_again():
+    # MuJoCo counts the roll from frames of its own, which begin anew with the second rollout.
+    c = cable(bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4)
+    times = np.linspace(0.0, 1.0, 80)
+    poses = np.zeros((80, 5))
+    poses[:, 0] = 0.3 * np.sin(np.pi * times) ** 2
+    poses[:, 3] = 1.2 * np.sin(np.pi * times) ** 2
+    poses[:, 2] = 0.03
+    engine = EngineMujoco(12)
+    path = GripPath.fit(times, poses)
+    whole = engine.rollout(c, c.params, path, duration=0.6)
+    half = engine.rollout(c, c.params, path, duration=0.5)
+    assert np.abs(half.final_state.roll).max() > 0.05
+    later = np.linspace(0.5, 1.0, 80)
+    rest = GripPath.fit(later - 0.5, path.evaluate(later)[0])
+    again = engine.rollout(c, c.params, rest, half.final_state, duration=0.1)
+    np.testing.assert_allclose(again.endpoint_xyz[0, -1], whole.endpoint_xyz[0, -1], atol=1e-4)
+
+
+def test_a_world_that_blows_up_leaves_no_log_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    c = cable(bend_stiffness=3e-4)
+    state = straight(6, 0.1, speed=(1e9, 0.0, 1e9))
+    path = GripPath.hold([0, 0, 0.1, 0, 0], 1.0)
+    rollout = EngineMujoco(6).rollout(c, c.params, path, state, duration=0.2)
+    assert not rollout.finite[0]
+    assert np.isnan(rollout.endpoint_xyz[0, -1]).all()
+    assert list(tmp_path.iterdir()) == []
+    assert mujoco.get_mju_user_warning() is None
+
+
+@pytest.mark.parametrize("wrong", [{"segment_count": 1}, {"dt": 0.1}])
+def test_a_count_or_a_step_out_of_bounds_is_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        EngineMujoco(**wrong)
