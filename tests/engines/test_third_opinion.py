@@ -63,19 +63,20 @@ def test_the_fast_engine_agrees_with_the_plain_rod_along_whole_casts(paths):
     assert difference.max() < 1.0
 
 
-def test_mujocos_rod_obeys_the_plain_rods_equations_with_its_own_bending_law(paths):
-    params = explicit_rod.with_friction(PARAMS, 0.1)
-    theirs = shapes_in_mujoco(20, 1e-3, params, paths, 1.0)
-    plain = {
-        law: explicit_rod.simulate(CABLE, params, paths, 20, 1e-5, 1.0, tangent_law=law)
-        for law in (False, True)
-    }
-    difference = {law: difference_pct(theirs, shapes) for law, shapes in plain.items()}
-    # MuJoCo is first order in time, too. Measured at 1 ms: 0.02 and 0.4.
-    assert np.median(difference[True]) < 0.1
-    assert difference[True].max() < 1.0
-    # With 20 segments the other law is told apart: measured 2.1.
-    assert difference[False].max() > 2.0 * difference[True].max()
+def test_mujocos_rod_is_the_plain_rod_with_another_bending_law_and_another_friction(paths):
+    theirs = shapes_in_mujoco(20, 1e-3, PARAMS, paths, 1.2)
+    alike, plain = (
+        difference_pct(
+            theirs,
+            explicit_rod.simulate(CABLE, PARAMS, paths, 20, 1e-5, 1.2, like_mujoco=like_mujoco),
+        )
+        for like_mujoco in (True, False)
+    )
+    # MuJoCo is first order in time: at 1 ms 0.1 and 0.4 % are left.
+    assert np.median(alike) < 0.2
+    assert alike[:, :11].max() < 1.0
+    # The whole rest of the difference is those two: 3.1 % at worst up to 1 s.
+    assert plain[:, :11].max() > 3.0 * alike[:, :11].max()
 
 
 def test_the_fast_engine_and_mujoco_agree_to_two_per_cent_along_whole_casts(paths):
