@@ -152,6 +152,30 @@ def test_an_engine_refuses_what_it_cannot_be(options, message):
         EngineWarp(**options)
 
 
+def test_the_layout_of_cuda_gives_the_same_to_the_last_digit():
+    # One world per thread and interleaved memory, as on CUDA, but run on the CPU.
+    paths = casts(5)
+    engine = EngineWarp(precision="double")
+    usual = engine.rollout(CABLE, CABLE.params, paths, duration=3.0, record_nodes=True)
+    engine._arrange(1, interleaved=True)
+    cuda_like = engine.rollout(CABLE, CABLE.params, paths, duration=3.0, record_nodes=True)
+    # The compiler may contract a multiplication and an addition differently for one lane.
+    np.testing.assert_allclose(cuda_like.nodes, usual.nodes, atol=1e-6)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_the_kernel_compiles_for_cuda_where_there_is_no_cuda_device(precision, tmp_path):
+    import warp as wp
+
+    from cablecast.engines.warp_.step import rollout_kernel
+
+    EngineWarp()
+    module = rollout_kernel(precision, 1).kernel.module
+    files = wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
+    assert [file.suffix for file in files] == [".ptx"]
+    assert ".entry" in files[0].read_text()
+
+
 @pytest.mark.cuda
 def test_cuda_gives_the_landings_of_the_cpu():
     import warp as wp

@@ -81,9 +81,21 @@ class EngineWarp:
         self.device = _find_device(device)
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
         self.thread_count = thread_count or cores or 1
-        self._lane_count = LANE_COUNT_CUDA if self.device.is_cuda else LANE_COUNT_CPU[precision]
-        self._build = rollout_kernel(precision, self._lane_count)
+        if self.device.is_cuda:
+            self._arrange(LANE_COUNT_CUDA, interleaved=True)
+        else:
+            self._arrange(LANE_COUNT_CPU[precision], interleaved=False)
         self._real = np.float32 if precision == "single" else np.float64
+
+    def _arrange(self, lane_count: int, interleaved: bool) -> None:
+        """Choose how many worlds a thread owns, and whether neighbouring groups lie side by side.
+
+        On CUDA they do, so that the threads of a warp read one stretch of memory; on a CPU each
+        group has its own.
+        """
+        self._lane_count = lane_count
+        self._interleaved = interleaved
+        self._build = rollout_kernel(self.precision, lane_count)
 
     def rollout(
         self,
@@ -219,10 +231,10 @@ class _Batch:
         return np.ascontiguousarray(np.swapaxes(grouped, 1, 2), dtype=self.real)
 
     def array(self, values: NDArray, dtype) -> wp.array:
-        """A device array of lanes; on CUDA neighbouring groups lie side by side in memory."""
+        """A device array of lanes, [group, ...]."""
         values = np.ascontiguousarray(values)
         axes = values.ndim - (2 if dtype is self.build.vec3 else 1)
-        if self.engine.device.is_cuda and axes > 1:
+        if self.engine._interleaved and axes > 1:
             order = (*range(1, axes), 0)
             turned = np.moveaxis(values, 0, axes - 1)
             stored = wp.array(np.ascontiguousarray(turned), dtype=dtype, device=self.engine.device)
@@ -232,7 +244,7 @@ class _Batch:
 
     def empty(self, *shape: int, dtype) -> wp.array:
         """Uninitialised memory in the layout of `array`."""
-        if self.engine.device.is_cuda and len(shape) > 1:
+        if self.engine._interleaved and len(shape) > 1:
             order = (*range(1, len(shape)), 0)
             stored = wp.zeros((*shape[1:], shape[0]), dtype=dtype, device=self.engine.device)
             return stored.transpose(tuple(int(i) for i in np.argsort(order)))
