@@ -16,7 +16,10 @@ How the ten parameters are mapped, and what differs from `EngineWarp`:
   which is divided out. They act on a capsule as a whole.
 - linear_damping, angular_damping: Bullet's own for articulated bodies, c (1 + |v|) v per mass and
   c (1 + |w|) w per moment of inertia, scaled to be right at 1 m/s and at 10 rad/s: too weak for a
-  slower motion, too strong for a faster one. Joints are damped a little more to keep them stable.
+  slower motion, too strong for a faster one.
+
+At 1/480 s about one in fifteen of the fastest casts of `cable_1` gains energy where the cable whips,
+and leaves the table for a while. More damping in the joints made that worse, a smaller step better.
 """
 
 import dataclasses
@@ -51,9 +54,6 @@ _FOLDED = 0.3
 _LINEAR_SPEED = 1.0
 _ANGULAR_SPEED = 10.0
 """Where Bullet's damping, linear plus quadratic, is made equal to ours [m/s, rad/s]."""
-_JOINT_DAMPING = 0.25
-"""Damping of the joints in units of stiffness x step. An implicit spring would have more; without
-any, some of the fastest casts gain energy."""
 _SPEED_MAX = 2e3
 _AXIS = np.array([0.0, 1.0, 0.0])
 """Direction of a segment in its own frame."""
@@ -275,13 +275,12 @@ class _World:
             inertia = [_HAND_INERTIA] * 3 if link in self.hand else [across, along, across]
             if link > self.links[-1]:
                 inertia = [1e-9] * 3
-            spring = self.bend[link - self.links[0]] if link in self.links else 0.0
             client.changeDynamics(
                 self.body,
                 link,
                 localInertiaDiagonal=inertia,
                 maxJointVelocity=_SPEED_MAX,
-                jointDamping=_JOINT_DAMPING * spring * dt,
+                jointDamping=0.0,
             )
         surface = float(params.worksurface_friction)
         plane = client.createCollisionShape(client.GEOM_PLANE)
