@@ -1,0 +1,81 @@
+"""Whole scenes with EngineWarp: lifting the cable, letting it hang, swinging, dragging it back."""
+
+import dataclasses
+
+import numpy as np
+
+from cablecast.cable import load_cable
+from cablecast.engines.base import CableState, reset_state
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.grip_path import GripPath
+
+# As much damping as three seconds of hanging need to settle.
+PRESET = load_cable("cable_1")
+CABLE = dataclasses.replace(PRESET, params=dataclasses.replace(PRESET.params, linear_damping=1.5))
+GRIP_HEIGHT = 0.02
+
+
+def glide(start, end, duration):
+    """A grip that moves from one pose to another, at rest at both ends."""
+    times = np.linspace(0.0, duration, 60)
+    share = times / duration
+    share = share**3 * (10 - 15 * share + 6 * share**2)
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    return GripPath.fit(times, start + share[:, None] * (end - start))
+
+
+def run(path, state, duration, **options):
+    engine = EngineWarp(precision="double", **options)
+    return engine.rollout(CABLE, CABLE.params, path, state, duration=duration)
+
+
+def lifted():
+    """The cable after a lift straight up from the reset state, with three seconds to hang."""
+    low, high = [0, 0.6, GRIP_HEIGHT, 0, 0], [0, 0.6, 0.9, 0, -np.pi / 2]
+    path = glide(low, high, 2.0)
+    state = reset_state(CABLE, CABLE.params, path, EngineWarp().segment_count)
+    return run(path, state, 2.0 + 8.0)
+
+
+def test_a_lifted_cable_comes_to_hang_straight_below_the_grip():
+    rollout = lifted()
+    nodes = rollout.final_state.positions[0]
+    np.testing.assert_allclose(nodes[-1, 2], 0.9 - CABLE.length, atol=2e-3)
+    assert np.linalg.norm(nodes[-1, :2] - [0, 0.6]) < 0.01
+    assert rollout.finite.all()
+
+
+def test_a_cable_lowered_and_dragged_slowly_lies_straight_behind_the_grip():
+    # Lay a bent cable on the table and drag it along by more than its own length.
+    segment_count = EngineWarp().segment_count
+    angle = np.linspace(0.3, 1.8, segment_count)
+    step = CABLE.length / segment_count
+    steps = step * np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    nodes = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]) + [0.0, 0.8, CABLE.radius]
+    yaw = angle[0]
+    start = [0.0, 0.8, CABLE.radius, yaw, 0.0]
+    path = glide(start, [0.0, -0.4, CABLE.radius, 0.0, 0.0], 12.0)
+    rollout = run(path, CableState.at_rest(nodes[None]), 13.0)
+    dragged = rollout.final_state.positions[0]
+    # A tractrix: what is off the line of the drag decays by e with every length of cable dragged.
+    left = np.abs(nodes[:, 0]).max() * np.exp(-1.2 / CABLE.length)
+    assert np.abs(dragged[:, 0]).max() < 1.1 * left
+    np.testing.assert_allclose(dragged[-1, 1], -0.4 + CABLE.length, atol=0.01 * CABLE.length)
+    edges = np.diff(dragged, axis=0)
+    heading = np.arctan2(edges[:, 0], edges[:, 1])
+    assert np.ptp(heading) < np.radians(10)  # straight, where it was bent by 86 degrees
+
+
+def test_a_cast_in_the_vertical_plane_lays_the_cable_out_in_front():
+    # Pull back, swing forward, lower the grip: polar casting.
+    hanging = lifted().final_state
+    times = np.array([0.0, 0.4, 1.0, 1.25, 1.6, 2.0, 2.4])
+    y = np.array([0.6, 0.3, 0.9, 0.9, 0.9, 0.9, 0.9])
+    z = np.array([0.9, 0.9, 0.85, 0.7, 0.35, 0.1, GRIP_HEIGHT])
+    pitch = np.radians([-90, -90, -60, -20, 0, 0, 0])
+    poses = np.stack([0 * y, y, z, 0 * y, pitch], axis=1)
+    rollout = run(GripPath.fit(times, poses), hanging, 4.0)
+    nodes = rollout.final_state.positions[0]
+    assert np.abs(nodes[:, 0]).max() < 1e-6  # the swing stays in its plane
+    assert nodes[-1, 2] < 2 * CABLE.radius  # the free end lies on the table
+    assert nodes[-1, 1] > 0.9 + 0.5 * CABLE.length  # far in front of the grip
