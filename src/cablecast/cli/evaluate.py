@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cablecast.cli.options import (
+    Device,
     argument,
     cable_folder,
     check_same_cable,
@@ -46,6 +47,8 @@ class Evaluate:
     """Where to put the results."""
     seed: int = 0
     """Chooses all that the virtual rig draws by chance."""
+    device: Device = "cpu"
+    """Where the simulator runs with --rig engine; other rigs do not need one."""
 
     def run(self) -> None:
         """Evaluate, write the results, and print the table of errors."""
@@ -67,6 +70,7 @@ class Evaluate:
             "rig": self.rig,
             "repeats": self.repeats,
             "seed": self.seed,
+            "device": self.device,
         }
         out = self.out or cable_folder(cable.name) / evaluation_folder(self.rig)
         run = RunFolder.open(out, "evaluate", settings)
@@ -87,7 +91,7 @@ class Evaluate:
         from cablecast.report.style import png_bytes
         from cablecast.workspace import load_targets
 
-        rig = make_rig_for(self.rig, model, policy.cable, policy.workspace, self.seed)
+        rig = make_rig_for(self.rig, model, policy.cable, policy.workspace, self.seed, self.device)
         try:
             run.begin()
             with console_progress(f"Casting on the {self.rig} rig") as progress:
@@ -118,7 +122,12 @@ class Evaluate:
 
 
 def make_rig_for(
-    spec: str, model: "ForwardModel", cable: "Cable", workspace: "Workspace", seed: int
+    spec: str,
+    model: "ForwardModel",
+    cable: "Cable",
+    workspace: "Workspace",
+    seed: int,
+    device: str = "cpu",
 ) -> "Rig":
     """The rig of a command line; "engine" is the simulator exactly as the model knew it.
 
@@ -128,6 +137,7 @@ def make_rig_for(
         cable: The cable in the gripper.
         workspace: Table and arm.
         seed: Seed of everything that the rig draws by chance.
+        device: Where the simulator of the rig "engine" runs.
     """
     from cablecast.rigs.base import make_rig
 
@@ -139,7 +149,9 @@ def make_rig_for(
 
     settings = model.info["dataset"]["settings"]
     engine = EngineWarp(
-        segment_count=settings["engine"]["segment_count"], dt=settings["engine"]["dt"]
+        segment_count=settings["engine"]["segment_count"],
+        dt=settings["engine"]["dt"],
+        device=device,
     )
     return RigEngine(engine, cable, workspace, CableParams(**settings["params"]))
 

@@ -204,12 +204,14 @@ def _start_warp() -> None:
 
 def _find_device(name: str):
     _start_warp()
+    known = ", ".join(str(device) for device in wp.get_devices())
+    # Asking Warp for a CUDA device where there is none prints errors of the driver.
+    if name.startswith("cuda") and not wp.get_cuda_devices():
+        raise InputError(f"device {name!r} is not available here: one of {known}")
     try:
-        device = wp.get_device(name)
+        return wp.get_device(name)
     except Exception as error:
-        known = ", ".join(str(d) for d in wp.get_devices())
         raise InputError(f"device {name!r} is not available here: one of {known}") from error
-    return device
 
 
 class _Batch:
