@@ -18,8 +18,8 @@ How the ten parameters are mapped, and what differs from `EngineWarp`:
   c (1 + |w|) w per moment of inertia, scaled to be right at 1 m/s and at 10 rad/s: too weak for a
   slower motion, too strong for a faster one.
 
-At 1/480 s about one in fifteen of the fastest casts of `cable_1` gains energy where the cable whips,
-and leaves the table for a while. More damping in the joints made that worse, a smaller step better.
+At 1/480 s about one in fifteen random casts of `cable_1` gains energy where the cable whips, and
+leaves the table or sinks into it by more than 5 mm. More damping in the joints makes that worse.
 """
 
 import dataclasses
