@@ -80,6 +80,7 @@ class Engine(Protocol):
     """A cable simulator; implementations are `EngineWarp`, and others behind the same call."""
 
     segment_count: int
+    dt: float
 
     def rollout(
         self,
@@ -179,3 +180,61 @@ def reset_state(
     positions[..., 1] = start[:, None, 1] + s * np.cos(start[:, None, 3])
     positions[..., 2] = cable.radius + z
     return CableState.at_rest(positions)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RolloutPlan:
+    """What the arguments of a rollout come down to once every default is filled in.
+
+    Attributes:
+        initial_state: One row, or one per world.
+        world_count: Number of worlds.
+        steps_per_sample: Steps of the engine between two samples.
+        sample_count: Number of samples, the first at time 0.
+    """
+
+    initial_state: CableState
+    world_count: int
+    steps_per_sample: int
+    sample_count: int
+
+
+def plan_rollout(
+    engine: Engine,
+    cable: Cable,
+    params: CableParams,
+    grip_path: GripPath,
+    initial_state: CableState | None,
+    duration: float | None,
+    sample_dt: float,
+    far_path: GripPath | None,
+) -> RolloutPlan:
+    """Check the arguments of `Engine.rollout` and fill in its defaults, alike for every engine.
+
+    Raises:
+        InputError: Batches of different sizes, a state of another number of segments, or a
+            duration or step that is not positive.
+    """
+    if initial_state is None:
+        initial_state = reset_state(cable, params, grip_path, engine.segment_count)
+    elif initial_state.segment_count != engine.segment_count:
+        raise InputError(
+            f"the initial state has {initial_state.segment_count} segments, the engine "
+            f"{engine.segment_count}"
+        )
+    if duration is None:
+        duration = float(grip_path.duration.max()) + SETTLE_TIME
+    if not duration > 0 or not sample_dt > 0:
+        raise InputError(f"duration {duration} s and sample_dt {sample_dt} s must be positive")
+    steps_per_sample = max(1, round(sample_dt / engine.dt))
+    return RolloutPlan(
+        initial_state=initial_state,
+        world_count=batch_size(
+            params.world_count,
+            len(grip_path),
+            initial_state.world_count,
+            None if far_path is None else len(far_path),
+        ),
+        steps_per_sample=steps_per_sample,
+        sample_count=1 + int(np.ceil(duration / (steps_per_sample * engine.dt) - 1e-6)),
+    )

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import SETTLE_TIME, CableState, Rollout, batch_size, reset_state
+from cablecast.engines.base import CableState, Rollout, plan_rollout
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.motion.grip_path import GripPath
 
@@ -131,33 +131,17 @@ class EngineMujoco:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
-        if initial_state is None:
-            initial_state = reset_state(cable, params, grip_path, self.segment_count)
-        elif initial_state.segment_count != self.segment_count:
-            raise InputError(
-                f"the initial state has {initial_state.segment_count} segments, the engine "
-                f"{self.segment_count}"
-            )
-        if duration is None:
-            duration = float(grip_path.duration.max()) + SETTLE_TIME
-        if not duration > 0 or not sample_dt > 0:
-            raise InputError(f"duration {duration} s and sample_dt {sample_dt} s must be positive")
-        steps_per_sample = max(1, round(sample_dt / self.dt))
-        sample_count = 1 + int(np.ceil(duration / (steps_per_sample * self.dt) - 1e-6))
-        world_count = batch_size(
-            params.world_count,
-            len(grip_path),
-            initial_state.world_count,
-            None if far_path is None else len(far_path),
+        plan = plan_rollout(
+            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )
         model = self._model(cable, held=far_path is not None)
-        values = np.broadcast_to(params.to_array(), (world_count, len(params.names())))
-        nodes = np.full((world_count, sample_count, self.segment_count + 1, 3), np.nan)
+        values = np.broadcast_to(params.to_array(), (plan.world_count, len(params.names())))
+        nodes = np.full((plan.world_count, plan.sample_count, self.segment_count + 1, 3), np.nan)
         final = CableState.at_rest(np.full_like(nodes[:, 0], np.nan))
-        for start in range(0, world_count, GROUP_SIZE):
-            worlds = np.arange(start, min(start + GROUP_SIZE, world_count))
+        for start in range(0, plan.world_count, GROUP_SIZE):
+            worlds = np.arange(start, min(start + GROUP_SIZE, plan.world_count))
             rows = {
-                field.name: _rows(getattr(initial_state, field.name), worlds)
+                field.name: _rows(getattr(plan.initial_state, field.name), worlds)
                 for field in dataclasses.fields(CableState)
             }
             group = _Group(self, model, cable, CableParams.from_array(values[worlds]))
@@ -167,13 +151,14 @@ class EngineMujoco:
                 None if far_path is None else _path_rows(far_path, worlds),
             )
             with _quiet():
-                nodes[worlds] = group.run(sample_count, steps_per_sample)
+                nodes[worlds] = group.run(plan.sample_count, plan.steps_per_sample)
             state = group.state()
             for field in dataclasses.fields(CableState):
                 getattr(final, field.name)[worlds] = getattr(state, field.name)
         finite = np.asarray(np.isfinite(nodes).all(axis=(1, 2, 3)))
         return Rollout(
-            times=np.arange(sample_count, dtype=np.float64) * (steps_per_sample * self.dt),
+            times=np.arange(plan.sample_count, dtype=np.float64)
+            * (plan.steps_per_sample * self.dt),
             endpoint_xyz=nodes[:, :, -1].copy(),
             final_state=final,
             finite=finite,

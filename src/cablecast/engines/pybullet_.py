@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import tangent
-from cablecast.engines.base import SETTLE_TIME, CableState, Rollout, batch_size, reset_state
+from cablecast.engines.base import CableState, Rollout, plan_rollout
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.motion.grip_path import GripPath
 
@@ -119,31 +119,15 @@ class EnginePybullet:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
-        if initial_state is None:
-            initial_state = reset_state(cable, params, grip_path, self.segment_count)
-        elif initial_state.segment_count != self.segment_count:
-            raise InputError(
-                f"the initial state has {initial_state.segment_count} segments, the engine "
-                f"{self.segment_count}"
-            )
-        if duration is None:
-            duration = float(grip_path.duration.max()) + SETTLE_TIME
-        if not duration > 0 or not sample_dt > 0:
-            raise InputError(f"duration {duration} s and sample_dt {sample_dt} s must be positive")
-        steps_per_sample = max(1, round(sample_dt / self.dt))
-        sample_count = 1 + math.ceil(duration / (steps_per_sample * self.dt) - 1e-6)
-        world_count = batch_size(
-            params.world_count,
-            len(grip_path),
-            initial_state.world_count,
-            None if far_path is None else len(far_path),
+        plan = plan_rollout(
+            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )
-        values = np.broadcast_to(params.to_array(), (world_count, len(params.names())))
-        nodes = np.full((world_count, sample_count, self.segment_count + 1, 3), np.nan)
-        final = CableState.at_rest(np.full((world_count, self.segment_count + 1, 3), np.nan))
-        finite = np.zeros(world_count, dtype=bool)
-        for index in range(world_count):
-            state = _row(initial_state, index)
+        values = np.broadcast_to(params.to_array(), (plan.world_count, len(params.names())))
+        nodes = np.full((plan.world_count, plan.sample_count, self.segment_count + 1, 3), np.nan)
+        final = CableState.at_rest(np.full((plan.world_count, self.segment_count + 1, 3), np.nan))
+        finite = np.zeros(plan.world_count, dtype=bool)
+        for index in range(plan.world_count):
+            state = _row(plan.initial_state, index)
             nodes[index, 0] = state["positions"]
             for field in dataclasses.fields(CableState):
                 getattr(final, field.name)[index] = np.nan
@@ -156,14 +140,14 @@ class EnginePybullet:
             world = _World(self, cable, row, path, far)
             try:
                 world.start(state)
-                finite[index] = world.run(nodes[index], steps_per_sample)
+                finite[index] = world.run(nodes[index], plan.steps_per_sample)
                 if finite[index]:
                     for name, value in world.state().items():
                         getattr(final, name)[index] = value
             finally:
                 world.close()
         return Rollout(
-            times=np.arange(sample_count, dtype=float) * (steps_per_sample * self.dt),
+            times=np.arange(plan.sample_count, dtype=float) * (plan.steps_per_sample * self.dt),
             endpoint_xyz=nodes[:, :, -1].copy(),
             final_state=final,
             finite=finite,

@@ -9,13 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import (
-    SETTLE_TIME,
-    CableState,
-    Rollout,
-    batch_size,
-    reset_state,
-)
+from cablecast.engines.base import CableState, Rollout, plan_rollout
 from cablecast.engines.warp_.bending import filter_factors
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.step import rollout_kernel
@@ -110,31 +104,15 @@ class EngineWarp:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
-        if initial_state is None:
-            initial_state = reset_state(cable, params, grip_path, self.segment_count)
-        elif initial_state.segment_count != self.segment_count:
-            raise InputError(
-                f"the initial state has {initial_state.segment_count} segments, the engine "
-                f"{self.segment_count}"
-            )
-        if duration is None:
-            duration = float(grip_path.duration.max()) + SETTLE_TIME
-        steps_per_sample = max(1, round(sample_dt / self.dt))
-        if not duration > 0 or not sample_dt > 0:
-            raise InputError(f"duration {duration} s and sample_dt {sample_dt} s must be positive")
-        sample_count = 1 + int(np.ceil(duration / (steps_per_sample * self.dt) - 1e-6))
-        world_count = batch_size(
-            params.world_count,
-            len(grip_path),
-            initial_state.world_count,
-            None if far_path is None else len(far_path),
+        plan = plan_rollout(
+            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )
-        batch = _Batch(self, world_count)
+        batch = _Batch(self, plan.world_count)
         model = batch.model(cable, params, held=far_path is not None)
         path = batch.path(grip_path)
         far = batch.path(far_path if far_path is not None else _NO_PATH)
-        state = batch.state(initial_state)
-        samples = batch.samples(sample_count, steps_per_sample, record_nodes)
+        state = batch.state(plan.initial_state)
+        samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
         if far_path is not None:
             motion_end = np.maximum(
@@ -142,7 +120,7 @@ class EngineWarp:
             )
         rest = self.rest_speed
         inputs = [
-            sample_count,
+            plan.sample_count,
             rest,
             REST_DURATION if rest > 0 else np.inf,
             batch.array(motion_end, self._build.lane),
@@ -154,7 +132,7 @@ class EngineWarp:
             samples,
         ]
         self._launch(batch.group_count, inputs)
-        return batch.read(state, samples, steps_per_sample * self.dt)
+        return batch.read(state, samples, plan.steps_per_sample * self.dt)
 
     def _launch(self, group_count: int, inputs: list) -> None:
         kernel = self._build.kernel
