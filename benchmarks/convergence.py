@@ -89,7 +89,7 @@ def main(args: Args) -> None:
             error = landing_error_pct(landing, reference, cable)
             table.rows.append((cable.name, segments, dt * 1e3, precision, *summary(error)))
 
-        for segments in (20, 30, 40, 60, 80, 120):
+        for segments in (20, 30, 40, 50, 60, 80, 120):
             add(whole, fine, segments, FINE_DT)
         add(whole, fine, DEFAULT_SEGMENT_COUNT, DEFAULT_DT)
         add(whole, fine, DEFAULT_SEGMENT_COUNT, DEFAULT_DT, "single")
