@@ -6,6 +6,7 @@ import sys
 NAMES = {
     "convergence": "error of the landing by segments and step",
     "engines": "rollouts per second of every engine, with the accuracy reached",
+    "repeatability": "scatter of repeated casts on the virtual rig, beside the paper's",
 }
 
 
@@ -14,7 +15,7 @@ def main() -> int:
     if name not in NAMES:
         print("usage: python -m benchmarks NAME [options]\n")
         for known, what in NAMES.items():
-            print(f"  {known:14}{what}")
+            print(f"  {known:16}{what}")
         return 0 if name in ("-h", "--help") else 2
     import tyro
 

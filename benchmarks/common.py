@@ -17,14 +17,15 @@ from cablecast.workspace import Workspace
 
 
 def random_actions(
-    count: int, seed: int, config: MotionConfig | None = None
+    count: int, seed: int, config: MotionConfig | None = None, *, with_psi: bool = True
 ) -> NDArray[np.float64]:
     """Uniformly drawn actions that the arm can execute, shape [count, 4].
 
     Args:
         count: How many.
         seed: Of the drawing.
-        config: System parameters; the paper's by default (v_max 1.5 m/s with psi).
+        config: System parameters; the paper's by default (v_max 1.5 m/s).
+        with_psi: Whether the wrist turns (action set A2) or not (A1).
     """
     config = config or MotionConfig()
     ranges = ActionRanges.for_config(config)
@@ -35,6 +36,8 @@ def random_actions(
         low = np.array([ranges.theta1[0], ranges.theta2[0], ranges.r2[0], ranges.wrist[0]])
         high = np.array([ranges.theta1[1], ranges.theta2[1], ranges.r2[1], ranges.wrist[1]])
         actions = low + u * (high - low)
+        if not with_psi:
+            actions[:, 3] = 0.0
         actions[:, 3] += actions[:, 1]
         drawn.append(actions[check_actions(actions, config, Workspace()).mask])
     return np.concatenate(drawn)[:count]

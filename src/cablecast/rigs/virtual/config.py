@@ -11,8 +11,9 @@ from cablecast.errors import InputError
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    The defaults make repeated landings scatter as they did on the real table (paper, section
-    VI-B); benchmarks/virtual_repeatability.py measures it.
+    The defaults make repeated landings scatter about as they did on the real table at v_max 1.2
+    and 1.5 m/s (paper, section VI-B), and less than there at 1.8; `python -m benchmarks
+    repeatability` measures it.
 
     Attributes:
         bow: Sideways bow of the cable after a reset, at its middle [m].
