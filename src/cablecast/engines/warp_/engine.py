@@ -33,7 +33,8 @@ REST_DURATION = 0.05
 class EngineWarp:
     """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
 
-    docs/engine.md explains the model. The result of a world depends neither on its neighbours nor
+    Segments slide on the table and do not roll: twist stiffness, rolling and spinning friction have
+    no effect yet. docs/engine.md explains the model. The result of a world depends neither on its neighbours nor
     on the number of threads.
 
     Args:
