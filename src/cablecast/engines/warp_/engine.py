@@ -34,8 +34,8 @@ class EngineWarp:
     """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
 
     Segments slide on the table and do not roll: twist stiffness, rolling and spinning friction have
-    no effect yet. docs/engine.md explains the model. The result of a world depends neither on its neighbours nor
-    on the number of threads.
+    no effect yet. docs/engine.md explains the model. The result of a world depends neither on its
+    neighbours nor on the number of threads.
 
     Args:
         segment_count: Number of segments, at least 2.
