@@ -1,8 +1,6 @@
 """What several benchmarks share: random feasible actions, tables, JSON."""
 
 import dataclasses
-import json
-import os
 import pathlib
 import platform
 from importlib.metadata import PackageNotFoundError, version
@@ -10,7 +8,9 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast import files
 from cablecast.cable import Cable
+from cablecast.machine import core_count
 from cablecast.motion.action import ActionRanges, MotionConfig
 from cablecast.motion.feasibility import check_actions
 from cablecast.workspace import Workspace
@@ -83,7 +83,7 @@ def _show(value) -> str:
 def machine() -> dict[str, str]:
     """What the figures were measured on."""
     facts = {"python": platform.python_version(), "machine": platform.machine()}
-    facts["cores"] = str(len(os.sched_getaffinity(0)))
+    facts["cores"] = str(core_count())
     cpu = pathlib.Path("/proc/cpuinfo")
     if cpu.exists():
         names = [line for line in cpu.read_text().splitlines() if line.startswith("model name")]
@@ -101,6 +101,4 @@ def write_json(path: pathlib.Path | None, tables: list[Table]) -> None:
     if path is None:
         return
     content = {"machine": machine(), "tables": [table.to_dict() for table in tables]}
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(content, indent=2) + "\n")
-    temporary.replace(path)
+    files.write_json(path, content)

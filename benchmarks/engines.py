@@ -24,6 +24,7 @@ from benchmarks.common import Table, random_actions, write_json
 from cablecast.cable import Cable, CableParams, load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
+from cablecast.machine import core_count
 from cablecast.motion.action import MotionConfig
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
@@ -207,8 +208,8 @@ def agreement(job: Job) -> Table:
 
 def scaling(job: Job, world_count: int) -> list[Table]:
     """EngineWarp at its defaults over threads, worlds and segments."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    counts = sorted({1, 2, cores or 1, *[2**k for k in range(1, 8) if 2**k <= (cores or 1)]})
+    cores = core_count()
+    counts = sorted({1, 2, cores, *[2**k for k in range(1, 8) if 2**k <= cores]})
 
     def rate(worlds: int, **options) -> float:
         engine = EngineWarp(**options)

@@ -10,6 +10,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import InputError, UnknownNameError
+from cablecast.files import write_text
 
 
 class Attachment(enum.Enum):
@@ -307,4 +308,4 @@ def load_cable(name_or_path: str) -> Cable:
 
 def save_cable(cable: Cable, path: pathlib.Path) -> None:
     """Write a cable as YAML that `load_cable` reads."""
-    path.write_text(yaml.safe_dump(cable.to_dict(), sort_keys=False, allow_unicode=True))
+    write_text(path, yaml.safe_dump(cable.to_dict(), sort_keys=False, allow_unicode=True))

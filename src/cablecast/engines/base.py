@@ -10,6 +10,13 @@ from cablecast.cable import Cable, CableParams
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
+GRAVITY = 9.81
+"""Acceleration of free fall [m/s²]."""
+
+REFERENCE_SEGMENT_COUNT = 18
+"""Number of capsules of the paper's simulator (its sibling names 18). Angular damping slows the
+rotation of such a segment at the given rate, however finely an engine divides the cable itself."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CableState:
@@ -153,7 +160,7 @@ def reset_state(
     start = np.broadcast_to(start, (world_count, start.shape[1]))
     segment_length = cable.length / segment_count
     height = start[:, 2] - cable.radius
-    weight = 9.81 * np.asarray(params.mass) / cable.length
+    weight = GRAVITY * np.asarray(params.mass) / cable.length
     touchdown = (72.0 * np.asarray(params.bend_stiffness) * np.abs(height) / weight) ** 0.25
     # A cable softer than it is high would fall steeply; a stiffer one than it is long reaches the
     # table only with its end.

@@ -27,7 +27,6 @@ rolling: the implicit step then adds inertia to the bending, too. `rolling=False
 import contextlib
 import dataclasses
 import math
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -35,16 +34,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import CableState, Rollout, plan_rollout
+from cablecast.engines.base import (
+    GRAVITY,
+    REFERENCE_SEGMENT_COUNT,
+    CableState,
+    Rollout,
+    plan_rollout,
+)
 from cablecast.errors import InputError, MissingExtraError
+from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
 
 DEFAULT_SEGMENT_COUNT = 20
 DEFAULT_DT = 1e-3
-GRAVITY = 9.81
-
-REFERENCE_SEGMENT_COUNT = 18
-"""Angular damping slows the rotation of a segment of this share of the cable, as in EngineWarp."""
 
 GROUP_SIZE = 128
 """Worlds that are in memory at once."""
@@ -114,8 +116,7 @@ class EngineMujoco:
         self.dt = dt
         self.gravity = gravity
         self.rolling = rolling
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        self.thread_count = thread_count or cores or 1
+        self.thread_count = thread_count or core_count()
         self._models: dict[tuple, Any] = {}
 
     def rollout(

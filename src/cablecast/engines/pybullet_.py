@@ -34,13 +34,17 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import tangent
-from cablecast.engines.base import CableState, Rollout, plan_rollout
+from cablecast.engines.base import (
+    GRAVITY,
+    CableState,
+    Rollout,
+    plan_rollout,
+)
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.motion.grip_path import GripPath
 
 DEFAULT_SEGMENT_COUNT = 18
 DEFAULT_DT = 1.0 / 480.0
-GRAVITY = 9.81
 
 _HAND_DOF_COUNT = 5
 # A hand not much heavier than the cable keeps Bullet's iterative solver well conditioned.

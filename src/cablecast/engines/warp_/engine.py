@@ -9,11 +9,18 @@ import warp as wp
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import CableState, Rollout, plan_rollout
+from cablecast.engines.base import (
+    GRAVITY,
+    REFERENCE_SEGMENT_COUNT,
+    CableState,
+    Rollout,
+    plan_rollout,
+)
 from cablecast.engines.warp_.bending import filter_factors
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.step import rollout_kernel
 from cablecast.errors import InputError
+from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
 
 DEFAULT_SEGMENT_COUNT = 50
@@ -22,11 +29,6 @@ DEFAULT_DT = 5e-4
 converged ones in the median and within 5 % in nine of ten casts: `python -m benchmarks
 convergence`, docs/engine.md."""
 
-REFERENCE_SEGMENT_COUNT = 18
-"""Number of capsules of the paper's simulator (its sibling names 18). Angular damping slows the
-rotation of such a segment at the given rate, however finely we divide the cable ourselves."""
-
-GRAVITY = 9.81
 REST_DURATION = 0.05
 
 
@@ -75,8 +77,7 @@ class EngineWarp:
         self.rest_speed = rest_speed
         self.gravity = gravity
         self.device = _find_device(device)
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        self.thread_count = thread_count or cores or 1
+        self.thread_count = thread_count or core_count()
         if self.device.is_cuda:
             self._arrange(LANE_COUNT_CUDA, interleaved=True)
         else:

@@ -7,10 +7,10 @@ Newton iteration on |D|^2 = l^2 reads
     (w[e] + w[e+1]) (D[e].d[e]) tau[e] - w[e] (D[e].d[e-1]) tau[e-1]
         - w[e+1] (D[e].d[e+1]) tau[e+1] = (|D[e]|^2 - l^2) / 2,
 
-where tau carries dt^2. The step before leaves a tension that is already in x*, so tau is only its
-change, and one iteration leaves an error of the fourth order in dt; it is repeated where more than
-LENGTH_TOLERANCE is left. (Ryckaert, Ciccotti and
-Berendsen 1977; gradients at the start of the step are what makes the scheme second order.)
+where tau carries dt^2. The solve starts without the tension of the step before, which a jerk would
+make worse than none. One iteration is enough while edges turn little; it is repeated where more
+than LENGTH_TOLERANCE is left. (Ryckaert, Ciccotti and Berendsen 1977; gradients at the start of the
+step are what makes the scheme second order.)
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -28,9 +28,6 @@ LENGTH_TOLERANCE = 2e-4
 """Error of a squared segment length, relative, that is left to the next step: lengths are kept to
 one part in ten thousand."""
 
-START_ITERATIONS = 1
-"""Iterations along the edges as they were at the start of the step."""
-
 MAX_ITERATIONS = 20
 """Newton converges in two or three iterations, or the motion is far too fast for the step."""
 
@@ -46,7 +43,6 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     count = wp.constant(lane_count)
     tolerance = wp.constant(LENGTH_TOLERANCE)
     max_iterations = wp.constant(MAX_ITERATIONS)
-    start_iterations = wp.constant(START_ITERATIONS)
 
     @wp.func
     def eliminate_tensions(
@@ -100,6 +96,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         Args:
             share: 1, or 0 for worlds that need no further change.
+            keep: 0 in the first iteration, which replaces the tension of the step before; then 1.
 
         Returns:
             The largest error of a squared segment length that remains, relative.
@@ -135,7 +132,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):
-        """Newton iterations until every length is right; a second one is rarely needed.
+        """Newton iterations until every length is right.
 
         Where the tip whips, an edge may turn by a third of a radian in one step, and what one
         iteration leaves would come back as a kick in the next step.
@@ -145,13 +142,16 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         iteration = int(0)
         while iteration < max_iterations:
             # A jerk that one iteration cannot take up acts along the edges as they have turned.
-            keep = wp.where(iteration == 0, real(0.0), real(1.0))
-            if iteration < start_iterations:
+            if iteration == 0:
                 eliminate_tensions(model, state.position, scratch, group)
-                worst = apply_tensions(model, state.position, state, scratch, group, share, keep)
+                worst = apply_tensions(
+                    model, state.position, state, scratch, group, share, real(0.0)
+                )
             else:
                 eliminate_tensions(model, scratch.predicted, scratch, group)
-                worst = apply_tensions(model, scratch.predicted, state, scratch, group, share, keep)
+                worst = apply_tensions(
+                    model, scratch.predicted, state, scratch, group, share, real(1.0)
+                )
             iteration += 1
             again = int(0)
             for k in range(count):

@@ -79,10 +79,9 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             predicted = x_here + after * dt
             if i == last and model.far_is_held == 1:
                 predicted = far
-                after = (far - x_here) * (real(1.0) / dt)
+                after = (far - x_here) * rate
             scratch.predicted[group, i] = predicted
             state.velocity[group, i] = after
-            pull_before = pull
             pull_before = pull
             v_before = v_here
             v_here = v_after

@@ -59,8 +59,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
 
         position: wp.array2d(dtype=vec3)
         velocity: wp.array2d(dtype=vec3)
-        # Force along an edge, as dt^2 times tension over length [kg]; the last step's value starts
-        # the next step's solve.
+        # Force along an edge, as dt^2 times tension over length [kg]; the table feels that of the
+        # step before (contact.py).
         tension: wp.array2d(dtype=lane)
         active: wp.array(dtype=lane)  # 1, or 0 once at rest for good
         rest_time: wp.array(dtype=lane)

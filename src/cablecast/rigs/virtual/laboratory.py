@@ -1,7 +1,6 @@
 """The laboratory: plays many trials at once in MuJoCo and watches each cable's endpoint."""
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable
 from cablecast.conventions import tangent
+from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
 from cablecast.rigs.virtual._hidden import HiddenCable, hidden_cable
 from cablecast.rigs.virtual.config import VirtualConfig
@@ -91,8 +91,7 @@ class _Group:
         self.sample_max = np.ceil((self.motion_time + config.rest_time_max) / self.sample_dt)
         self.sample_max = self.sample_max.astype(int)
         self.reset_windows = math.ceil(config.reset_time / (self.window * config.dt))
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        thread_count = min(config.thread_count or cores or 1, self.count)
+        thread_count = min(config.thread_count or core_count(), self.count)
         self.batch: Any = Batch(scene.model, self.count, thread_count)  # pyright: ignore
         self.controls = self._controls(paths, trials)
         self.qpos = self.batch.bind("qpos")
