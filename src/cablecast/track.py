@@ -2,11 +2,15 @@
 
 import dataclasses
 import enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
+
+if TYPE_CHECKING:
+    from cablecast.motion.joint_path import JointPath
 
 
 class TrialStatus(enum.Enum):
@@ -49,12 +53,16 @@ class EndpointTrack:
         status: How the trial ended.
         nodes: Cable shape at the same times for pictures, base frame [m], shape
             [step, node, 3]; None where the executor cannot see it.
+        joint_path: Joints as they really moved, with the times at which the arm reported them;
+            None where the executor has no joints or does not report them. What was commanded is
+            the trajectory's own joint path.
     """
 
     times: NDArray[np.float64]
     endpoint_xy: NDArray[np.float64]
     status: TrialStatus
     nodes: NDArray[np.float64] | None = None
+    joint_path: "JointPath | None" = None
 
     def __post_init__(self):
         if self.endpoint_xy.shape != (*self.times.shape, 2) or self.times.ndim != 1:
