@@ -14,7 +14,8 @@ GRAVITY = 9.81
 LENGTH = 0.6
 RADIUS = 0.005
 
-# A rope without bending, friction or damping; tests switch on what they look at.
+# A rope without bending, friction or damping; tests switch on what they look at. Its rolling
+# friction has a longer lever than its radius, so that it slides and never rolls.
 BARE = CableParams(
     twist_stiffness=0.0,
     bend_stiffness=0.0,
@@ -23,7 +24,7 @@ BARE = CableParams(
     lateral_friction=0.0,
     worksurface_friction=0.0,
     spinning_friction=0.0,
-    rolling_friction=0.0,
+    rolling_friction=0.1,
     linear_damping=0.0,
     angular_damping=0.0,
 )

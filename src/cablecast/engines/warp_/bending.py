@@ -17,7 +17,6 @@ import numpy as np
 import warp as wp
 
 from cablecast.engines.warp_.lanes import lane_functions
-from cablecast.engines.warp_.world import world_structs
 
 FILTER = 0.5
 """Share of dt^2 K that is added to the masses which the bending force accelerates. A quarter gives
@@ -46,6 +45,7 @@ def filter_factors(bending: np.ndarray, mass: np.ndarray, dt: float) -> tuple[np
     off1 = np.zeros_like(diagonal)  # couples i and i + 1
     off2 = np.zeros_like(diagonal)  # couples i and i + 2
     diagonal[:, 1] += 2.0 * k
+    diagonal[:, -2] += np.where(free[:, -1], 0.0, 2.0 * k)
     for i in range(1, node_count - 1):
         diagonal[:, i - 1] += k
         diagonal[:, i] += 4.0 * k
@@ -77,9 +77,7 @@ def filter_factors(bending: np.ndarray, mass: np.ndarray, dt: float) -> tuple[np
 def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
     """Warp functions of the bending stage."""
     f = lane_functions(precision, lane_count)
-    s = world_structs(precision, lane_count)
-    real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
-    Model, State, Scratch = s.Model, s.State, s.Scratch
+    real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
     sharpest = wp.constant(SHARPEST)
 
     @wp.func
@@ -93,74 +91,8 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return lane(real(1.0)) + mul(q, value)
 
     @wp.func
-    def node_moment(model: Model, bending: lane, before: vec3, here: vec3, after: vec3):
+    def node_moment(bending: lane, sine_squared: lane, bend: vec3):
         """Gradient EI / l^3 (phi / sin phi) b of the energy at an inner node."""
-        b = before - here * real(2.0) + after
-        quarter = real(0.25) / (model.segment_length * model.segment_length)
-        return scale(mul(bending, angle_over_sine(dot(b, b) * quarter)), b)
+        return scale(mul(bending, angle_over_sine(sine_squared)), bend)
 
-    @wp.func
-    def bending_forces(model: Model, state: State, scratch: Scratch, group: int, tangent: vec3):
-        """Bending force on each free node, already through the first half of the filter.
-
-        The filter solves (M + FILTER dt^2 K) a = force (Newmark's scheme for the stiff part); its
-        forward elimination goes along with the sweep that makes the forces.
-        """
-        bending = model.bending[group]
-        last = model.node_count - 1
-        x0 = state.position[group, 0]
-        x1 = state.position[group, 1]
-        clamp = x1 - x0 - tangent * model.segment_length
-        w_before = scale(bending * real(2.0), clamp)
-        x2 = state.position[group, 2]
-        w_here = node_moment(model, bending, x0, x1, x2)
-        y1 = vec3()
-        y2 = vec3()
-        x_here = x1
-        x_after = x2
-        for i in range(1, last + 1):
-            w_after = vec3()
-            if i + 1 < last:
-                x_next = state.position[group, i + 2]
-                w_after = node_moment(model, bending, x_here, x_after, x_next)
-                x_here = x_after
-                x_after = x_next
-            force = w_here * real(2.0) - w_before - w_after
-            y = (
-                force
-                - scale(model.filter_lower1[group, i], y1)
-                - scale(model.filter_lower2[group, i], y2)
-            )
-            scratch.bending[group, i] = y
-            y2 = y1
-            y1 = y
-            w_before = w_here
-            w_here = w_after
-
-    @wp.func
-    def bending_accelerations(model: Model, scratch: Scratch, group: int):
-        """Second half of the filter: back substitution from the free end to the grip."""
-        last = model.node_count - 1
-        zero = lane()
-        a1 = vec3()
-        a2 = vec3()
-        lower1 = zero
-        lower2 = zero
-        lower2_next = zero
-        for back in range(last):
-            i = last - back
-            a = (
-                scale(model.filter_diagonal[group, i], scratch.bending[group, i])
-                - scale(lower1, a1)
-                - scale(lower2, a2)
-            )
-            scratch.bending[group, i] = a
-            lower1 = model.filter_lower1[group, i]
-            lower2 = lower2_next
-            lower2_next = model.filter_lower2[group, i]
-            a2 = a1
-            a1 = a
-
-    return SimpleNamespace(
-        bending_forces=bending_forces, bending_accelerations=bending_accelerations
-    )
+    return SimpleNamespace(node_moment=node_moment)

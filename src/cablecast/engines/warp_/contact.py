@@ -1,4 +1,9 @@
-"""Contact with the table: the normal impulse, and Coulomb friction that never reverses a motion."""
+"""Contact with the table: the normal impulse, and friction that never reverses a motion.
+
+The axis of the cable at a node is the chord of its neighbours over two segment lengths: of unit
+length up to the square of the angle between segments, and shorter where the cable leaves the table,
+so that rolling fades out there.
+"""
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
@@ -21,51 +26,111 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     """Warp functions of the contact stage."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
-    real, lane, vec3, root, mul, div = f.real, f.lane, f.vec3, f.root, f.mul, f.div
+    real, lane, vec3 = f.real, f.lane, f.vec3
+    root, mul, div = f.root, f.mul, f.div
     Model = s.Model
     recovery = wp.constant(RECOVERY)
     tiny = wp.constant(1.0e-12)
 
     @wp.func
-    def table_contact(
-        model: Model, friction: lane, height: lane, before: vec3, free: vec3, tension: vec3
-    ):
-        """Velocity of a node after the table has acted on it.
+    def normal_push(model: Model, height: lane, speed: lane):
+        """Normal impulse per mass that keeps a node from passing the surface within the step.
 
-        The normal impulse keeps the node from passing the surface within the step. Friction takes
-        at most mu times that impulse from the tangential velocity that all forces together would
-        give. Its direction is that of the mean velocity over the step, which makes sliding second
-        order in time; where it would stop the node, the node stops (Coulomb's cone, per node).
+        A gap may close within the step; a penetration is taken back slowly.
 
         Args:
-            friction: Coulomb coefficient [-].
             height: z of the node [m].
-            before: Velocity at the start of the step [m/s].
-            free: Velocity that all forces but tension lead to [m/s].
-            tension: What tension adds to it, as far as the step before tells [m/s]. It turns
-                friction, but does not load it: where the cable lies, it pulls along the table.
+            speed: Vertical velocity that all other forces lead to [m/s].
         """
         gap = height - lane(model.contact_height)
         rate = real(1.0) / model.dt
-        # A gap may close within the step; a penetration is taken back slowly.
         floor_speed = wp.max(gap, lane()) * (-rate) - wp.min(gap, lane()) * (real(recovery) * rate)
-        push = wp.max(floor_speed - free[2], lane())
-        limit = mul(friction, push)
-        after_x = free[0] + tension[0]
-        after_y = free[1] + tension[1]
-        mean_x = before[0] + after_x
-        mean_y = before[1] + after_y
-        speed = root(mul(after_x, after_x) + mul(after_y, after_y) + lane(real(tiny)))
-        mean_speed = root(mul(mean_x, mean_x) + mul(mean_y, mean_y) + lane(real(tiny)))
-        # A node about to stop loses its velocity, at most the limit; one that slides on loses the
-        # limit along its mean velocity.
-        one = lane(real(1.0))
-        stopping = wp.min(div(limit, speed), one)
-        sliding = div(limit, mean_speed)
-        slides = wp.min(wp.max(div(speed, limit + lane(real(tiny))) - lane(real(2.0)), lane()), one)
-        stops = one - slides
-        loss_x = mul(stops, mul(stopping, after_x)) + mul(slides, mul(sliding, mean_x))
-        loss_y = mul(stops, mul(stopping, after_y)) + mul(slides, mul(sliding, mean_y))
-        return wp.matrix_from_rows(free[0] - loss_x, free[1] - loss_y, free[2] + push)
+        return wp.max(floor_speed - speed, lane())
 
-    return SimpleNamespace(table_contact=table_contact)
+    @wp.func
+    def along_normal(a: vec3, axis: vec3):
+        """Part of a vector along axis x z, the side to which a positive spin rolls a segment."""
+        return mul(a[0], axis[1]) - mul(a[1], axis[0])
+
+    @wp.func
+    def add_normal(a: vec3, value: lane, axis: vec3):
+        """A vector plus some of axis x z."""
+        return wp.matrix_from_rows(a[0] + mul(value, axis[1]), a[1] - mul(value, axis[0]), a[2])
+
+    @wp.func
+    def friction_loss(
+        limit: lane, roll_share: lane, hold: lane, axis: vec3, before: vec3, after: vec3
+    ):
+        """Tangential velocity that Coulomb friction takes from a node.
+
+        Friction acts where the node touches the table and takes at most mu times the normal
+        impulse. A node that slides on loses that along the mean velocity of its contact point over
+        the step, which makes sliding second order in time. One that is about to stop loses what
+        stops its contact point: all of its velocity along the cable, but across it only a share, as
+        the rest goes into spin, unless rolling friction holds it (Coulomb's cone, per node).
+
+        Args:
+            limit: mu times the normal impulse per mass [m/s].
+            roll_share: That share, 1 / (1 + m r^2 / I): a third for a cylinder that twist does not
+                hold.
+            hold: Velocity of the surface up to which rolling friction keeps it from spinning up
+                [m/s].
+            axis: Horizontal direction of the cable, of unit length.
+            before: Velocity of the contact point at the start of the step [m/s].
+            after: The same after all other forces [m/s].
+        """
+        one = lane(real(1.0))
+        mean_x = before[0] + after[0]
+        mean_y = before[1] + after[1]
+        sideways = along_normal(after, axis)
+        size = wp.max(sideways, -sideways)
+        rest = wp.max(size - mul(roll_share, size + hold), lane())
+        # What is left to roll has the sign of the sideways velocity.
+        stop = add_normal(after, wp.max(wp.min(-sideways, rest), -rest), axis)
+        stop_size = root(mul(stop[0], stop[0]) + mul(stop[1], stop[1]) + lane(real(tiny)))
+        mean_size = root(mul(mean_x, mean_x) + mul(mean_y, mean_y) + lane(real(tiny)))
+        slides = wp.min(
+            wp.max(div(stop_size, limit + lane(real(tiny))) - lane(real(2.0)), lane()), one
+        )
+        stops = mul(one - slides, wp.min(div(limit, stop_size), one))
+        slides = mul(slides, div(limit, mean_size))
+        return wp.matrix_from_rows(
+            mul(stops, stop[0]) + mul(slides, mean_x),
+            mul(stops, stop[1]) + mul(slides, mean_y),
+            lane(),
+        )
+
+    @wp.func
+    def roll_friction(spin: lane, limit: lane):
+        """Take at most a limit from a spin, never past zero.
+
+        Rolling friction is a torque of at most the normal force times a lever arm; like Coulomb
+        friction, it stops a spin and never reverses it.
+        """
+        return wp.max(spin - limit, lane()) + wp.min(spin + limit, lane())
+
+    @wp.func
+    def spinning_impulse(model: Model, limit: lane, group: int, axis: vec3, relative: vec3):
+        """Impulse on the first node of a segment from the friction against turning on the spot.
+
+        The table opposes the turning of each segment about the vertical with a couple of at most
+        the normal force times a lever arm; the other node feels the opposite.
+
+        Args:
+            limit: Normal impulse per mass on the segment [m/s].
+            axis: From the first node to the second, of unit length.
+            relative: Velocity of the second node against the first [m/s].
+        """
+        # A node belongs to two segments, and both nodes yield: a quarter stops the turning.
+        wish = mul(model.segment_mass[group], along_normal(relative, axis)) * real(0.25)
+        most = mul(model.spinning[group], limit)
+        return add_normal(vec3(), wp.min(wp.max(wish, -most), most), axis)
+
+    return SimpleNamespace(
+        normal_push=normal_push,
+        along_normal=along_normal,
+        add_normal=add_normal,
+        friction_loss=friction_loss,
+        roll_friction=roll_friction,
+        spinning_impulse=spinning_impulse,
+    )

@@ -19,6 +19,7 @@ from cablecast.engines.base import (
 from cablecast.engines.warp_.bending import filter_factors
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.step import rollout_kernel
+from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
 from cablecast.errors import InputError
 from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
@@ -35,9 +36,8 @@ REST_DURATION = 0.05
 class EngineWarp:
     """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
 
-    Segments slide on the table and do not roll: twist stiffness, rolling and spinning friction have
-    no effect yet. docs/engine.md explains the model. The result of a world depends neither on its
-    neighbours nor on the number of threads.
+    docs/engine.md explains the model. The result of a world depends neither on its neighbours nor
+    on the number of threads.
 
     Args:
         segment_count: Number of segments, at least 2.
@@ -245,6 +245,16 @@ class _Batch:
             mass[:, -1] = np.inf
         bending = values["bend_stiffness"] / segment_length**3
         diagonal, lower1, lower2 = filter_factors(bending, mass, engine.dt)
+        torsion = values["twist_stiffness"] / segment_length
+        # Segments and endpoint are solid cylinders of the cable's radius.
+        rolling_mass = np.repeat(segment_mass[:, None], engine.segment_count, axis=1)
+        rolling_mass[:, -1] += values["endpoint_mass"]
+        spin_inertia = 0.5 * rolling_mass * cable.radius**2
+        # What friction must overcome to spin a segment within a step: its inertia, and the
+        # neighbours that torsion ties to it.
+        held_inertia = spin_inertia + 2.0 * engine.dt**2 * torsion[:, None]
+        roll_share = 1.0 / (1.0 + segment_mass * cable.radius**2 / held_inertia[:, 0])
+        most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / engine.dt**2
         # Torque of angular damping on a segment of the reference length turns into a viscous
         # exchange of velocity with diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
         reference = cable.length / REFERENCE_SEGMENT_COUNT
@@ -263,12 +273,24 @@ class _Batch:
             ("bending", bending),
             ("friction", values["lateral_friction"] * values["worksurface_friction"]),
             ("linear_damping", values["linear_damping"]),
+            ("angular_damping", values["angular_damping"]),
             ("rotation_viscosity", viscosity),
+            ("torsion", torsion),
+            ("shape_torsion", np.minimum(torsion, most_torsion)),
+            ("roll_share", roll_share),
+            ("end_weight", 1.0 + 2.0 * values["endpoint_mass"] / segment_mass),
+            ("rolling", values["rolling_friction"] / cable.radius),
+            ("spinning", values["spinning_friction"] * segment_mass / segment_length),
+            ("segment_mass", segment_mass),
         ):
             setattr(model, name, self.array(self.to_lanes(value[:, None])[:, 0], lane))
         model.filter_diagonal = self.array(self.to_lanes(diagonal), lane)
         model.filter_lower1 = self.array(self.to_lanes(lower1), lane)
         model.filter_lower2 = self.array(self.to_lanes(lower2), lane)
+        spin_gain = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
+        model.spin_gain = self.array(self.to_lanes(spin_gain), lane)
+        pivots = spin_pivots(torsion, spin_inertia, engine.dt, held)
+        model.spin_pivot = self.array(self.to_lanes(pivots), lane)
         return model
 
     def path(self, grip_path: GripPath):
@@ -280,8 +302,10 @@ class _Batch:
         coefficients = grip_path.coefficients.reshape(row_count, piece_count, -1)
         path.coefficients = wp.array(coefficients.astype(self.real), dtype=real, device=device)
         path.piece = wp.zeros((self.group_count, self.lane_count), dtype=int, device=device)
-        path.piece_start = self.empty(self.group_count, dtype=self.build.lane)
-        path.piece_duration = self.empty(self.group_count, dtype=self.build.lane)
+        for name in ("piece_start", "piece_duration", "spin", "spin_before", "yaw"):
+            setattr(path, name, self.empty(self.group_count, dtype=self.build.lane))
+        for name in ("position", "direction", "next_direction", "turn"):
+            setattr(path, name, self.empty(self.group_count, dtype=self.build.vec3))
         path.current = self.empty(self.group_count, 30, dtype=self.build.lane)
         path.next_knot = wp.zeros(self.group_count, dtype=real, device=device)
         return path
@@ -294,6 +318,11 @@ class _Batch:
             lanes = lanes.reshape(self.group_count, self.node_count, 3, self.lane_count)
             setattr(state, name, self.array(lanes, build.vec3))
         state.tension = self.empty(self.group_count, self.node_count, dtype=build.lane)
+        twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.roll[:, -1:])
+        twist[:, -1] = -initial.roll[:, -1]
+        for name, values in (("twist", twist), ("spin", initial.roll_rate)):
+            setattr(state, name, self.array(self.to_lanes(values), build.lane))
+        state.binormal = self.empty(self.group_count, self.node_count, dtype=build.vec3)
         ones = np.ones((self.group_count, self.lane_count), dtype=self.real)
         state.active = self.array(ones, build.lane)
         state.rest_time = self.array(0 * ones, build.lane)
@@ -302,7 +331,9 @@ class _Batch:
     def scratch(self):
         build, shape = self.build, (self.group_count, self.node_count)
         scratch = build.Scratch()
-        scratch.bending = self.empty(*shape, dtype=build.vec3)
+        scratch.moment = self.empty(*shape, dtype=build.vec3)
+        scratch.force = self.empty(*shape, dtype=build.vec3)
+        scratch.spin = self.empty(*shape, dtype=build.lane)
         scratch.predicted = self.empty(*shape, dtype=build.vec3)
         scratch.upper = self.empty(*shape, dtype=build.lane)
         scratch.rhs = self.empty(*shape, dtype=build.lane)
@@ -327,12 +358,11 @@ class _Batch:
     def read(self, state, samples, sample_dt: float) -> Rollout:
         endpoint = self.to_worlds(samples.endpoint)
         positions = self.to_worlds(state.position)
-        segments = np.zeros((self.world_count, self.node_count - 1))
         final = CableState(
             positions=positions,
             velocities=self.to_worlds(state.velocity),
-            roll=segments,
-            roll_rate=segments.copy(),
+            roll=np.cumsum(self.to_worlds(state.twist)[:, :-1], axis=1),
+            roll_rate=self.to_worlds(state.spin),
         )
         finite = np.isfinite(endpoint).all(axis=(1, 2))
         finite = np.asarray(finite & np.isfinite(positions).all(axis=(1, 2)))

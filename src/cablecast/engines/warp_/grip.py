@@ -72,22 +72,43 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return wp.min(wp.max(tau, lane()), path.piece_duration[group])
 
     @wp.func
-    def held_position(path: Path, group: int, tau: lane):
-        """Position of a held end."""
-        return wp.matrix_from_rows(
-            horner(path, group, 0, tau), horner(path, group, 1, tau), horner(path, group, 2, tau)
-        )
-
-    @wp.func
-    def held_tangent(path: Path, group: int, tau: lane):
+    def direction(path: Path, group: int, tau: lane):
         """Unit direction in which the cable leaves the gripper (conventions.tangent)."""
         yaw = sin_cos(horner(path, group, 3, tau))
         pitch = sin_cos(horner(path, group, 4, tau))
         return wp.matrix_from_rows(mul(yaw[0], pitch[1]), mul(yaw[1], pitch[1]), pitch[0])
 
-    return SimpleNamespace(
-        advance_pieces=advance_pieces,
-        local_time=local_time,
-        held_position=held_position,
-        held_tangent=held_tangent,
-    )
+    @wp.func
+    def start(path: Path, group: int):
+        """Take the direction of a held end at time 0."""
+        advance_pieces(path, group, real(0.0))
+        tau = local_time(path, group, real(0.0))
+        path.direction[group] = direction(path, group, tau)
+        path.next_direction[group] = path.direction[group]
+        path.yaw[group] = horner(path, group, 3, tau)
+
+    @wp.func
+    def follow(path: Path, group: int, t: real, dt: real):
+        """Move a held end on to time t, the end of this step.
+
+        It leaves the position at the end of the step, the direction at its start and how fast that
+        turned in the step before, and the rates at which the gripper turns about it in both.
+        """
+        if t >= path.next_knot[group]:
+            advance_pieces(path, group, t)
+        tau = local_time(path, group, t)
+        rate = real(1.0) / dt
+        path.position[group] = wp.matrix_from_rows(
+            horner(path, group, 0, tau), horner(path, group, 1, tau), horner(path, group, 2, tau)
+        )
+        here = path.next_direction[group]
+        path.turn[group] = (here - path.direction[group]) * rate
+        path.direction[group] = here
+        path.next_direction[group] = direction(path, group, tau)
+        # Yaw turns clockwise about the vertical, of which sin(pitch) lies along the direction.
+        yaw = horner(path, group, 3, tau)
+        path.spin_before[group] = path.spin[group]
+        path.spin[group] = mul(path.yaw[group] - yaw, here[2]) * rate
+        path.yaw[group] = yaw
+
+    return SimpleNamespace(start=start, follow=follow)

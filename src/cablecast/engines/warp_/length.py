@@ -28,8 +28,12 @@ LENGTH_TOLERANCE = 2e-4
 """Error of a squared segment length, relative, that is left to the next step: lengths are kept to
 one part in ten thousand."""
 
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 12
 """Newton converges in two or three iterations, or the motion is far too fast for the step."""
+
+COMPLIANCE = 1e-6
+"""What is added to the diagonal of the system, relatively. It yields where there is no solution: a
+cable drawn straight between two held ends is as long as it can be, whatever its tension."""
 
 
 @functools.cache
@@ -43,6 +47,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     count = wp.constant(lane_count)
     tolerance = wp.constant(LENGTH_TOLERANCE)
     max_iterations = wp.constant(MAX_ITERATIONS)
+    slack = wp.constant(1.0 + COMPLIANCE)
 
     @wp.func
     def eliminate_tensions(
@@ -70,7 +75,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
                 x_after = x_next
             below = -mul(w, dot(predicted, d_before))
             above = -mul(w_after, dot(predicted, d_after))
-            diagonal = mul(w + w_after, dot(predicted, d))
+            diagonal = mul(w + w_after, dot(predicted, d)) * real(slack)
             error = (dot(predicted, predicted) - squared_length) * real(0.5)
             pivot = f.div(lane(real(1.0)), diagonal - mul(below, upper))
             rhs = mul(error - mul(below, rhs), pivot)
@@ -131,8 +136,36 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return worst * relative
 
     @wp.func
+    def lay_out(model: Model, state: State, scratch: Scratch, group: int, failed: lane):
+        """Lay the segments out from the grip on, each towards where its end would be if it were free.
+
+        This is what remains to be done where Newton's method does not converge: a weight that
+        reaches the end of a thread a thousand times lighter. Lengths hold, and no energy is made.
+        """
+        rate = real(1.0) / model.dt
+        end = scratch.predicted[group, 0]
+        for i in range(1, model.node_count - model.far_is_held):
+            edge = scratch.force[group, i] - end
+            size = f.root(dot(edge, edge) + lane(real(1.0e-20)))
+            end = end + scale(f.div(lane(model.segment_length), size), edge)
+            p = scratch.predicted[group, i]
+            x = state.position[group, i]
+            v = state.velocity[group, i]
+            # A product would keep what is not finite.
+            tension = state.tension[group, i - 1]
+            for k in range(count):
+                if failed[k] > real(0.0):
+                    tension[k] = real(0.0)
+                    for c in range(3):
+                        p[c, k] = end[c, k]
+                        v[c, k] = (end[c, k] - x[c, k]) * rate
+            state.tension[group, i - 1] = tension
+            scratch.predicted[group, i] = p
+            state.velocity[group, i] = v
+
+    @wp.func
     def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):
-        """Newton iterations until every length is right.
+        """Newton iterations until every length is right, and another way where they fail.
 
         Where the tip whips, an edge may turn by a third of a radian in one step, and what one
         iteration leaves would come back as a kick in the next step.
@@ -140,6 +173,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         share = active
         worst = lane()
         iteration = int(0)
+        again = int(0)
         while iteration < max_iterations:
             # A jerk that one iteration cannot take up acts along the edges as they have turned.
             if iteration == 0:
@@ -153,13 +187,16 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
                     model, scratch.predicted, state, scratch, group, share, real(1.0)
                 )
             iteration += 1
-            again = int(0)
+            again = 0
             for k in range(count):
-                if worst[k] > real(tolerance) and share[k] > real(0.0):
-                    again = int(1)
+                # A value that is not a number is not right either.
+                if share[k] > real(0.0) and not (worst[k] <= real(tolerance)):
+                    again = 1
                 else:
                     share[k] = real(0.0)
             if again == 0:
                 iteration = max_iterations
+        if again == 1:
+            lay_out(model, state, scratch, group, share)
 
     return SimpleNamespace(hold_lengths=hold_lengths)

@@ -35,7 +35,17 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         bending: wp.array(dtype=lane)  # EI / l^3 [N/m]
         friction: wp.array(dtype=lane)
         linear_damping: wp.array(dtype=lane)
+        angular_damping: wp.array(dtype=lane)
         rotation_viscosity: wp.array(dtype=lane)  # [kg/s]
+        torsion: wp.array(dtype=lane)  # GJ / l [N·m]
+        shape_torsion: wp.array(dtype=lane)  # the same, as far as it acts on the shape [N·m]
+        spin_pivot: wp.array2d(dtype=lane)  # of the torsion solve (twist.py) [1/(kg·m²)]
+        roll_share: wp.array(dtype=lane)
+        spin_gain: wp.array2d(dtype=lane)  # spin per velocity that a node loses sideways [1/m]
+        end_weight: wp.array(dtype=lane)  # mass of the last node in halves of a segment [-]
+        rolling: wp.array(dtype=lane)  # lever of rolling friction over the radius [-]
+        spinning: wp.array(dtype=lane)  # couple's impulse per normal impulse per mass [kg]
+        segment_mass: wp.array(dtype=lane)
         # Factors of the filter of the bending force (bending.py).
         filter_diagonal: wp.array2d(dtype=lane)
         filter_lower1: wp.array2d(dtype=lane)
@@ -52,6 +62,15 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         piece_duration: wp.array(dtype=lane)
         current: wp.array2d(dtype=lane)  # [group, 30]
         next_knot: wp.array(dtype=real)  # first over the lanes
+        # At the end of this step: position; at its start: direction, how fast that turned in the
+        # step before [1/s], and the spin of the gripper about it in this step and before [rad/s].
+        position: wp.array(dtype=vec3)
+        direction: wp.array(dtype=vec3)
+        turn: wp.array(dtype=vec3)
+        spin: wp.array(dtype=lane)
+        spin_before: wp.array(dtype=lane)
+        next_direction: wp.array(dtype=vec3)
+        yaw: wp.array(dtype=lane)
 
     @wp.struct
     class State:
@@ -62,6 +81,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         # Force along an edge, as dt^2 times tension over length [kg]; the table feels that of the
         # step before (contact.py).
         tension: wp.array2d(dtype=lane)
+        twist: wp.array2d(dtype=lane)  # of node i, between edges i - 1 and i [rad]
+        spin: wp.array2d(dtype=lane)  # of each edge [rad/s]
+        binormal: wp.array2d(dtype=vec3)  # of each node, at the start of the last step
         active: wp.array(dtype=lane)  # 1, or 0 once at rest for good
         rest_time: wp.array(dtype=lane)
 
@@ -69,7 +91,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
     class Scratch:
         """Memory within a step."""
 
-        bending: wp.array2d(dtype=vec3)
+        moment: wp.array2d(dtype=vec3)  # gradient of the bending energy at each node [N]
+        force: wp.array2d(dtype=vec3)  # elastic force, halfway through the filter [N]
+        spin: wp.array2d(dtype=lane)
         predicted: wp.array2d(dtype=vec3)
         upper: wp.array2d(dtype=lane)
         rhs: wp.array2d(dtype=lane)

@@ -1,0 +1,145 @@
+"""Twist and roll: how each segment turns about its own axis.
+
+The spin of a segment is its rate of turn about its tangent, measured against a frame that is
+carried along without turning (parallel transport in time). A node stores the twist between the two
+segments that it joins, and its rate is
+
+    twist' = spin[i] - spin[i-1] + kb . (v[i+1] - v[i-1]) / (2 l),
+
+where kb = 2 e x f / (l^2 + e . f) is the curvature binormal of the edges e and f. The last term is
+the holonomy of a bending curve, and its gradient gives the force with which twist acts on the
+shape: what makes a twisted cable buckle into loops (Bergou et al. 2008 and 2010, gradient of the
+reference twist). A twist costs C twist^2 / (2 l) with C the torsional rigidity GJ; between a
+gripper and the middle of its segment lies half a cell.
+
+Segments are so light against their torsional stiffness that twist settles within a step or a few.
+Torsion is therefore taken at the end of the step (backward Euler, a tridiagonal solve), and it is
+that torque which acts on the shape.
+"""
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+import warp as wp
+
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.world import world_structs
+
+SHAPE_TORSION = 0.25
+"""Most that torsion may act on the shape, as C dt^2 / (m l^3). A cable that is stiffer in torsion
+is untwisted faster than a step can follow, and would throw its shape about."""
+
+MOST_TWIST = 1.0
+"""Twist at one node up to which torsion acts on the shape in full [rad]. Beyond it a chain of
+segments no longer resembles a rod, and the torque stops growing."""
+
+
+def spin_pivots(
+    torsion: np.ndarray, inertia: np.ndarray, dt: float, far_is_held: bool
+) -> np.ndarray:
+    """Inverse pivots of I + dt^2 (C / l) L, eliminated from the far end on.
+
+    Args:
+        torsion: C / l [N·m], shape [world].
+        inertia: Moment of inertia of each segment about its axis [kg·m²], shape [world, edge].
+        dt: Step [s].
+        far_is_held: Whether the far end is kept from turning.
+
+    Returns:
+        1 / pivot [1/(kg·m²)], shape [world, edge].
+    """
+    k = dt**2 * torsion
+    edge_count = inertia.shape[1]
+    inverse = np.empty_like(inertia)
+    beyond = np.zeros_like(k)
+    for e in reversed(range(edge_count)):
+        # Half a cell at a held end is twice as stiff; a free end has nothing beyond it.
+        before = 2.0 if e == 0 else 1.0
+        after = 1.0 if e < edge_count - 1 else (2.0 if far_is_held else 0.0)
+        pivot = inertia[:, e] + (before + after) * k - beyond
+        inverse[:, e] = 1.0 / pivot
+        beyond = k**2 / pivot
+    return inverse
+
+
+@functools.cache
+def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
+    """Warp functions of the twist stage."""
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    real, lane, vec3 = f.real, f.lane, f.vec3
+    dot, scale, mul, div = f.dot, f.scale, f.mul, f.div
+    Model, State = s.Model, s.State
+    most_twist = wp.constant(MOST_TWIST)
+
+    @wp.func
+    def cross(a: vec3, b: vec3):
+        """Vector product in each lane."""
+        return wp.matrix_from_rows(
+            mul(a[1], b[2]) - mul(a[2], b[1]),
+            mul(a[2], b[0]) - mul(a[0], b[2]),
+            mul(a[0], b[1]) - mul(a[1], b[0]),
+        )
+
+    @wp.func
+    def binormal(model: Model, sine_squared: lane, e: vec3, g: vec3):
+        """Curvature binormal of two edges of equal length, 2 tan(phi / 2) long.
+
+        The factor 2 / (l^2 + e . g) is 1 / (l^2 (1 - q)) with q = sin^2(phi / 2), here as a series
+        that stays finite where edges fold back on each other.
+        """
+        q = sine_squared
+        one = lane(real(1.0))
+        value = one + mul(q, one + mul(q, one + mul(q, one + q)))
+        return scale(value * (real(1.0) / (model.segment_length * model.segment_length)), cross(e, g))
+
+    @wp.func
+    def turn_twist(
+        model: Model,
+        state: State,
+        group: int,
+        node: int,
+        spins: lane,
+        turning: vec3,
+        curvature: vec3,
+        elapsed: lane,
+    ):
+        """Twist of a node after the last step, which is stored.
+
+        Args:
+            spins: Difference of the spins of the segments after and before the node [rad/s].
+            turning: Sum of the rates of the edges after and before it [m/s].
+            curvature: Its curvature binormal now.
+            elapsed: What the last step took [s]; 0 for worlds at rest.
+        """
+        # The binormal halfway through the step is the mean of those at its ends.
+        middle = state.binormal[group, node] + curvature
+        holonomy = dot(middle, turning) * (real(0.25) / model.segment_length)
+        twist = state.twist[group, node] + mul(elapsed, spins + holonomy)
+        state.twist[group, node] = twist
+        state.binormal[group, node] = curvature
+        return twist
+
+    @wp.func
+    def shape_force(model: Model, shape_torsion: lane, twist: lane, curvature: vec3):
+        """Force of a node's twist on the node before it; the node after it feels the opposite."""
+        bounded = wp.min(wp.max(twist, lane(real(-most_twist))), lane(real(most_twist)))
+        torque = mul(shape_torsion, bounded)
+        return scale(torque * (real(0.5) / model.segment_length), curvature)
+
+    @wp.func
+    def settle_spin(spin: lane, change: lane, damping: lane):
+        """Spin after torsion and damping."""
+        one = lane(real(1.0))
+        return div(mul(one - damping, spin) + change, one + damping)
+
+    return SimpleNamespace(
+        binormal=binormal,
+        turn_twist=turn_twist,
+        shape_force=shape_force,
+        settle_spin=settle_spin,
+    )
