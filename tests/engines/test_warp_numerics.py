@@ -36,14 +36,17 @@ def distance_pct(a, b):
 
 def test_the_endpoint_converges_with_the_second_power_of_the_step():
     # Along the track before the sensitive end of the cast, where the error is the scheme's own.
+    # Without the two frictions that jump with the sign of a spin: their kinks leave an error of the
+    # first order, and of a hundredth of a per cent of the length.
     paths = casts(24)
+    params = dataclasses.replace(CABLE.params, rolling_friction=0.0, spinning_friction=0.0)
 
     def track(dt):
         engine = EngineWarp(segment_count=20, dt=dt, precision="double", rest_speed=0)
-        return engine.rollout(CABLE, CABLE.params, paths, duration=1.2, sample_dt=0.1).endpoint_xy
+        return engine.rollout(CABLE, params, paths, duration=1.2, sample_dt=0.1).endpoint_xy
 
-    fine = track(6.25e-5)
-    errors = [np.median(np.linalg.norm(track(dt) - fine, axis=2)) for dt in (1e-3, 5e-4, 2.5e-4)]
+    fine = track(3.125e-5)
+    errors = [np.median(np.linalg.norm(track(dt) - fine, axis=2)) for dt in (5e-4, 2.5e-4, 1.25e-4)]
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     # Second order gives 2; the reference's own error and kinks of friction leave some scatter.
     assert slopes.min() > 1.6
@@ -90,7 +93,7 @@ def test_stopping_at_rest_does_not_change_the_landing():
     paths = casts(32)
     early = EngineWarp().rollout(CABLE, CABLE.params, paths).endpoint_xy
     late = EngineWarp(rest_speed=0).rollout(CABLE, CABLE.params, paths).endpoint_xy
-    # A cable slower than 1 cm/s under Coulomb friction has less than 0.1 mm to go.
+    # A cable slower than 0.5 mm/s for 50 ms, that twist may still roll, has less than 0.1 mm to go.
     assert np.linalg.norm(early[:, -1] - late[:, -1], axis=1).max() < 2e-4
 
 

@@ -62,7 +62,7 @@ class EngineWarp:
         device: str = "cpu",
         precision: str = "single",
         thread_count: int | None = None,
-        rest_speed: float = 1e-2,
+        rest_speed: float = 5e-4,
         gravity: float = GRAVITY,
     ):
         if not 2 <= segment_count <= 1000:
