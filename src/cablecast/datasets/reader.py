@@ -165,7 +165,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
         present = sum((path / shard_path(shard)).exists() for shard in shards)
         raise DatasetError(
             f"{path} is unfinished: {present} of {len(shards)} shards are there. "
-            "Run the same simulation again to complete it"
+            "Run the command that made it again to complete it"
         )
     starts = [shard * shard_rows for shard in shards]
     tables = [

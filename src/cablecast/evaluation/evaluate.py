@@ -12,7 +12,7 @@ from cablecast.errors import InputError, RigError
 from cablecast.evaluation.metrics import ErrorSummary, summarise_errors, target_error_pct
 from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.rigs.base import Rig, run_trials
+from cablecast.rigs.base import Rig, check_track, run_trials
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
@@ -203,7 +203,7 @@ def evaluate_policy(
             target_xy=target_xy[target],
             action=actions[target],
             predicted_xy=np.asarray(plan.predicted_xy[target], dtype=float),
-            track=_checked(track),
+            track=check_track(track),
             trajectory=trajectories[target],
             inside_coverage=bool(inside[target]),
         )
@@ -216,13 +216,3 @@ def evaluate_policy(
         inside_coverage=inside,
         trials=trials,
     )
-
-
-def _checked(track: object) -> EndpointTrack:
-    # The rig may be a user's own code: say what it should have returned where it goes wrong.
-    if not isinstance(track, EndpointTrack):
-        kind = type(track).__name__
-        raise RigError(f"the rig's execute returned {kind}: it must return an EndpointTrack")
-    if track.status is TrialStatus.OK and not np.all(np.isfinite(track.final_xy)):
-        raise RigError("the rig returned status OK without a final endpoint: it must be finite")
-    return track

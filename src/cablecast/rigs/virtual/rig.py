@@ -54,6 +54,17 @@ class RigVirtual(RigLifecycle):
             "workspace": dataclasses.asdict(workspace),
         }
 
+    def seek(self, index: int) -> None:
+        """Let the next trial be the index-th, so that a resumed collection draws the same chance.
+
+        Args:
+            index: From 0.
+        """
+        self._check_open()
+        if index < 0:
+            raise InputError(f"trial {index} must be at least 0")
+        self._trial_count = int(index)
+
     def execute(self, trajectory: "Trajectory") -> EndpointTrack:
         """Play one motion from the reset state, and report where the endpoint went."""
         self._use_reset()
