@@ -11,6 +11,7 @@ import cablecast
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.plan import Plan
+from cablecast.cli.select import Select
 from cablecast.cli.simulate import Simulate
 from cablecast.cli.train import Train
 from cablecast.errors import CablecastError
@@ -30,6 +31,7 @@ _Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Select, tyro.conf.subcommand("select")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
 )
 

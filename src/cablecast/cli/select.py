@@ -1,0 +1,204 @@
+"""`cablecast select`: choose r0, v_max and whether the wrist turns."""
+
+import dataclasses
+import pathlib
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cablecast.cli.options import DEFAULT_CABLE, Device, argument, cable_folder
+
+if TYPE_CHECKING:
+    from cablecast.cable import Cable, CableParams
+    from cablecast.cli.run_folder import RunFolder
+    from cablecast.workspace import Workspace
+
+SELECT_FOLDER = "select"
+COVERAGE_FOLDER = "coverage"
+FIGURE_FILE = "coverage.png"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Select:
+    """Compare what grids of casts cover for several r0 and v_max, and choose among them.
+
+    Nine combinations of r0 and v_max are simulated without a turn of the wrist, and the three
+    speeds of the best r0 with one. With --rig, the casts of four candidates are repeated on it to
+    see how far apart equal casts land. A run that was stopped goes on where it was.
+    """
+
+    cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
+    """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
+    """Parameters that `cablecast tune` found (params.json)."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
+    """Where to put the results."""
+    grid: int = 15
+    """Values of each action variable without a turn of the wrist; the paper has 15 x 15 x 15."""
+    grid_psi: int = 10
+    """The same with one; the paper has 10 x 10 x 10 and half as many turns."""
+    seed: int = 0
+    """Chooses everything that is drawn by chance."""
+    device: Device = "cpu"
+    """Simulate on the processor or on an NVIDIA graphics card."""
+
+    def run(self) -> None:
+        """Measure, choose, draw, and print the table."""
+        from cablecast.cable import load_cable
+        from cablecast.cli.run_folder import RunFolder
+        from cablecast.workspace import Workspace
+
+        cable, workspace = load_cable(self.cable), Workspace()
+        params = load_params(self.params, cable)
+        settings = {
+            "cable": cable.to_dict(),
+            "params": params.to_dict(),
+            "grid": self.grid,
+            "grid_psi": self.grid_psi,
+            "seed": self.seed,
+            "device": self.device,
+        }
+        out = self.out or cable_folder(cable.name) / SELECT_FOLDER
+        run = RunFolder.open(out, "select", settings)
+        if run.metrics is None:
+            run.begin()
+            self._select(run, cable, params, workspace)
+        print_choice(run.metrics or {})
+        print(f"metrics  {out / 'metrics.json'}\nfigure   {out / FIGURE_FILE}")
+
+    def _select(
+        self, run: "RunFolder", cable: "Cable", params: "CableParams", workspace: "Workspace"
+    ) -> None:
+        from cablecast.evaluation.coverage import (
+            R0_CHOICES,
+            V_MAX_CHOICES,
+            covered_share,
+            outlines,
+            polar_casting_region,
+        )
+        from cablecast.evaluation.selection import Candidate, choose, choose_r0
+        from cablecast.files import write_bytes
+        from cablecast.report.coverage import coverage_figure
+        from cablecast.report.style import png_bytes
+
+        def measured(pairs, with_psi: bool) -> list[dict[str, Any]]:
+            return [
+                self._coverage(run, cable, params, workspace, r0, v_max, with_psi)
+                for r0, v_max in pairs
+            ]
+
+        def candidates(results) -> list[Candidate]:
+            return [
+                Candidate(
+                    r0=result["r0"],
+                    v_max=result["v_max"],
+                    with_psi=result["with_psi"],
+                    coverage=result["share"],
+                )
+                for result in results
+            ]
+
+        results = measured(((r0, v) for r0 in R0_CHOICES for v in V_MAX_CHOICES), False)
+        r0, _ = choose_r0(candidates(results))
+        results += measured(((r0, v) for v in V_MAX_CHOICES), True)
+        choice = choose(candidates(results))
+        polar = polar_casting_region(cable, workspace)
+        radius = workspace.reach(cable.length)
+        figure = coverage_figure(results, outlines(polar)[0], workspace, cable.length)
+        write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
+        run.finish(
+            {
+                "cable": cable.name,
+                "half_disc_radius_m": radius,
+                "coverage": results,
+                "polar_casting": {
+                    "share": covered_share(polar, radius),
+                    "outline_xy": outlines(polar)[0].round(4).tolist(),
+                },
+                "choice": choice.to_dict(),
+            }
+        )
+
+    def _coverage(
+        self,
+        run: "RunFolder",
+        cable: "Cable",
+        params: "CableParams",
+        workspace: "Workspace",
+        r0: float,
+        v_max: float,
+        with_psi: bool,
+    ) -> dict[str, Any]:
+        """One combination, from the disk where an earlier run had come so far."""
+        import json
+
+        from cablecast.evaluation.coverage import measure_coverage
+        from cablecast.files import write_json
+        from cablecast.motion.action import MotionConfig
+
+        name = f"r0_{r0:g}-v_max_{v_max:g}" + "-psi" * with_psi
+        file = run.path / COVERAGE_FOLDER / f"{name}.json"
+        if file.exists():
+            return json.loads(file.read_text())
+        from cablecast.engines.warp_ import EngineWarp
+
+        counts = (self.grid,) * 3
+        if with_psi:
+            counts = (self.grid_psi,) * 3 + (max(self.grid_psi // 2, 1),)
+        print(
+            f"Simulating r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi,
+            file=sys.stderr,
+        )
+        engine = EngineWarp(device=self.device)
+        config = MotionConfig(r0=r0, v_max=v_max)
+        result = measure_coverage(config, cable, params, engine, workspace, counts).to_dict()
+        write_json(file, result)
+        return result
+
+
+def load_params(file: pathlib.Path | None, cable: "Cable") -> "CableParams":
+    """Parameters of a file that `cablecast tune` wrote, or what the cable says of itself.
+
+    Args:
+        file: The file, or None.
+        cable: The cable.
+    """
+    if file is None:
+        return cable.params
+    from cablecast.tuning import read_params  # pyright: ignore
+
+    return read_params(file)
+
+
+def print_choice(metrics: dict[str, Any]) -> None:
+    """Print what every combination covers, and which was chosen.
+
+    Args:
+        metrics: What metrics.json holds.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    ratio = metrics["coverage"][0]["hull_ratio"]
+    table = Table(title="Share of the reachable half disc", box=box.SIMPLE)
+    table.caption = f"Concave hulls of ratio {ratio:g}."
+    for name in ("r0 [m]", "v_max [m/s]", "psi", "casts", "coverage [%]", "off table [%]"):
+        table.add_column(name, justify="right", no_wrap=True)
+    chosen = metrics["choice"]
+    for row in metrics["coverage"]:
+        is_chosen = all(row[name] == chosen[name] for name in ("r0", "v_max", "with_psi"))
+        table.add_row(
+            f"{row['r0']:g}",
+            f"{row['v_max']:g}",
+            "yes" if row["with_psi"] else "no",
+            str(row["feasible_count"]),
+            f"{100 * row['share']:.1f}",
+            f"{100 * row['off_table_share']:.1f}",
+            style="bold" if is_chosen else "",
+        )
+    table.add_section()
+    table.add_row("polar casting", "", "", "", f"{100 * metrics['polar_casting']['share']:.1f}", "")
+    console = Console()
+    console.print(table)
+    for reason in chosen["reasons"]:
+        console.print(reason, highlight=False, soft_wrap=True)
