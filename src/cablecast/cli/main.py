@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 import cablecast
+from cablecast.cli.collect import Collect
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.plan import Plan
@@ -28,6 +29,7 @@ target, evaluate on a robot (real or virtual). `cablecast demo` does all of it f
 
 _Command = (
     Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Collect, tyro.conf.subcommand("collect")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
