@@ -18,7 +18,11 @@ from cablecast.workspace import Workspace
 
 
 class PlanLike(Protocol):
-    """What a policy answers for some targets; `Plan` of the forward search is one."""
+    """What a policy answers for some targets; `Plan` of the forward search is one.
+
+    A plan of motions that no action describes also has `trajectories`, one per target; its actions
+    are NaN then.
+    """
 
     @property
     def actions(self) -> NDArray[np.float64]:
@@ -52,7 +56,7 @@ class Trial:
         target_index: Which target, from 0.
         repeat: Which cast at this target, from 0.
         target_xy: Where the endpoint should come to rest [m], shape [2].
-        action: What was done.
+        action: What was done; None for a motion that is no action.
         predicted_xy: Where the model expected the endpoint [m], shape [2].
         track: What the rig saw.
         trajectory: The motion that was executed.
@@ -62,7 +66,7 @@ class Trial:
     target_index: int
     repeat: int
     target_xy: NDArray[np.float64]
-    action: Action
+    action: Action | None
     predicted_xy: NDArray[np.float64]
     track: EndpointTrack
     trajectory: Trajectory
@@ -182,8 +186,10 @@ def evaluate_policy(
     target_xy = np.atleast_2d(workspace.check_target(targets, cable.length))
     plan = policy.plan(target_xy)
     inside = np.asarray(plan.inside_coverage, dtype=bool)
-    actions = [Action.from_array(row) for row in plan.actions]
-    trajectories = [plan_trajectory(action, config, workspace) for action in actions]
+    trajectories = getattr(plan, "trajectories", None)
+    if trajectories is None:
+        actions = [Action.from_array(row) for row in plan.actions]
+        trajectories = [plan_trajectory(action, config, workspace) for action in actions]
 
     order = [(target, repeat) for target in range(len(target_xy)) for repeat in range(repeats)]
     total = len(order)
@@ -201,7 +207,7 @@ def evaluate_policy(
             target_index=target,
             repeat=repeat,
             target_xy=target_xy[target],
-            action=actions[target],
+            action=trajectories[target].action,
             predicted_xy=np.asarray(plan.predicted_xy[target], dtype=float),
             track=check_track(track),
             trajectory=trajectories[target],
