@@ -10,6 +10,7 @@ from cablecast.cli.options import DEFAULT_CABLE, Device, argument, cable_folder
 if TYPE_CHECKING:
     from cablecast.cable import Cable, CableParams
     from cablecast.cli.run_folder import RunFolder
+    from cablecast.evaluation.selection import Candidate
     from cablecast.workspace import Workspace
 
 SELECT_FOLDER = "select"
@@ -22,22 +23,22 @@ class Select:
     """Compare what grids of casts cover for several r0 and v_max, and choose among them.
 
     Nine combinations of r0 and v_max are simulated without a turn of the wrist, and the three
-    speeds of the best r0 with one. With --rig, the casts of four candidates are repeated on it to
-    see how far apart equal casts land. A run that was stopped goes on where it was.
+    speeds of the best r0 with one. With --repeat, what `cablecast repeat` measured is weighed
+    against coverage. A run that was stopped goes on where it was.
     """
 
     cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
     """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
     """Parameters that `cablecast tune` found (params.json)."""
+    repeat: Annotated[pathlib.Path | None, argument("DIR", "coverage alone decides")] = None
+    """Folder that `cablecast repeat` wrote, with the combinations to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
     """Where to put the results."""
     grid: int = 15
     """Values of each action variable without a turn of the wrist; the paper has 15 x 15 x 15."""
     grid_psi: int = 10
     """The same with one; the paper has 10 x 10 x 10 and half as many turns."""
-    seed: int = 0
-    """Chooses everything that is drawn by chance."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
 
@@ -49,24 +50,30 @@ class Select:
 
         cable, workspace = load_cable(self.cable), Workspace()
         params = load_params(self.params, cable)
+        repeated = read_repeatability(self.repeat, cable)
         settings = {
             "cable": cable.to_dict(),
             "params": params.to_dict(),
+            "repeatability": repeated,
             "grid": self.grid,
             "grid_psi": self.grid_psi,
-            "seed": self.seed,
             "device": self.device,
         }
         out = self.out or cable_folder(cable.name) / SELECT_FOLDER
         run = RunFolder.open(out, "select", settings)
         if run.metrics is None:
             run.begin()
-            self._select(run, cable, params, workspace)
+            self._select(run, cable, params, workspace, repeated)
         print_choice(run.metrics or {})
         print(f"metrics  {out / 'metrics.json'}\nfigure   {out / FIGURE_FILE}")
 
     def _select(
-        self, run: "RunFolder", cable: "Cable", params: "CableParams", workspace: "Workspace"
+        self,
+        run: "RunFolder",
+        cable: "Cable",
+        params: "CableParams",
+        workspace: "Workspace",
+        repeated: list[dict[str, Any]],
     ) -> None:
         from cablecast.evaluation.coverage import (
             R0_CHOICES,
@@ -75,7 +82,7 @@ class Select:
             outlines,
             polar_casting_region,
         )
-        from cablecast.evaluation.selection import Candidate, choose, choose_r0
+        from cablecast.evaluation.selection import choose, choose_r0
         from cablecast.files import write_bytes
         from cablecast.report.coverage import coverage_figure
         from cablecast.report.style import png_bytes
@@ -86,21 +93,13 @@ class Select:
                 for r0, v_max in pairs
             ]
 
-        def candidates(results) -> list[Candidate]:
-            return [
-                Candidate(
-                    r0=result["r0"],
-                    v_max=result["v_max"],
-                    with_psi=result["with_psi"],
-                    coverage=result["share"],
-                )
-                for result in results
-            ]
-
         results = measured(((r0, v) for r0 in R0_CHOICES for v in V_MAX_CHOICES), False)
-        r0, _ = choose_r0(candidates(results))
+        r0, _ = choose_r0([as_candidate(result) for result in results])
         results += measured(((r0, v) for v in V_MAX_CHOICES), True)
-        choice = choose(candidates(results))
+        for result in results:
+            key = combination(result)
+            result["repeatability"] = next((r for r in repeated if combination(r) == key), None)
+        choice = choose([as_candidate(result) for result in results])
         polar = polar_casting_region(cable, workspace)
         radius = workspace.reach(cable.length)
         figure = coverage_figure(results, outlines(polar)[0], workspace, cable.length)
@@ -169,6 +168,52 @@ def load_params(file: pathlib.Path | None, cable: "Cable") -> "CableParams":
     return read_params(file)
 
 
+def read_repeatability(folder: pathlib.Path | None, cable: "Cable") -> list[dict[str, Any]]:
+    """What `cablecast repeat` measured of each combination; nothing without a folder.
+
+    Raises:
+        InputError: The folder holds no finished run of it, or one with another cable.
+    """
+    if folder is None:
+        return []
+    from cablecast.cable import Cable
+    from cablecast.cli.options import check_same_cable
+    from cablecast.cli.run_folder import RunFolder
+    from cablecast.errors import InputError
+
+    config = RunFolder.read_config(folder)
+    metrics = RunFolder(path=folder, config=config or {}).metrics
+    if config is None or config["command"] != "repeat" or metrics is None:
+        raise InputError(f"{folder} holds no finished run of `cablecast repeat`")
+    check_same_cable(cable, Cable.from_dict(config["settings"]["cable"]), folder)
+    return metrics["combinations"]
+
+
+def combination(result: dict[str, Any]) -> tuple[float, float, bool]:
+    """r0, v_max and whether the wrist turns, as coverage and repeatability both name them."""
+    return result["r0"], result["v_max"], result["with_psi"]
+
+
+def as_candidate(result: dict[str, Any]) -> "Candidate":
+    """A combination as the choice is made from it.
+
+    Args:
+        result: Its coverage, with its repeatability where that was measured.
+    """
+    from cablecast.evaluation.selection import Candidate
+
+    repeated = result.get("repeatability") or {}
+    r0, v_max, with_psi = combination(result)
+    return Candidate(
+        r0=r0,
+        v_max=v_max,
+        with_psi=with_psi,
+        coverage=result["share"],
+        scatter_pct=repeated.get("scatter_pct"),
+        off_table_share=repeated.get("off_table_share"),
+    )
+
+
 def print_choice(metrics: dict[str, Any]) -> None:
     """Print what every combination covers, and which was chosen.
 
@@ -181,20 +226,20 @@ def print_choice(metrics: dict[str, Any]) -> None:
 
     ratio = metrics["coverage"][0]["hull_ratio"]
     table = Table(title="Share of the reachable half disc", box=box.SIMPLE)
-    table.caption = f"Concave hulls of ratio {ratio:g}."
-    for name in ("r0 [m]", "v_max [m/s]", "psi", "casts", "coverage [%]", "off table [%]"):
+    table.caption = f"Concave hulls of ratio {ratio:g}; scatter in % of cable length."
+    for name in ("r0 [m]", "v_max [m/s]", "psi", "casts", "coverage [%]", "scatter [%]"):
         table.add_column(name, justify="right", no_wrap=True)
     chosen = metrics["choice"]
     for row in metrics["coverage"]:
-        is_chosen = all(row[name] == chosen[name] for name in ("r0", "v_max", "with_psi"))
+        scatter_pct = (row["repeatability"] or {}).get("scatter_pct")
         table.add_row(
             f"{row['r0']:g}",
             f"{row['v_max']:g}",
             "yes" if row["with_psi"] else "no",
             str(row["feasible_count"]),
             f"{100 * row['share']:.1f}",
-            f"{100 * row['off_table_share']:.1f}",
-            style="bold" if is_chosen else "",
+            "" if scatter_pct is None else f"{scatter_pct:.2f}",
+            style="bold" if combination(row) == combination(chosen) else "",
         )
     table.add_section()
     table.add_row("polar casting", "", "", "", f"{100 * metrics['polar_casting']['share']:.1f}", "")

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cablecast.errors import InputError
+from cablecast.evaluation.published import PUBLISHED_REPEATABILITY
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,18 +51,26 @@ class Candidate:
         return self.coverage * (1.0 - (self.off_table_share or 0.0)) / max(self.scatter_pct, 0.1)
 
 
-# Source: arXiv 2405.09581, section VI-B: coverage in simulation and standard deviation of repeated
-# landings on a real UR5, cable 1; off-table shares are in the sources of the paper.
-PUBLISHED_CANDIDATES = (
-    Candidate(r0=0.6, v_max=1.2, with_psi=False, coverage=0.213, scatter_pct=1.27),
-    Candidate(r0=0.6, v_max=1.8, with_psi=False, coverage=0.663, scatter_pct=3.70),
+# Source: arXiv 2405.09581, section VI-B: coverage in simulation tuned to cable 1, r0 = 0.6 m.
+_PUBLISHED_COVERAGE = {
+    (1.2, False): 0.213,
+    (1.8, False): 0.663,
+    (1.5, True): 0.769,
+    (1.8, True): 0.797,
+}
+
+PUBLISHED_CANDIDATES = tuple(
     Candidate(
-        r0=0.6, v_max=1.5, with_psi=True, coverage=0.769, scatter_pct=1.93, off_table_share=0.129
-    ),
-    Candidate(
-        r0=0.6, v_max=1.8, with_psi=True, coverage=0.797, scatter_pct=4.72, off_table_share=0.30
-    ),
+        r0=0.6,
+        v_max=row.v_max,
+        with_psi=row.with_psi,
+        coverage=_PUBLISHED_COVERAGE[row.v_max, row.with_psi],
+        scatter_pct=row.scatter_pct,
+        off_table_share=row.off_table_share,
+    )
+    for row in PUBLISHED_REPEATABILITY
 )
+"""What the paper weighed against each other."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

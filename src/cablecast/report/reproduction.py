@@ -88,6 +88,15 @@ class Reproduction:
         found = {cable: self.metrics(cable, f"evaluate-{BEST_METHOD}") for cable in self.cables}
         return {cable: metrics for cable, metrics in found.items() if metrics is not None}
 
+    def tunings(self) -> dict[str, dict[str, Any]]:
+        """metrics.json of the tuning of every cable."""
+        found = {cable: self.metrics(cable, "tune") for cable in self.cables}
+        return {cable: metrics for cable, metrics in found.items() if metrics is not None}
+
+    def model_info(self, cable: str, method: str) -> dict[str, Any] | None:
+        """What the model of a method says of itself; None where it has not been trained."""
+        return _read_json(self.folder / cable / f"model-{method}" / "model.json")
+
     def trials(self, cable: str, method: str) -> dict[str, np.ndarray]:
         """Columns of trials.csv of an evaluation; an empty cell is NaN."""
         text = (self.folder / cable / f"evaluate-{method}" / "trials.csv").read_text()
