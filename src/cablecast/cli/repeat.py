@@ -176,14 +176,13 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     table = Table(title="Scatter of equal casts, in % of cable length", box=box.SIMPLE)
     table.caption = "The paper's figures are those of cable 1 on a real UR5."
     table.add_column("v_max", no_wrap=True)
-    for name in ("actions", "casts", "scatter", "paper", "off table", "paper", "along arc"):
+    for name in ("casts", "scatter", "paper", "off table", "paper", "along arc"):
         table.add_column(name, justify="right", no_wrap=True)
     for values in combinations:
         published = published_repeatability(values["v_max"], values["with_psi"])
         off_table = None if published is None else published.off_table_share
         table.add_row(
             f"{values['v_max']:g}{' with psi' if values['with_psi'] else ''}",
-            str(values["action_count"]),
             str(values["cast_count"]),
             _number(values["scatter_pct"], 2),
             _number(None if published is None else published.scatter_pct, 2),

@@ -209,6 +209,7 @@ class _Collection:
         self.repeats = repeats
         self.attempts = attempts
         self.progress = progress
+        self._planned: tuple[int, Trajectory] | None = None
         # A rig that makes many at once returns no track before the last is done, so what is lost
         # when it is killed is kept small.
         self.batch_size = 2 * core_count() if callable(_method(rig, "execute_many")) else 1
@@ -290,8 +291,12 @@ class _Collection:
             seek(index)
 
     def _trajectory(self, index: int) -> Trajectory:
-        action = Action.from_array(self.actions[index // self.repeats])
-        return plan_trajectory(action, self.config, self.workspace)
+        number = index // self.repeats
+        # Repeats of an action follow one another and share its motion.
+        if self._planned is None or self._planned[0] != number:
+            action = Action.from_array(self.actions[number])
+            self._planned = number, plan_trajectory(action, self.config, self.workspace)
+        return self._planned[1]
 
     def _row(
         self, index: int, trajectory: Trajectory, track: EndpointTrack, failures: int
