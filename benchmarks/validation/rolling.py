@@ -105,7 +105,7 @@ def roll_to_stop(make: MakeEngine, segment_count: int, dt: float) -> Measured:
 
 
 def spun_rod(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    lever = 0.03
+    lever = 2e-3
     couple = lever * ROD_MASS / LENGTH * GRAVITY
     return turned_rod(
         make,
@@ -116,6 +116,7 @@ def spun_rod(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         tip_force=-couple,
         torque=couple * LENGTH,
         spinning_friction=lever,
+        rate=0.5,
     )
 
 

@@ -115,6 +115,7 @@ def turned_rod(
     load: float,
     tip_force: float,
     torque: float,
+    rate: float = ROD_RATE,
     **params,
 ) -> Measured:
     """A stiff rod whose grip turns with the deceleration that friction alone would give it.
@@ -127,21 +128,22 @@ def turned_rod(
         load: Friction along the rod, counted along the motion [N/m].
         tip_force: What a uniform couple comes to [N].
         torque: Of all friction about the grip, as a scale for the moment left there [N·m].
+        rate: Of the turn at the start [rad/s].
         params: Of the cable.
     """
     cable = scenes.make_cable(mass=ROD_MASS, bend_stiffness=ROD_STIFFNESS, **params)
     inertia_load = ROD_MASS / LENGTH * deceleration
-    duration = ROD_RATE / deceleration
+    duration = rate / deceleration
     loads = (load, inertia_load, tip_force)
 
     # Headings are counted from y to the right, as yaw is; the rod begins in its final shape.
     def yaw(t):
-        return ROD_RATE * t - 0.5 * deceleration * t**2
+        return rate * t - 0.5 * deceleration * t**2
 
     middles = scenes.lengthwise(segment_count)
     lead = np.arctan(rod_slope(middles, *loads))
     nodes = scenes.planar(lead, (0, 0, RADIUS), "yx")
-    state = scenes.turning(CableState.at_rest(nodes[None]), -ROD_RATE, (0, 0, 1), (0, 0, 0))
+    state = scenes.turning(CableState.at_rest(nodes[None]), -rate, (0, 0, 1), (0, 0, 0))
     path = scenes.fitted(lambda t: np.array([0, 0, RADIUS]) + 0 * t[:, None], duration, yaw)
     rollout = make(segment_count, dt).rollout(
         cable,
