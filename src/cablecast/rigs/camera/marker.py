@@ -28,6 +28,7 @@ class MarkerConfig:
         greenness_min: Least 2 G - R - B of a pixel that belongs to it.
         share_min: Part of the marker's greenness that must be seen; with less of it in sight its
             centroid is not its middle.
+        area_min: Part of its area that must be seen while it hardly moves.
         share_max: A patch greener than this multiple of the marker is something else.
     """
 
@@ -38,7 +39,8 @@ class MarkerConfig:
     saturation_min: int = 38
     value_min: int = 35
     greenness_min: float = 26.0
-    share_min: float = 0.7
+    share_min: float = 0.75
+    area_min: float = 0.88
     share_max: float = 1.6
 
     def __post_init__(self):
@@ -51,6 +53,7 @@ class MarkerConfig:
             ("value_min", 0, 255),
             ("greenness_min", 1.0, 500.0),
             ("share_min", 0.05, 1.0),
+            ("area_min", 0.05, 1.0),
             ("share_max", 1.0, 20.0),
         ):
             value = getattr(self, name)
@@ -59,7 +62,7 @@ class MarkerConfig:
 
     @property
     def area(self) -> float:
-        """Of the marker seen from above, round at both ends [m²]."""
+        """Size of the marker seen from above, round at both ends [m²]."""
         straight = max(self.length - self.width, 0.0)
         return straight * self.width + np.pi / 4 * self.width**2
 
@@ -71,16 +74,36 @@ class Patch:
     Attributes:
         pixel: Its centroid, weighted by greenness [px], shape [2].
         greenness: Sum of 2 G - R - B over it.
+        area: Of it at full greenness, which does not depend on the light, as long as it is not
+            blurred [px²].
         hue_deg: Its mean hue [deg].
         extent: Standard deviation of its greenness along its longer and its shorter axis [px].
+        box: Left, top, right and bottom of it in the frame [px], the last two excluded.
         touches_edge: Whether it reaches the edge of the piece of image that was searched.
     """
 
     pixel: NDArray[np.float64]
     greenness: float
+    area: float
     hue_deg: float
     extent: tuple[float, float]
+    box: tuple[int, int, int, int]
     touches_edge: bool
+
+
+def green_mask(image: NDArray[np.uint8], config: MarkerConfig) -> NDArray[np.uint8]:
+    """Which pixels are of the marker's colour, or next to one: 255 there, else 0, shape [v, u]."""
+    cv2 = load_cv2()
+    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+    # OpenCV halves hues, so that 360 degrees fit into a byte.
+    low = max(round((config.hue_deg - config.hue_tolerance_deg) / 2), 0)
+    high = min(round((config.hue_deg + config.hue_tolerance_deg) / 2), 179)
+    mask = cv2.inRange(hsv, (low, config.saturation_min, config.value_min), (high, 255, 255))
+    if not mask.any():
+        return mask
+    # Noise makes single green pixels on dark ground; a blurred marker has holes.
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
 
 def find_patches(
@@ -96,16 +119,9 @@ def find_patches(
     cv2 = load_cv2()
     if image.size == 0:
         return []
-    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-    # OpenCV halves hues, so that 360 degrees fit into a byte.
-    low = max(round((config.hue_deg - config.hue_tolerance_deg) / 2), 0)
-    high = min(round((config.hue_deg + config.hue_tolerance_deg) / 2), 179)
-    mask = cv2.inRange(hsv, (low, config.saturation_min, config.value_min), (high, 255, 255))
+    mask = green_mask(image, config)
     if not mask.any():
         return []
-    # Noise makes single green pixels on dark ground; a blurred marker has holes.
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    mask = cv2.dilate(mask, np.ones((5, 5), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     height, width = mask.shape
     patches = []
@@ -131,13 +147,16 @@ def find_patches(
             ]
         )
         small, large = np.sqrt(np.maximum(np.linalg.eigvalsh(spread / total), 0.0))
+        vivid = float(np.quantile(greenness[greenness > 0], 0.85))
         mean_colour = (piece * greenness[..., None]).sum(axis=(0, 1)) / total
         patches.append(
             Patch(
                 pixel=np.array([mean_u + corner[0], mean_v + corner[1]]),
                 greenness=total,
+                area=total / vivid,
                 hue_deg=_hue_deg(mean_colour),
                 extent=(float(large), float(small)),
+                box=(left + corner[0], top + corner[1], left + w + corner[0], top + h + corner[1]),
                 touches_edge=left == 0 or top == 0 or left + w == width or top + h == height,
             )
         )

@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import InputError
 from cablecast.rigs.camera.lens import CameraView
-from cablecast.rigs.camera.marker import MarkerConfig, Patch, find_patches
+from cablecast.rigs.camera.marker import MarkerConfig, Patch, find_patches, green_mask
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 Window = tuple[int, int, int, int]
 """A piece of a frame: left, top, right, bottom [px], the last two excluded."""
+_BLUR_SMALL = 4.0
+"""A marker whose trace is shorter than this looks as it does at rest [px]."""
 Grab = Callable[[Window], NDArray[np.uint8]]
 """Gives a piece of the current frame, BGR."""
 
@@ -34,6 +36,7 @@ class TrackerConfig:
         acceleration_max: It is not faster sped up or slowed down than this [m/s²].
         search_period: Frames between searches of the whole image while the marker is lost; between
             them it is searched where it was expected.
+        start_radius: The endpoint begins no farther than this from where it is expected [m].
         edge_tolerance: An endpoint is off the table when it is seen this far beyond the edge [m].
     """
 
@@ -44,6 +47,7 @@ class TrackerConfig:
     speed_max: float = 15.0
     acceleration_max: float = 400.0
     search_period: int = 3
+    start_radius: float = 0.15
     edge_tolerance: float = 0.005
 
     def __post_init__(self):
@@ -54,6 +58,7 @@ class TrackerConfig:
             ("speed_max", 0.1, 100.0),
             ("acceleration_max", 1.0, 1e5),
             ("search_period", 1, 1000),
+            ("start_radius", 0.01, 5.0),
             ("edge_tolerance", 0.0, 0.2),
         ):
             value = getattr(self, name)
@@ -97,7 +102,8 @@ class EndpointTracker:
         self._times: list[float] = []
         self._xy: list[NDArray[np.float64]] = []
         self._greenness: float | None = None
-        self._distractors: list[NDArray[np.float64]] = []
+        self._area = 0.0
+        self._still_green: NDArray[np.bool_] | None = None
         lens = view.lens
         self._frame: Window = (0, 0, lens.width, lens.height)
         centre = (0.0, workspace.table_depth / 2)
@@ -130,13 +136,29 @@ class EndpointTracker:
             return self._xy[-1]
         xy = self.view.to_table(patch.pixel, self.config.marker_z)
         self._seen.append(_Seen(frame=frame, time=time, pixel=patch.pixel, xy=xy))
-        if self._greenness is None:
-            self._greenness = patch.greenness
-        else:
-            # Light and background change slowly against the frame rate.
-            self._greenness += 0.2 * (patch.greenness - self._greenness)
+        self._learn(patch)
         self._xy.append(xy)
         return xy
+
+    def _learn(self, patch: Patch) -> None:
+        """How green and how large the marker is here and now."""
+        if self._greenness is None:
+            self._greenness, self._area = patch.greenness, patch.area
+            return
+        # Light and background change slowly against the frame rate.
+        self._greenness += 0.2 * (patch.greenness - self._greenness)
+        # The area at rest only grows, when what covered the marker has gone: an arm that creeps
+        # over it must not make it believed smaller.
+        if patch.area > self._area and self._blur_px() < _BLUR_SMALL:
+            self._area += 0.2 * (patch.area - self._area)
+
+    def _blur_px(self) -> float:
+        """Length of the marker's trace if it moves as it last did [px]."""
+        if len(self._seen) < 2:
+            return 0.0
+        before, last = self._seen[-2:]
+        speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
+        return speed * self.config.exposure_max
 
     def track(self, duration: float | None = None) -> EndpointTrack:
         """The track so far, one sample every `sample_dt` from time 0 on.
@@ -161,14 +183,19 @@ class EndpointTracker:
         )
 
     @property
+    def still_green(self) -> NDArray[np.bool_] | None:
+        """Pixels where something green lies that is not the marker, shape [v, u]."""
+        return self._still_green
+
+    @property
     def frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Time of every frame [s], shape [frame], and the endpoint in it [m], shape [frame, 2]."""
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
     def _first(self, grab: Grab) -> Patch | None:
-        """The marker in the first frame that shows it; the rest of what is green stays where it is.
+        """The marker in the first frame that shows it.
 
-        Distractors lie still, so what was seen beside the marker once is known from then on.
+        Whatever else is green then lies still, and is no marker later either.
         """
         config = self.config.marker
         expected = config.area * self._px_per_m**2
@@ -177,19 +204,30 @@ class EndpointTracker:
             # Between a pale and a vivid green; the marker's own is known after this.
             if not 40.0 * expected < patch.greenness < 420.0 * expected:
                 continue
-            if not self._shaped(patch, blur_px=0.0):
+            if not 0.85 < patch.area / expected < 1.6:
                 continue
-            candidates.append(patch)
-        if not candidates:
-            return None
-        if self._start_xy is None:
-            candidates.sort(key=lambda patch: abs(np.log(patch.greenness / (190.0 * expected))))
-        else:
-            xy = self.view.to_table([patch.pixel for patch in candidates], self.config.marker_z)
-            order = np.argsort(np.linalg.norm(xy - self._start_xy, axis=1))
-            candidates = [candidates[i] for i in order]
-        self._distractors = [patch.pixel for patch in candidates[1:]]
-        return candidates[0]
+            if self._shaped(patch, blur_px=0.0):
+                candidates.append(patch)
+        if candidates:
+            pixels = np.array([patch.pixel for patch in candidates])
+            if self._start_xy is None:
+                # Nothing is known but the size: the patch that is most like a vivid marker.
+                misfit = [abs(np.log(p.greenness / (190.0 * expected))) for p in candidates]
+            else:
+                xy = self.view.to_table(pixels, self.config.marker_z)
+                misfit = np.linalg.norm(xy - self._start_xy, axis=1)
+                # While the arm hides the marker, another green thing is not it.
+                keep = misfit <= self.config.start_radius
+                candidates = [patch for patch, ok in zip(candidates, keep, strict=True) if ok]
+                misfit = misfit[keep]
+            candidates = [candidates[i] for i in np.argsort(misfit)]
+        if self._still_green is None:
+            mask = green_mask(grab(self._frame), config) > 0
+            if candidates:
+                left, top, right, bottom = candidates[0].box
+                mask[top:bottom, left:right] = False
+            self._still_green = mask
+        return candidates[0] if candidates else None
 
     def _predict(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Where the marker should be [px], how fast it moves there [px/s], and how far off [px]."""
@@ -243,7 +281,17 @@ class EndpointTracker:
         return self.config.speed_max * self.config.exposure_max * self._px_per_m
 
     def _patches(self, window: Window, grab: Grab) -> list[Patch]:
-        return find_patches(grab(window), self.config.marker, (window[0], window[1]))
+        patches = find_patches(grab(window), self.config.marker, (window[0], window[1]))
+        still = self._still_green
+        if still is None:
+            return patches
+        u_max, v_max = self._frame[2] - 1, self._frame[3] - 1
+
+        def lies_on_green(patch: Patch) -> bool:
+            u, v = np.round(patch.pixel).astype(int)
+            return bool(still[min(max(v, 0), v_max), min(max(u, 0), u_max)])
+
+        return [patch for patch in patches if not lies_on_green(patch)]
 
     def _choose(
         self,
@@ -260,6 +308,11 @@ class EndpointTracker:
             share = patch.greenness / (self._greenness or patch.greenness)
             if not config.share_min <= share <= config.share_max:
                 continue
+            # The share tells little of a marker that is slowly covered: it changes with the light.
+            moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
+            slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
+            if slow and patch.area < config.area_min * self._area:
+                continue
             # What the window cuts off may be the marker's other half.
             if patch.touches_edge and window != self._frame:
                 continue
@@ -268,14 +321,8 @@ class EndpointTracker:
             distance = float(np.linalg.norm(patch.pixel - centre))
             if distance > radius:
                 continue
-            near_distractor = any(
-                np.linalg.norm(patch.pixel - other) < 3.0 for other in self._distractors
-            )
             score = abs(np.log(share)) + distance / (radius + 1.0)
             score += abs(patch.hue_deg - config.hue_deg) / config.hue_tolerance_deg
-            score += 4.0 if near_distractor else 0.0
-            if near_distractor and np.linalg.norm(self._seen[-1].pixel - patch.pixel) > 12.0:
-                continue
             if score < best_score:
                 best, best_score = patch, score
         return best
