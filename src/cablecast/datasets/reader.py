@@ -90,6 +90,15 @@ class Dataset:
         return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
 
     @property
+    def servo(self):
+        """How the simulated arm followed its set points, a `ServoModel`; None if exactly."""
+        if self.info.get("settings", {}).get("servo") is None:
+            return None
+        from cablecast.motion.servo import ServoModel
+
+        return settings_object(ServoModel.from_dict, self.info, "servo", self._name)
+
+    @property
     def workspace(self) -> Workspace:
         """The table and arm."""
         return settings_object(lambda v: Workspace(**v), self.info, "workspace", self._name)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams
+from cablecast.cable import Cable, CableParams
 from cablecast.errors import InputError
 from cablecast.motion.servo import ServoModel
 from cablecast.tuning.objective import TrackDistances
@@ -101,16 +101,20 @@ def _spread(population: CableParams) -> dict[str, list[float]]:
     }
 
 
-def read_params(path: str | pathlib.Path) -> CableParams:
+def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CableParams:
     """The parameters that `cablecast tune` found.
 
     Args:
         path: Its params.json, or the folder that holds it.
+        cable: The cable that they are meant for; not checked where None.
 
     Raises:
-        InputError: There is no such file, or it does not hold ten parameters.
+        InputError: There is no such file, it does not hold ten parameters, or those of another
+            cable.
     """
     file, values = _read(path)
+    if cable is not None and values.get("cable", cable.name) != cable.name:
+        raise InputError(f"{file} holds parameters of {values['cable']}, not of {cable.name}")
     try:
         return CableParams(**{name: values["params"][name] for name in CableParams.names()})
     except (KeyError, TypeError) as error:
