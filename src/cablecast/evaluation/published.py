@@ -63,47 +63,6 @@ def published_rows(cable_name: str) -> tuple[PublishedRow, ...]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PublishedTuning:
-    """One cable of the paper's table I; values in % of cable length.
-
-    Attributes:
-        cable: Which of the three cables.
-        default_final_pct: Median final distance with PyBullet's default parameters.
-        default_mean_pct: Equation 4 with them.
-        tuned_final_pct: Median final distance with the parameters that were found.
-        tuned_mean_pct: Equation 4 with them.
-    """
-
-    cable: str
-    default_final_pct: float
-    default_mean_pct: float
-    tuned_final_pct: float
-    tuned_mean_pct: float
-
-
-# Source: arXiv 2405.09581, table I: 20 validation trajectories of a real UR5 for each cable.
-PUBLISHED_TUNING = tuple(
-    PublishedTuning(
-        cable=cable,
-        default_final_pct=default_final,
-        default_mean_pct=default_mean,
-        tuned_final_pct=tuned_final,
-        tuned_mean_pct=tuned_mean,
-    )
-    for cable, default_final, default_mean, tuned_final, tuned_mean in (
-        ("cable_1", 35.0, 38.2, 14.7, 28.4),
-        ("cable_2", 25.8, 29.4, 12.2, 23.4),
-        ("cable_3", 24.5, 24.5, 14.5, 18.7),
-    )
-)
-
-
-def published_tuning(cable_name: str) -> PublishedTuning | None:
-    """The paper's tuning of a cable; None for a cable that the paper does not have."""
-    return next((row for row in PUBLISHED_TUNING if row.cable == cable_name), None)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class PublishedRepeatability:
     """One combination of system parameters, with cable 1 on a real UR5.
 

@@ -5,8 +5,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow, published_tuning
+from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
 from cablecast.evaluation.selection import PUBLISHED_CANDIDATES
+from cablecast.tuning.published import PUBLISHED_SIMULATION_COUNT, published_tuning
 
 FIVE_NUMBERS = (
     "median_pct",
@@ -183,25 +184,44 @@ def coverage_table(selection: Mapping[str, Any]) -> Table:
     )
 
 
-def tuning_table(tunings: Mapping[str, Mapping[str, float | None]]) -> Table:
+def tuning_table(tunings: Mapping[str, Mapping[str, Any]]) -> Table:
     """Table I: the simulator's distance from the rig before and after tuning.
 
     Args:
-        tunings: By cable `default_final_pct`, `default_mean_pct`, `tuned_final_pct` and
-            `tuned_mean_pct` on validation trajectories.
+        tunings: metrics.json of `cablecast tune` by cable.
     """
     rows = []
-    for cable, values in tunings.items():
-        names = ("default_final_pct", "tuned_final_pct", "default_mean_pct", "tuned_mean_pct")
-        rows.append(Row(cells=(cable, *(pct(values[name]) for name in names)), kind="ours"))
+    for cable, metrics in tunings.items():
+        default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
+        cells = (
+            pct(default["final_median_pct"]),
+            pct(tuned["final_median_pct"]),
+            pct(default["mean_pct"]),
+            pct(tuned["mean_pct"]),
+            f"{metrics['simulation_count']:,}",
+        )
+        rows.append(Row(cells=(cable, *cells), kind="ours"))
         if (paper := published_tuning(cable)) is not None:
-            cells = (f"paper: {cable}", *(pct(getattr(paper, name)) for name in names))
-            rows.append(Row(cells=cells, kind="paper"))
+            cells = (
+                pct(paper.default_final_pct),
+                pct(paper.tuned_final_pct),
+                pct(paper.default_mean_pct),
+                pct(paper.tuned_mean_pct),
+                f"about {PUBLISHED_SIMULATION_COUNT:,}",
+            )
+            rows.append(Row(cells=(f"paper: {cable}", *cells), kind="paper"))
     return Table(
-        title="Distance between simulated and measured endpoints on validation trajectories",
-        heads=("", "final, default", "final, tuned", "mean, default", "mean, tuned"),
+        title="Distance between simulated and measured endpoints on validation casts",
+        heads=(
+            "",
+            "at rest, default",
+            "at rest, tuned",
+            "on the way, default",
+            "on the way, tuned",
+            "simulations",
+        ),
         rows=tuple(rows),
-        note="Final: median of the distance at rest. Mean: equation 4. In % of cable length.",
+        note="At rest: median of the final distance. On the way: equation 4. In % of cable length.",
     )
 
 
