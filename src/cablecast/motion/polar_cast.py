@@ -156,9 +156,7 @@ def lift(path: PlanePath, cable: Cable, config: PolarCastConfig) -> PlanePath:
     path.move(max(0.5, rise / config.carry_speed), height=config.carry_height)
     turned = config.carry_radius * (abs(place["azimuth"]) + abs(place["turn"]) / 2)
     way = float(np.hypot(config.carry_radius - place["radius"], turned))
-    path.move(
-        max(0.5, way / config.carry_speed), azimuth=0.0, radius=config.carry_radius, turn=0.0
-    )
+    path.move(max(0.5, way / config.carry_speed), azimuth=0.0, radius=config.carry_radius, turn=0.0)
     path.move(config.draw_time, radius=config.draw_radius)
     hang_height = config.hang_height(cable)
     # The free end is dragged to below the place where the cable shall hang.
