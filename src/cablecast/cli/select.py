@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from cablecast.cable import Cable, CableParams
     from cablecast.cli.run_folder import RunFolder
     from cablecast.evaluation.selection import Candidate
+    from cablecast.motion.servo import ServoModel
     from cablecast.workspace import Workspace
 
 SELECT_FOLDER = "select"
@@ -30,7 +31,7 @@ class Select:
     cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
     """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
-    """Parameters that `cablecast tune` found (params.json)."""
+    """Parameters of the cable, and lag of the arm, that `cablecast tune` found (params.json)."""
     repeat: Annotated[pathlib.Path | None, argument("DIR", "coverage alone decides")] = None
     """Folder that `cablecast repeat` wrote, with the combinations to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
@@ -49,11 +50,12 @@ class Select:
         from cablecast.workspace import Workspace
 
         cable, workspace = load_cable(self.cable), Workspace()
-        params = load_params(self.params, cable)
+        params, servo = load_tuned(self.params, cable)
         repeated = read_repeatability(self.repeat, cable)
         settings = {
             "cable": cable.to_dict(),
             "params": params.to_dict(),
+            "servo": None if servo is None else servo.to_dict(),
             "repeatability": repeated,
             "grid": self.grid,
             "grid_psi": self.grid_psi,
@@ -63,7 +65,7 @@ class Select:
         run = RunFolder.open(out, "select", settings)
         if run.metrics is None:
             run.begin()
-            self._select(run, cable, params, workspace, repeated)
+            self._select(run, cable, (params, servo), workspace, repeated)
         print_choice(run.metrics or {})
         print(f"metrics  {out / 'metrics.json'}\nfigure   {out / FIGURE_FILE}")
 
@@ -71,7 +73,7 @@ class Select:
         self,
         run: "RunFolder",
         cable: "Cable",
-        params: "CableParams",
+        tuned: "tuple[CableParams, ServoModel | None]",
         workspace: "Workspace",
         repeated: list[dict[str, Any]],
     ) -> None:
@@ -89,7 +91,7 @@ class Select:
 
         def measured(pairs, with_psi: bool) -> list[dict[str, Any]]:
             return [
-                self._coverage(run, cable, params, workspace, r0, v_max, with_psi)
+                self._coverage(run, cable, tuned, workspace, r0, v_max, with_psi)
                 for r0, v_max in pairs
             ]
 
@@ -121,7 +123,7 @@ class Select:
         self,
         run: "RunFolder",
         cable: "Cable",
-        params: "CableParams",
+        tuned: "tuple[CableParams, ServoModel | None]",
         workspace: "Workspace",
         r0: float,
         v_max: float,
@@ -149,23 +151,27 @@ class Select:
         )
         engine = EngineWarp(device=self.device)
         config = MotionConfig(r0=r0, v_max=v_max)
-        result = measure_coverage(config, cable, params, engine, workspace, counts).to_dict()
+        params, servo = tuned
+        coverage = measure_coverage(config, cable, params, engine, workspace, counts, servo)
+        result = coverage.to_dict()
         write_json(file, result)
         return result
 
 
-def load_params(file: pathlib.Path | None, cable: "Cable") -> "CableParams":
-    """Parameters of a file that `cablecast tune` wrote, or what the cable says of itself.
+def load_tuned(
+    file: pathlib.Path | None, cable: "Cable"
+) -> "tuple[CableParams, ServoModel | None]":
+    """What `cablecast tune` found, or what the cable says of itself and an arm without lag.
 
     Args:
-        file: The file, or None.
+        file: Its params.json, the folder that holds it, or None.
         cable: The cable.
     """
     if file is None:
-        return cable.params
-    from cablecast.tuning import read_params  # pyright: ignore
+        return cable.params, None
+    from cablecast.tuning import read_params, read_servo
 
-    return read_params(file)
+    return read_params(file, cable), read_servo(file)
 
 
 def read_repeatability(folder: pathlib.Path | None, cable: "Cable") -> list[dict[str, Any]]:

@@ -18,6 +18,7 @@ from cablecast.engines.base import Engine
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions
 from cablecast.motion.feasibility import check_actions
+from cablecast.motion.servo import ServoModel
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
@@ -96,6 +97,7 @@ def measure_coverage(
     engine: Engine,
     workspace: Workspace,
     counts: Sequence[int] = GRID_COUNTS,
+    servo: ServoModel | None = None,
 ) -> Coverage:
     """Simulate a grid of actions in one batch, and measure what it covers.
 
@@ -106,6 +108,7 @@ def measure_coverage(
         engine: The simulator.
         workspace: Table and arm.
         counts: Values of theta1, theta2, r2 and, for the action set A2, of the wrist turn.
+        servo: How the arm follows its set points; exactly where None.
 
     Raises:
         InputError: No action of the grid is feasible.
@@ -120,7 +123,7 @@ def measure_coverage(
             f"no action of the grid {counts} with r0 = {config.r0} m and v_max = {config.v_max} "
             "m/s is feasible"
         )
-    columns = simulate_actions(actions, cable, params, engine, config, workspace)
+    columns = simulate_actions(actions, cable, params, engine, config, workspace, servo)
     endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
     endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
     radius = workspace.reach(cable.length)
