@@ -8,6 +8,7 @@ NAMES = {
     "engines": "rollouts per second of every engine, with the accuracy reached",
     "sensitivity": "whether the error of the landing is the cast's own sensitivity or the method's",
     "validation": "closed forms; writes docs/validation.md",
+    "figures": "draws the figure of docs/engine.md",
     "repeatability": "scatter of repeated casts on the virtual rig, beside the paper's",
 }
 

@@ -1,13 +1,12 @@
 """Writes docs/validation.md and its plots from the results of the cases."""
 
 import dataclasses
-import io
 import pathlib
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.common import Table
+from benchmarks.common import Table, compact_png
 from benchmarks.validation.case import Case, Convergence, MakeEngine, Measured, Theme
 from cablecast import files
 from cablecast.cable import CableParams
@@ -106,19 +105,7 @@ def plot(result: Result) -> bytes:
             axes.set_aspect("equal")
         if any(curve.label for curve in result.measured.curves):
             axes.legend(loc="best")
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
-    return _fewer_colors(buffer.getvalue())
-
-
-def _fewer_colors(png: bytes) -> bytes:
-    """The same picture with a palette, at a third of the size."""
-    from PIL import Image
-
-    image = Image.open(io.BytesIO(png)).convert("RGB").quantize(64)
-    buffer = io.BytesIO()
-    image.save(buffer, format="png", optimize=True)
-    return buffer.getvalue()
+    return compact_png(figure, 110)
 
 
 def parameter_table(themes: tuple[Theme, ...]) -> Table:

@@ -158,7 +158,7 @@ def turned_rod(
     heading = yaw(rollout.times)
     edges = np.diff(rollout.nodes[0, ..., :2], axis=1)
     first = np.arctan2(edges[:, 0, 0], edges[:, 0, 1]) - heading
-    moment = np.mean(ROD_STIFFNESS * first * 2 * segment_count / LENGTH)
+    moment = float(np.mean(ROD_STIFFNESS * first * 2 * segment_count / LENGTH))
     across = np.stack([np.cos(heading), -np.sin(heading)], axis=-1)
     shape = np.einsum("snc,sc->sn", rollout.nodes[0, ..., :2], across).mean(axis=0)
     s = np.linspace(0.0, LENGTH, segment_count + 1)
