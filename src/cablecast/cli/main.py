@@ -13,8 +13,10 @@ from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.plan import Plan
 from cablecast.cli.repeat import Repeat
+from cablecast.cli.reproduce import Reproduce
 from cablecast.cli.select import Select
 from cablecast.cli.simulate import Simulate
+from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
 from cablecast.errors import CablecastError
@@ -38,6 +40,8 @@ _Command = (
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Repeat, tyro.conf.subcommand("repeat")]
     | Annotated[Select, tyro.conf.subcommand("select")]
+    | Annotated[Track, tyro.conf.subcommand("track")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
 )
 

@@ -1,6 +1,7 @@
 """Calibrates the virtual camera as a person does the real one: a board, then the tags."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cablecast.rigs.camera.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.rigs.camera.opencv import load_cv2
@@ -10,8 +11,8 @@ _BOARD_COUNT = 12
 _EMPTY_COUNT = 3
 
 
-def calibrate_virtual_camera(camera: VirtualCamera, seed: int = 0) -> Calibration:
-    """A calibration from rendered pictures alone.
+def board_pictures(camera: VirtualCamera, seed: int = 0) -> list[NDArray[np.uint8]]:
+    """Pictures of a calibration board, held over the table at several angles.
 
     Args:
         camera: The camera.
@@ -28,6 +29,16 @@ def calibrate_virtual_camera(camera: VirtualCamera, seed: int = 0) -> Calibratio
             [rng.uniform(-0.8, 0.8), 0.75 + rng.uniform(-0.4, 0.4), rng.uniform(0.5, 1.3)]
         )
         pictures.append(camera.board_frame(board, R, centre, seed + index))
-    lens, _ = calibrate_lens(pictures, board)
+    return pictures
+
+
+def calibrate_virtual_camera(camera: VirtualCamera, seed: int = 0) -> Calibration:
+    """A calibration from rendered pictures alone.
+
+    Args:
+        camera: The camera.
+        seed: Chooses how the board is held, and the noise.
+    """
+    lens, _ = calibrate_lens(board_pictures(camera, seed), Board())
     frames = [camera.empty_frame(seed + 1000 + index) for index in range(_EMPTY_COUNT)]
     return calibrate_view(frames, camera.layout, lens=lens)
