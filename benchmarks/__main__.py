@@ -9,6 +9,7 @@ NAMES = {
     "sensitivity": "whether the error of the landing is the cast's own sensitivity or the method's",
     "validation": "closed forms; writes docs/validation.md",
     "figures": "draws the figure of docs/engine.md",
+    "laboratory": "the virtual laboratory's scatter and difficulty, beside the paper's",
     "repeatability": "scatter of repeated casts on the virtual rig, beside the paper's",
 }
 
