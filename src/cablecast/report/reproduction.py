@@ -1,18 +1,16 @@
-"""The report of a reproduction: read the run folders of all stages, and write one HTML page."""
+"""What the stages of a reproduction left in their run folders, and what its report is made of."""
 
 import base64
 import csv
 import dataclasses
 import json
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-import cablecast
-from cablecast.errors import InputError, MissingExtraError
-from cablecast.report.page import flatten_settings
+from cablecast.errors import InputError
 from cablecast.report.tables import Table
 
 METHOD_NAMES = {
@@ -126,37 +124,3 @@ def _read_json(file: pathlib.Path) -> dict[str, Any] | None:
         return None
     except ValueError as error:
         raise InputError(f"{file} is damaged ({error}): delete it and run the same again") from None
-
-
-def reproduction_page(
-    parts: Sequence[Part],
-    tables: Mapping[str, Table | None],
-    settings: Sequence[tuple[str, Mapping[str, Any]]],
-    **texts: Any,
-) -> str:
-    """The whole page, figures inside; it refers to no other file and no other host.
-
-    Args:
-        parts: Its sections.
-        tables: `difficulty` and `times`.
-        settings: Titles and settings, nested as they may be.
-        texts: What else the template names.
-    """
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "report", "writing the report") from None
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cablecast", "report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template("reproduction.html").render(
-        version=cablecast.__version__,
-        parts=parts,
-        tables=tables,
-        settings=[(title, flatten_settings(values)) for title, values in settings],
-        **texts,
-    )
