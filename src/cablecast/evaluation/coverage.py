@@ -18,6 +18,7 @@ from cablecast.engines.base import Engine
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions
 from cablecast.motion.feasibility import check_actions
+from cablecast.motion.polar_cast import PolarReach
 from cablecast.motion.servo import ServoModel
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
@@ -173,20 +174,13 @@ def half_disc(radius: float) -> "Polygon":
 
 
 def polar_casting_region(cable: Cable, workspace: Workspace) -> "Polygon":
-    """Targets that polar casting can reach: the circular segment of section VI-A.
-
-    The cable lands stretched out at r_max + r_c and is pulled towards the base; the arm must keep
-    off its own table, so that a target has y of at least support_depth + r_c.
+    """Where polar casting can lay the cable's endpoint, see `PolarReach`, as a polygon.
 
     Args:
         cable: Gives r_c.
-        workspace: Gives r_max and the edge of the robot's table.
+        workspace: Gives the arm's reach, the table, and the edge of the robot's own table.
     """
-    shapely = _shapely()
-    radius = workspace.reach(cable.length)
-    low = workspace.support_depth + cable.length
-    beyond = shapely.box(-2 * radius, low, 2 * radius, max(2 * radius, low))
-    return shapely.intersection(half_disc(radius), beyond)  # pyright: ignore
+    return _shapely().Polygon(PolarReach.of(cable, workspace).outline())
 
 
 def covered_share(region: "Polygon", radius: float) -> float:

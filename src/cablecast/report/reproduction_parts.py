@@ -131,6 +131,7 @@ def method_part(results: Reproduction, workspace: Workspace) -> Part | None:
                 METHOD_NAMES,
                 "errors_misses_counted_pct",
                 f"Errors on {cable}, casts without a landing counted as misses",
+                published=False,
             ),
         ],
         figures=[
@@ -167,6 +168,7 @@ def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
                 evaluations,
                 "errors_misses_counted_pct",
                 "The same, casts without a landing counted as misses",
+                published=False,
             ),
         ],
         figures=figures,
