@@ -6,6 +6,10 @@ import sys
 NAMES = {
     "convergence": "error of the landing by segments and step",
     "engines": "rollouts per second of every engine, with the accuracy reached",
+    "sensitivity": "whether the error of the landing is the cast's own sensitivity or the method's",
+    "validation": "closed forms; writes docs/validation.md",
+    "figures": "draws the figure of docs/engine.md",
+    "laboratory": "the virtual laboratory's scatter and difficulty, beside the paper's",
     "repeatability": "scatter of repeated casts on the virtual rig, beside the paper's",
 }
 
@@ -21,8 +25,7 @@ def main() -> int:
 
     module = importlib.import_module(f"benchmarks.{name}")
     args = tyro.cli(module.Args, prog=f"python -m benchmarks {name}", args=sys.argv[2:])
-    module.main(args)
-    return 0
+    return module.main(args) or 0
 
 
 if __name__ == "__main__":

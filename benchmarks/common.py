@@ -1,9 +1,11 @@
 """What several benchmarks share: random feasible actions, tables, JSON."""
 
 import dataclasses
+import io
 import pathlib
 import platform
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,9 @@ from cablecast.machine import core_count
 from cablecast.motion.action import ActionRanges, MotionConfig
 from cablecast.motion.feasibility import check_actions
 from cablecast.workspace import Workspace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def random_actions(
@@ -78,6 +83,18 @@ class Table:
 
 def _show(value) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def compact_png(figure: "Figure", dpi: int) -> bytes:
+    """A figure as a PNG file with a palette, at a third of the usual size."""
+    from PIL import Image
+
+    from cablecast.report import style
+
+    image = Image.open(io.BytesIO(style.png_bytes(figure, dpi))).convert("RGB").quantize(64)
+    buffer = io.BytesIO()
+    image.save(buffer, format="png", optimize=True)
+    return buffer.getvalue()
 
 
 def machine() -> dict[str, str]:

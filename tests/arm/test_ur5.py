@@ -144,13 +144,6 @@ def test_a_pose_out_of_reach_is_marked_and_spoils_no_other():
     np.testing.assert_array_equal(motion.q[[0, 3]], ARM.inverse(batch[[0, 3]]))
 
 
-def test_a_tilted_pose_is_refused():
-    pose = poses(0.6, 0.0, 0.0)
-    pose[4] = 0.2
-    with pytest.raises(IKError, match=r"pitch = 11\.46 deg"):
-        ARM.inverse(pose)
-
-
 def test_a_gripper_of_impossible_length_is_refused():
     with pytest.raises(InputError, match=r"gripper_length = -0\.1 m is outside"):
         ArmUR5(gripper_length=-0.1)

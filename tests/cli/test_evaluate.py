@@ -99,3 +99,23 @@ def test_a_rig_of_ones_own_is_found_in_the_working_folder(model_folder, capsys, 
     metrics = json.loads((in_new_folder / "result" / "metrics.json").read_text())
     assert metrics["rig"] == {"robot": "mine"}
     assert metrics["status_counts"] == {"ok": 31, "off_table": 1}
+
+
+def test_polar_casting_is_evaluated_without_a_model(in_new_folder, capsys):
+    assert main(["evaluate", "--policy", "polar", "--rig", "engine"]) == 0
+    folder = in_new_folder / "runs" / "cable_1" / "evaluate-polar-engine"
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["trial_count"] == 32
+    # It can lay the cable down beyond the edge of the robot's own table only.
+    assert 0 < metrics["targets_inside_coverage"] < 16
+    inside = metrics["errors_inside_coverage_pct"]["median_pct"]
+    assert inside < metrics["errors_pct"]["median_pct"]
+    page = (folder / "report.html").read_text()
+    assert "polar casting" in page
+    assert "simulated casts it had not seen" not in page
+
+
+def test_polar_casting_takes_no_model(in_new_folder, capsys):
+    arguments = ["evaluate", "--policy", "polar", "--model", "somewhere", "--rig", "engine"]
+    assert main(arguments) == 2
+    assert "takes no model" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import cablecast
 from cablecast.cli import main
 from cablecast.cli.simulate import Simulate
 
-VERBS = ("simulate", "train", "plan", "evaluate", "demo")
+VERBS = ("simulate", "collect", "tune", "train", "plan", "evaluate", "repeat", "select", "demo")
 HEAVY = ("torch", "warp", "mujoco", "matplotlib", "scipy", "pyarrow", "jinja2", "ruckig")
 
 

@@ -11,6 +11,7 @@ from cablecast.motion.feasibility import (
     check_actions,
     check_grip_paths,
     feasible_grid,
+    feasible_uniform,
 )
 from cablecast.motion.grip_path import GripPath
 from cablecast.workspace import Workspace
@@ -171,3 +172,11 @@ def test_a_feasible_grid_that_cannot_be_is_refused_with_the_cause():
         feasible_grid(10, CONFIG, WORKSPACE, ActionRanges(r2=(1.5, 2.0)))
     with pytest.raises(InputError, match="count = 0"):
         feasible_grid(0, CONFIG, WORKSPACE)
+
+
+def test_uniform_actions_are_refused_where_the_arm_can_make_none():
+    ranges = ActionRanges(theta1=(-1.4, -1.3), theta2=(1.3, 1.4), r2=(4.0, 4.5))
+    with pytest.raises(InputError, match="none of"):
+        feasible_uniform(3, MotionConfig(), Workspace(), ranges)
+    with pytest.raises(InputError, match="count = 0"):
+        feasible_uniform(0, MotionConfig(), Workspace())

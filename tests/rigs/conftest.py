@@ -1,6 +1,7 @@
 """Rigs that the contract suite runs over, and motions for them to play."""
 
 import dataclasses
+import pathlib
 from collections.abc import Callable
 
 import numpy as np
@@ -14,41 +15,9 @@ from cablecast.rigs.base import Rig, make_rig
 from cablecast.rigs.engine import RigEngine
 from cablecast.workspace import Workspace
 
-# A user's own rig, as small as one can be: its cable is a stick that points where the gripper does.
-USER_RIG = """
-import numpy as np
-
-from cablecast.conventions import tangent
-from cablecast.rigs.base import RigLifecycle
-from cablecast.track import EndpointTrack, TrialStatus
-
-
-class RigStick(RigLifecycle):
-    def __init__(self, cable, workspace, seed):
-        super().__init__()
-        self.cable = cable
-        self.workspace = workspace
-        self.description = {"rig": "stick", "seed": seed}
-
-    def execute(self, trajectory):
-        self._use_reset()
-        steps = int(np.ceil(trajectory.duration / 0.1)) + 1
-        times = 0.1 * np.arange(steps)
-        poses = trajectory.grip_path.evaluate(times)[0]
-        grip = poses[:, :3]
-        tip = grip + self.cable.length * tangent(poses[:, 3], poses[:, 4])
-        on_table = self.workspace.on_table(tip[:, :2]).all()
-        return EndpointTrack(
-            times=times,
-            endpoint_xy=tip[:, :2],
-            status=TrialStatus.OK if on_table else TrialStatus.OFF_TABLE,
-            nodes=np.stack([grip, tip], axis=1),
-        )
-
-
-def make(cable, workspace, seed):
-    return RigStick(cable, workspace, seed)
-"""
+# A user's own rig is made as the command line makes it, from a module in the working directory.
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
+USER_RIG = "05_your_own_rig:make_rig"
 
 
 @pytest.fixture(scope="session")
@@ -100,7 +69,7 @@ class RigKind:
 
 
 @pytest.fixture(scope="module", params=["virtual", "engine", "user"])
-def rig_kind(request, cable, workspace, tmp_path_factory) -> RigKind:
+def rig_kind(request, cable, workspace) -> RigKind:
     """Each rig in a quick setting, made afresh by each call of `make`."""
     if request.param == "virtual":
         pytest.importorskip("mujoco")
@@ -113,12 +82,10 @@ def rig_kind(request, cable, workspace, tmp_path_factory) -> RigKind:
 
         engine = EngineWarp(segment_count=16, dt=1e-3)
         return RigKind("engine", lambda: RigEngine(engine, cable, workspace))
-    folder = tmp_path_factory.mktemp("user")
-    (folder / "stick_rig_of_a_user.py").write_text(USER_RIG)
 
     def make() -> Rig:
         with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(folder)
-            return make_rig("stick_rig_of_a_user:make", cable, workspace, 0)
+            patch.chdir(EXAMPLES)
+            return make_rig(USER_RIG, cable, workspace, 0)
 
     return RigKind("user", make)

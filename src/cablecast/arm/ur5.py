@@ -1,4 +1,4 @@
-"""Kinematics of a UR5 whose gripper points straight down, vectorised over many poses.
+"""Kinematics of a UR5, vectorised over many poses; fastest where its gripper points straight down.
 
 The arm stands at the origin of the base frame (docs/conventions.md) on a socket of `base_height`
 and is turned so that, seen from above, it points along y when its first joint is at zero. The
@@ -36,11 +36,13 @@ class JointMotion:
         q: Angles [rad], shape [..., 6].
         qd: Rates [rad/s], same shape.
         qdd: Accelerations [rad/s²], same shape.
-        radius: Distance of the flange from the base axis [m], shape [...].
+        radius: Distance of the flange from the base axis, or of the first wrist joint where the
+            motion tilts the gripper [m], shape [...].
         radius_min: Smallest such distance that the arm reaches at this height [m], shape [...].
         radius_max: Largest [m], shape [...].
         lead: Angle from the arm's plane to the flange, which the shoulder's offset makes, with its
-            rate and acceleration [rad] and [s], shape [..., 3].
+            rate and acceleration [rad] and [s], shape [..., 3]; NaN where the motion tilts the
+            gripper, for then it does not tell the mirrored motion.
     """
 
     q: Array
@@ -109,11 +111,24 @@ class ArmUR5:
         Returns:
             T_base_flange, shape [..., 4, 4]; z of the flange points out of it.
         """
+        return self.frames(q)[-1]
+
+    def frames(self, q: ArrayLike) -> list[Array]:
+        """Poses of the frames of the DH convention in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            Seven poses, each of shape [..., 4, 4]: joint k turns about z of frame k, and the last
+            frame is the flange.
+        """
         q = np.asarray(q, dtype=float)
         T = np.zeros((*q.shape[:-1], 4, 4))
         T[..., :3, :3] = _R_WORLD_BASE
         T[..., 2, 3] = self.base_height
         T[..., 3, 3] = 1.0
+        frames = [T]
         for joint, (a, d, alpha) in enumerate(zip(_DH_A, _DH_D, _DH_ALPHA, strict=True)):
             c, s = np.cos(q[..., joint]), np.sin(q[..., joint])
             ca, sa = np.cos(alpha), np.sin(alpha)
@@ -125,7 +140,8 @@ class ArmUR5:
             step[..., 2, 1], step[..., 2, 2], step[..., 2, 3] = sa, ca, d
             step[..., 3, 3] = 1.0
             T = T @ step
-        return T
+            frames.append(T)
+        return frames
 
     def grip_pose(self, q: ArrayLike) -> Array:
         """Pose of the gripped cable end.
@@ -148,13 +164,13 @@ class ArmUR5:
         """Joint angles that bring the gripped end to some poses.
 
         Args:
-            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]; the pitch must be 0.
+            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
 
         Returns:
             Joint angles [rad], shape [..., 6]; the same branch everywhere.
 
         Raises:
-            IKError: A pose is out of reach or tilted.
+            IKError: A pose is out of reach.
         """
         poses = np.asarray(poses, dtype=float)
         still = np.zeros_like(poses)
@@ -165,9 +181,10 @@ class ArmUR5:
                 float(values[bad][0])
                 for values in (motion.radius, motion.radius_min, motion.radius_max)
             )
+            part = "first wrist joint" if np.any(_tilted(poses)) else "flange"
             raise IKError(
                 f"the arm does not reach the grip at x, y, z = "
-                f"{poses[bad][0][:3].round(4).tolist()} m: its flange would be {radius:.4f} m from "
+                f"{poses[bad][0][:3].round(4).tolist()} m: its {part} would be {radius:.4f} m from "
                 f"the base axis, outside [{low:.4f}, {high:.4f}]"
             )
         return motion.q
@@ -182,22 +199,19 @@ class ArmUR5:
         wrist joint; the wrist joints keep the tool down and turn the cable to its yaw.
 
         Args:
-            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]; the pitch must be 0.
+            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]. Where any is tilted, all are
+                solved by the slower general form of arm/tilted.py.
             velocities: Their first derivatives, same shape.
             accelerations: Their second derivatives, same shape.
 
         Returns:
             The motion of the joints; NaN where a pose is out of reach.
-
-        Raises:
-            IKError: A pose is tilted.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
-        if np.any(np.abs(p[..., 4]) > 1e-9):
-            worst = float(np.degrees(np.max(np.abs(p[..., 4]))))
-            raise IKError(
-                f"pitch = {worst:.4g} deg: this arm holds its tool straight down, pitch 0"
-            )
+        if np.any(_tilted(p)):
+            from cablecast.arm.tilted import tilted_motion
+
+            return tilted_motion(self, p, v, a)
         x, dx, ddx, y, dy, ddy = self._flange(p, v, a)
         with np.errstate(invalid="ignore", divide="ignore"):
             # Polar coordinates of the flange: azimuth (positive to the right) and radius.
@@ -218,7 +232,7 @@ class ArmUR5:
             q1, dq1, ddq1 = -azimuth - lead, -dazimuth - dlead, -ddazimuth - ddlead
             # First wrist joint as seen from the shoulder: out and up.
             height = p[..., 2] + (self.gripper_length + D6 - self.base_height - D1)
-            upper, fore, rates, radius_min, radius_max = _two_link(
+            upper, fore, rates, radius_min, radius_max = two_link(
                 (e - D5, height), (de, v[..., 2]), (dde, a[..., 2])
             )
             (dupper, dfore), (ddupper, ddfore) = rates
@@ -259,7 +273,12 @@ class ArmUR5:
         )
 
 
-def _two_link(
+def _tilted(poses: Array) -> NDArray[np.bool_]:
+    """Which poses are tilted by more than rounding."""
+    return np.abs(poses[..., 4]) > 1e-9
+
+
+def two_link(
     place: tuple[Array, Array], rate: tuple[Array, Array], acceleration: tuple[Array, Array]
 ) -> tuple[Array, Array, tuple[tuple[Array, Array], tuple[Array, Array]], Array, Array]:
     """Elevations of upper arm and forearm that put the first wrist joint at a place, elbow up.

@@ -35,6 +35,8 @@ class Demo:
     """Chooses everything that is drawn by chance."""
     device: Device = "cpu"
     """Simulate and train on the processor or on an NVIDIA graphics card."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
+    """Parameters that `cablecast tune` found (params.json), which make the simulation truer."""
     count: int = 36_000
     """How many casts to simulate; fewer are faster and less accurate."""
     epochs: int = 100
@@ -52,7 +54,12 @@ class Demo:
         dataset, model = out / DATASET_FOLDER, out / MODEL_FOLDER
         print("1/3 simulate", file=sys.stderr)
         Simulate(
-            cable=self.cable, count=self.count, out=dataset, seed=self.seed, device=self.device
+            cable=self.cable,
+            count=self.count,
+            out=dataset,
+            seed=self.seed,
+            device=self.device,
+            params=self.params,
         ).run()
         print("2/3 train", file=sys.stderr)
         Train(

@@ -3,9 +3,11 @@
 import dataclasses
 import pathlib
 import sys
+import typing
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cablecast.cli.options import (
+    DEFAULT_CABLE,
     Device,
     argument,
     cable_folder,
@@ -17,6 +19,8 @@ from cablecast.cli.options import (
 if TYPE_CHECKING:
     from cablecast.cable import Cable
     from cablecast.models.forward import ForwardModel
+    from cablecast.policies.forward_search import ForwardSearchPolicy
+    from cablecast.policies.polar_casting import PolarCastingPolicy
     from cablecast.rigs.base import Rig
     from cablecast.workspace import Workspace
 
@@ -37,6 +41,9 @@ class Evaluate:
     """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     model: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
     """Folder that `cablecast train` wrote."""
+    policy: typing.Literal["model", "polar"] = "model"
+    """What chooses the motions: the model, or polar casting, a swing straight out and a slow pull,
+    which needs no model."""
     rig: Annotated[str, argument("RIG")] = "virtual"
     """What carries out the casts: virtual (a laboratory in software, whose cable differs from the
     model's), engine (the simulator that the model learned from), or your own robot as
@@ -44,7 +51,7 @@ class Evaluate:
     repeats: int = 1
     """How many casts at each target; the paper makes 5."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/evaluate-RIG")] = None
-    """Where to put the results."""
+    """Where to put the results; with --policy polar by default runs/CABLE/evaluate-polar-RIG."""
     seed: int = 0
     """Chooses all that the virtual rig draws by chance."""
     device: Device = "cpu"
@@ -55,32 +62,35 @@ class Evaluate:
         from cablecast.cable import load_cable
         from cablecast.cli.run_folder import RunFolder
         from cablecast.evaluation.published import published_rows
-        from cablecast.models.forward import ForwardModel
-        from cablecast.policies.forward_search import ForwardSearchPolicy
 
         asked = load_cable(self.cable) if self.cable else None
-        folder = find_model(self.model, asked)
-        model = ForwardModel.load(folder)
-        policy = ForwardSearchPolicy.load(folder, model)
-        cable = check_same_cable(asked, policy.cable, folder)
+        model, policy, chosen_by = None, None, {}
+        if self.policy == "model":
+            model, policy = load_policy(self.model, asked)
+            chosen_by = {"model_fingerprint": model.fingerprint, "policy": policy.info}
+        else:
+            policy = polar_policy(self.model, asked)
+            chosen_by = {"policy": {"name": "polar casting"} | dataclasses.asdict(policy.cast)}
         settings = {
-            "cable": cable.to_dict(),
-            "model_fingerprint": model.fingerprint,
-            "policy": policy.info,
+            "cable": policy.cable.to_dict(),
+            **chosen_by,
             "rig": self.rig,
             "repeats": self.repeats,
             "seed": self.seed,
             "device": self.device,
         }
-        out = self.out or cable_folder(cable.name) / evaluation_folder(self.rig)
+        name = evaluation_folder(self.rig)
+        if self.policy != "model":
+            name = name.replace("evaluate-", f"evaluate-{self.policy}-", 1)
+        out = self.out or cable_folder(policy.cable.name) / name
         run = RunFolder.open(out, "evaluate", settings)
         if run.metrics is None:
             self._cast(run, policy, model)
-        print_table(run.metrics or {}, published_rows(cable.name))
+        print_table(run.metrics or {}, published_rows(policy.cable.name))
         print(f"metrics  {out / 'metrics.json'}\ncasts    {out / TRIALS_FILE}")
         print(f"report   {out / REPORT_FILE}")
 
-    def _cast(self, run: Any, policy: Any, model: "ForwardModel") -> None:
+    def _cast(self, run: Any, policy: Any, model: "ForwardModel | None") -> None:
         from cablecast.datasets.progress import console_progress
         from cablecast.evaluation.evaluate import evaluate_policy
         from cablecast.evaluation.results import evaluation_metrics, save_trials
@@ -110,30 +120,69 @@ class Evaluate:
         print("Drawing the report", file=sys.stderr)
         metrics = evaluation_metrics(evaluation)
         save_trials(evaluation, run.path / TRIALS_FILE)
-        coverage = {
-            "simulated_xy": policy.predicted_xy,
-            "simulated_radius": COVERAGE_PCT / 100 * policy.cable.length,
-        }
+        coverage = {}
+        if model is not None:
+            coverage = {
+                "simulated_xy": policy.predicted_xy,
+                "simulated_radius": COVERAGE_PCT / 100 * policy.cable.length,
+            }
         figure = landing_map(evaluation, policy.workspace, **coverage)
         write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
-        page = report_page(evaluation, policy.workspace, model.info, run.config, **coverage)
+        info = {} if model is None else model.info
+        page = report_page(evaluation, policy.workspace, info, run.config, **coverage)
         write_text(run.path / REPORT_FILE, page)
         run.finish(metrics)
 
 
+def load_policy(
+    folder: pathlib.Path | None, asked: "Cable | None"
+) -> "tuple[ForwardModel, ForwardSearchPolicy]":
+    """The model of a folder and the search that was prepared with it.
+
+    Args:
+        folder: What `cablecast train` wrote; the one by default where None.
+        asked: The cable that it must have been trained for, or None.
+    """
+    from cablecast.models.forward import ForwardModel
+    from cablecast.policies.forward_search import ForwardSearchPolicy
+
+    folder = find_model(folder, asked)
+    model = ForwardModel.load(folder)
+    policy = ForwardSearchPolicy.load(folder, model)
+    check_same_cable(asked, policy.cable, folder)
+    return model, policy
+
+
+def polar_policy(folder: pathlib.Path | None, asked: "Cable | None") -> "PolarCastingPolicy":
+    """Polar casting with a cable.
+
+    Raises:
+        InputError: A model was named, too.
+    """
+    from cablecast.cable import load_cable
+    from cablecast.errors import InputError
+    from cablecast.policies.polar_casting import PolarCastingPolicy
+    from cablecast.workspace import Workspace
+
+    if folder is not None:
+        raise InputError(f"--policy polar takes no model, but --model {folder} was given")
+    return PolarCastingPolicy(cable=asked or load_cable(DEFAULT_CABLE), workspace=Workspace())
+
+
 def make_rig_for(
     spec: str,
-    model: "ForwardModel",
+    model: "ForwardModel | None",
     cable: "Cable",
     workspace: "Workspace",
     seed: int,
     device: str = "cpu",
 ) -> "Rig":
-    """The rig of a command line; "engine" is the simulator exactly as the model knew it.
+    """The rig of a command line; "engine" is the simulator exactly as a model knew it.
 
     Args:
         spec: See `make_rig`.
-        model: Says which parameters and resolution its dataset was simulated with.
+        model: Says which parameters and resolution its dataset was simulated with; None for the
+            defaults.
         cable: The cable in the gripper.
         workspace: Table and arm.
         seed: Seed of everything that the rig draws by chance.
@@ -141,10 +190,11 @@ def make_rig_for(
     """
     from cablecast.rigs.base import make_rig
 
-    if spec != "engine":
+    if spec != "engine" or model is None:
         return make_rig(spec, cable, workspace, seed)
     from cablecast.cable import CableParams
     from cablecast.engines.warp_ import EngineWarp
+    from cablecast.motion.servo import ServoModel
     from cablecast.rigs.engine import RigEngine
 
     settings = model.info["dataset"]["settings"]
@@ -153,7 +203,14 @@ def make_rig_for(
         dt=settings["engine"]["dt"],
         device=device,
     )
-    return RigEngine(engine, cable, workspace, CableParams(**settings["params"]))
+    stored = settings.get("servo")
+    return RigEngine(
+        engine,
+        cable,
+        workspace,
+        CableParams(**settings["params"]),
+        servo=None if stored is None else ServoModel.from_dict(stored),
+    )
 
 
 def print_table(metrics: dict[str, Any], published: Any) -> None:
@@ -193,7 +250,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())
     console.print(
         f"{metrics['trial_count']} casts at {metrics['target_count']} targets: {statuses}. "
-        f"{metrics['targets_inside_coverage']} targets lie inside the simulated coverage.",
+        f"{metrics['targets_inside_coverage']} targets lie inside the coverage.",
         highlight=False,
         soft_wrap=True,
     )

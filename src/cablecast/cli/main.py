@@ -8,11 +8,17 @@ from typing import Annotated
 import tyro
 
 import cablecast
+from cablecast.cli.collect import Collect
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.plan import Plan
+from cablecast.cli.repeat import Repeat
+from cablecast.cli.reproduce import Reproduce
+from cablecast.cli.select import Select
 from cablecast.cli.simulate import Simulate
+from cablecast.cli.track import Track
 from cablecast.cli.train import Train
+from cablecast.cli.tune import Tune
 from cablecast.errors import CablecastError
 
 EXIT_BAD_INPUT = 2
@@ -27,9 +33,15 @@ target, evaluate on a robot (real or virtual). `cablecast demo` does all of it f
 
 _Command = (
     Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Collect, tyro.conf.subcommand("collect")]
+    | Annotated[Tune, tyro.conf.subcommand("tune")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Repeat, tyro.conf.subcommand("repeat")]
+    | Annotated[Select, tyro.conf.subcommand("select")]
+    | Annotated[Track, tyro.conf.subcommand("track")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
 )
 

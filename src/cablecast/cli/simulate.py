@@ -26,6 +26,8 @@ class Simulate:
     """Chooses the actions. The same seed gives the same dataset."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
+    """Parameters of the cable, and lag of the arm, that `cablecast tune` found (params.json)."""
     v_max: Annotated[float, argument("M/S")] = 1.5
     """How fast the gripper may move [m/s]. Faster casts reach farther and scatter more."""
     r0: Annotated[float, argument("M")] = 0.6
@@ -43,9 +45,13 @@ class Simulate:
         from cablecast.datasets.simulate import simulate_dataset
         from cablecast.engines.warp_ import EngineWarp
         from cablecast.motion.action import ActionRanges, MotionConfig
+        from cablecast.tuning import read_params, read_servo
         from cablecast.workspace import Workspace
 
         cable = load_cable(self.cable)
+        params, servo = cable.params, None
+        if self.params is not None:
+            params, servo = read_params(self.params, cable), read_servo(self.params)
         config = MotionConfig(r0=self.r0, v_max=self.v_max)
         resolution = {"segment_count": self.segment_count, "dt": self.dt}
         engine = EngineWarp(
@@ -58,7 +64,7 @@ class Simulate:
             dataset = simulate_dataset(
                 out,
                 cable,
-                cable.params,
+                params,
                 engine,
                 config,
                 Workspace(),
@@ -66,6 +72,7 @@ class Simulate:
                 seed=self.seed,
                 progress=progress,
                 ranges=ActionRanges.for_config(config),
+                servo=servo,
             )
         counts = dataset.info["status_counts"]
         record_run(

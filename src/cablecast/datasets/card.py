@@ -4,13 +4,24 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from cablecast.datasets.schema import COLUMNS
+from cablecast.datasets.schema import COLUMNS, OPTIONAL_COLUMNS
 
 _TITLES = {
     "sim": "Simulated casts (D_sim)",
     "real": "Casts on a rig for fine-tuning (D_real)",
     "tune": "Casts on a rig for tuning the simulator (D_tune)",
+    "repeat": "The same casts again and again on a rig (repeatability)",
 }
+
+_SIMULATED = (
+    "In simulated rows the plane has no edge: a row whose free end left the table at any time has "
+    "the status `off_table` and keeps the resting point on the plane. A row of status `non_finite` "
+    "has no resting point."
+)
+_ON_A_RIG = (
+    "Only a row of status `ok` has a resting point. The track holds NaN where the free end was not "
+    "seen. Trials that were aborted were made again and are not in here."
+)
 
 
 def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
@@ -56,15 +67,15 @@ def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
         "| column | unit | meaning | least | greatest |",
         "|---|---|---|---|---|",
     ]
-    for column in COLUMNS:
+    for column in (*COLUMNS, *OPTIONAL_COLUMNS):
+        if column.name not in info["features"]:
+            continue
         entry = stats.get(column.name)
         low, high = (f"{entry[key][0]:.4g}" if entry else "" for key in ("min", "max"))
         lines.append(f"| `{column.name}` | {column.unit} | {column.meaning} | {low} | {high} |")
     lines += [
         "",
-        "In simulated rows the plane has no edge: a row whose free end left the table at any time "
-        "has the status `off_table` and keeps the resting point on the plane. A row of status "
-        "`non_finite` has no resting point.",
+        _SIMULATED if info["kind"] == "sim" else _ON_A_RIG,
         "",
         "## Settings",
         "",

@@ -90,6 +90,15 @@ class Dataset:
         return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
 
     @property
+    def servo(self):
+        """How the simulated arm followed its set points, a `ServoModel`; None if exactly."""
+        if self.info.get("settings", {}).get("servo") is None:
+            return None
+        from cablecast.motion.servo import ServoModel
+
+        return settings_object(ServoModel.from_dict, self.info, "servo", self._name)
+
+    @property
     def workspace(self) -> Workspace:
         """The table and arm."""
         return settings_object(lambda v: Workspace(**v), self.info, "workspace", self._name)
@@ -165,7 +174,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
         present = sum((path / shard_path(shard)).exists() for shard in shards)
         raise DatasetError(
             f"{path} is unfinished: {present} of {len(shards)} shards are there. "
-            "Run the same simulation again to complete it"
+            "Run the command that made it again to complete it"
         )
     starts = [shard * shard_rows for shard in shards]
     tables = [

@@ -64,6 +64,22 @@ OPTIONAL_COLUMNS = (
     Column(name="times", kind="list", unit="s", meaning="when the free end was seen"),
     Column(name="track_x", kind="list", unit="m", meaning="x of the free end at these times"),
     Column(name="track_y", kind="list", unit="m", meaning="y of the free end at these times"),
+    Column(name="joint_times", kind="list", unit="s", meaning="times of the commanded joints"),
+    Column(
+        name="joint_q",
+        kind="list",
+        unit="rad",
+        meaning="commanded joint angles, six after six, one group per time",
+    ),
+    Column(name="actual_times", kind="list", unit="s", meaning="when the arm reported its joints"),
+    Column(
+        name="actual_q",
+        kind="list",
+        unit="rad",
+        meaning="reported joint angles, six after six, one group per time",
+    ),
+    Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
+    Column(name="rig", kind="string", unit="-", meaning="what the rig says of itself, as JSON"),
 )
 
 ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")

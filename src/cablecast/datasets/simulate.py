@@ -25,6 +25,7 @@ from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges, MotionConfig
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_grid
+from cablecast.motion.servo import ServoModel
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
@@ -57,6 +58,7 @@ def simulate_dataset(
     progress: ProgressCallback | None = None,
     *,
     ranges: ActionRanges | None = None,
+    servo: ServoModel | None = None,
     shard_rows: int = SHARD_ROWS,
 ) -> Dataset:
     """Simulate a dataset, or go on where an earlier run of the same settings was stopped.
@@ -72,6 +74,7 @@ def simulate_dataset(
         seed: Chooses the actions among the feasible ones of the grid.
         progress: Told after every shard how many rows are done.
         ranges: Ranges of the actions; those that suit the config where None.
+        servo: How the arm follows its set points; exactly where None.
         shard_rows: Rows of each shard.
 
     Returns:
@@ -103,6 +106,8 @@ def simulate_dataset(
         # Rounded, so that the last bits of another machine's mathematics do not matter.
         "actions_sha256": hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16],
     }
+    if servo is not None:
+        settings["servo"] = servo.to_dict()
     writer = DatasetWriter(
         pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
     )
@@ -115,7 +120,13 @@ def simulate_dataset(
             for shard in missing:
                 rows = writer.rows_of(shard)
                 columns = simulate_actions(
-                    actions[rows.start : rows.stop], cable, params, engine, config, workspace
+                    actions[rows.start : rows.stop],
+                    cable,
+                    params,
+                    engine,
+                    config,
+                    workspace,
+                    servo,
                 )
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
                 done += len(rows)
@@ -132,6 +143,7 @@ def simulate_actions(
     engine: Engine,
     config: MotionConfig,
     workspace: Workspace,
+    servo: ServoModel | None = None,
 ) -> dict[str, Any]:
     """Columns of a dataset for some actions, all but `index`.
 
@@ -142,13 +154,15 @@ def simulate_actions(
         engine: The simulator.
         config: System parameters of the motions.
         workspace: Table and arm.
+        servo: How the arm follows its set points; exactly where None.
     """
     grip_paths = cast_grip_paths(actions, config, workspace)
+    moved = grip_paths if servo is None else servo.apply(grip_paths)
     rollout = engine.rollout(
         cable,
         params,
-        grip_paths,
-        duration=float(grip_paths.duration.max()) + SETTLE_TIME,
+        moved,
+        duration=float(moved.duration.max()) + SETTLE_TIME,
         sample_dt=SAMPLE_DT,
     )
     track = rollout.endpoint_xy

@@ -11,7 +11,7 @@ import io
 import json
 import os
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from cablecast.datasets.schema import (
     COLUMNS,
     OPTIONAL_COLUMNS,
     SCHEMA_VERSION,
+    Column,
     arrow_schema,
     check_columns,
     settings_differences,
@@ -50,7 +51,7 @@ class DatasetWriter:
 
     Attributes:
         path: The folder.
-        kind: "sim", "real" or "tune".
+        kind: "sim", "real", "tune" or "repeat".
         row_count: Rows of the finished dataset.
         shard_rows: Rows of each shard but the last.
     """
@@ -68,7 +69,7 @@ class DatasetWriter:
 
         Args:
             path: The folder; new, empty, or holding a dataset of the same settings.
-            kind: "sim", "real" or "tune".
+            kind: "sim", "real", "tune" or "repeat".
             settings: Everything that decides the rows, as plain values. Written as they are.
             row_count: Rows of the finished dataset.
             shard_rows: Rows of each shard but the last.
@@ -173,15 +174,14 @@ class DatasetWriter:
             for entry in table["status"].combine_chunks().value_counts().to_pylist()
         }
         info = self._info(complete=True) | {"status_counts": dict(sorted(counts.items()))}
+        info["features"] |= _features(
+            column for column in OPTIONAL_COLUMNS if column.name in table.column_names
+        )
         write_json(self.path / "meta/stats.json", stats)
         write_text(self.path / "README.md", dataset_card(info, stats))
         write_json(self.path / INFO_PATH, info)
 
     def _info(self, complete: bool) -> dict[str, Any]:
-        features = {
-            column.name: {"dtype": column.kind, "shape": [1], "unit": column.unit}
-            for column in COLUMNS
-        }
         return {
             "layout": "lerobot-v3",
             "schema_version": SCHEMA_VERSION,
@@ -194,7 +194,7 @@ class DatasetWriter:
             "shard_count": self.shard_count,
             "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
             "splits": {"train": f"0:{self.row_count}"},
-            "features": features,
+            "features": _features(COLUMNS),
             "fingerprint": settings_fingerprint(self.settings),
             "settings": self.settings,
         }
@@ -286,6 +286,18 @@ def read_shard(file: pathlib.Path, rows: range):
     if not np.array_equal(table["index"].to_numpy(), np.arange(rows.start, rows.stop)):
         raise DatasetError(f"shard {file} must hold the rows {rows.start} to {rows.stop - 1}")
     return table
+
+
+def _features(columns: Iterable[Column]) -> dict[str, dict[str, Any]]:
+    """What the info says of some columns; a list has its own length in each row."""
+    return {
+        column.name: {
+            "dtype": column.kind,
+            "shape": [None] if column.kind == "list" else [1],
+            "unit": column.unit,
+        }
+        for column in columns
+    }
 
 
 def _statistics(table) -> dict[str, dict[str, Any]]:

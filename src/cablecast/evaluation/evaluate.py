@@ -12,13 +12,17 @@ from cablecast.errors import InputError, RigError
 from cablecast.evaluation.metrics import ErrorSummary, summarise_errors, target_error_pct
 from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.rigs.base import Rig, run_trials
+from cablecast.rigs.base import Rig, check_track, run_trials
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 
 class PlanLike(Protocol):
-    """What a policy answers for some targets; `Plan` of the forward search is one."""
+    """What a policy answers for some targets; `Plan` of the forward search is one.
+
+    A plan of motions that no action describes also has `trajectories`, one per target; its actions
+    are NaN then.
+    """
 
     @property
     def actions(self) -> NDArray[np.float64]:
@@ -52,7 +56,7 @@ class Trial:
         target_index: Which target, from 0.
         repeat: Which cast at this target, from 0.
         target_xy: Where the endpoint should come to rest [m], shape [2].
-        action: What was done.
+        action: What was done; None for a motion that is no action.
         predicted_xy: Where the model expected the endpoint [m], shape [2].
         track: What the rig saw.
         trajectory: The motion that was executed.
@@ -62,7 +66,7 @@ class Trial:
     target_index: int
     repeat: int
     target_xy: NDArray[np.float64]
-    action: Action
+    action: Action | None
     predicted_xy: NDArray[np.float64]
     track: EndpointTrack
     trajectory: Trajectory
@@ -182,8 +186,10 @@ def evaluate_policy(
     target_xy = np.atleast_2d(workspace.check_target(targets, cable.length))
     plan = policy.plan(target_xy)
     inside = np.asarray(plan.inside_coverage, dtype=bool)
-    actions = [Action.from_array(row) for row in plan.actions]
-    trajectories = [plan_trajectory(action, config, workspace) for action in actions]
+    trajectories = getattr(plan, "trajectories", None)
+    if trajectories is None:
+        actions = [Action.from_array(row) for row in plan.actions]
+        trajectories = [plan_trajectory(action, config, workspace) for action in actions]
 
     order = [(target, repeat) for target in range(len(target_xy)) for repeat in range(repeats)]
     total = len(order)
@@ -201,9 +207,9 @@ def evaluate_policy(
             target_index=target,
             repeat=repeat,
             target_xy=target_xy[target],
-            action=actions[target],
+            action=trajectories[target].action,
             predicted_xy=np.asarray(plan.predicted_xy[target], dtype=float),
-            track=_checked(track),
+            track=check_track(track),
             trajectory=trajectories[target],
             inside_coverage=bool(inside[target]),
         )
@@ -216,13 +222,3 @@ def evaluate_policy(
         inside_coverage=inside,
         trials=trials,
     )
-
-
-def _checked(track: object) -> EndpointTrack:
-    # The rig may be a user's own code: say what it should have returned where it goes wrong.
-    if not isinstance(track, EndpointTrack):
-        kind = type(track).__name__
-        raise RigError(f"the rig's execute returned {kind}: it must return an EndpointTrack")
-    if track.status is TrialStatus.OK and not np.all(np.isfinite(track.final_xy)):
-        raise RigError("the rig returned status OK without a final endpoint: it must be finite")
-    return track

@@ -60,3 +60,38 @@ PUBLISHED_ROWS = (
 def published_rows(cable_name: str) -> tuple[PublishedRow, ...]:
     """The paper's rows for a cable; none for a cable that the paper does not have."""
     return tuple(row for row in PUBLISHED_ROWS if row.cable == cable_name)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PublishedRepeatability:
+    """One combination of system parameters, with cable 1 on a real UR5.
+
+    Attributes:
+        v_max: Largest speed of the gripped end [m/s].
+        with_psi: Whether the wrist turns.
+        scatter_pct: Standard deviation about the mean landing, averaged over the actions [% of
+            cable length].
+        off_table_share: Part of the casts that left the table [-]; None where not published.
+    """
+
+    v_max: float
+    with_psi: bool
+    scatter_pct: float
+    off_table_share: float | None
+
+
+# Source: arXiv 2405.09581, section VI-B; the shares off the table from its arXiv source.
+PUBLISHED_REPEATABILITY = (
+    PublishedRepeatability(v_max=1.2, with_psi=False, scatter_pct=1.27, off_table_share=None),
+    PublishedRepeatability(v_max=1.5, with_psi=True, scatter_pct=1.93, off_table_share=0.129),
+    PublishedRepeatability(v_max=1.8, with_psi=False, scatter_pct=3.70, off_table_share=None),
+    PublishedRepeatability(v_max=1.8, with_psi=True, scatter_pct=4.72, off_table_share=0.30),
+)
+
+
+def published_repeatability(v_max: float, with_psi: bool) -> PublishedRepeatability | None:
+    """The paper's figures for a combination; None for one that it does not print."""
+    for row in PUBLISHED_REPEATABILITY:
+        if abs(row.v_max - v_max) < 1e-9 and row.with_psi == with_psi:
+            return row
+    return None

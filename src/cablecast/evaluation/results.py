@@ -65,7 +65,9 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
         strict=True,
     ):
         r, theta = xy_to_polar(trial.target_xy)
-        theta1, theta2, r2, psi = trial.action.to_array()
+        # A motion that no action describes has empty cells.
+        action = np.full(4, np.nan) if trial.action is None else trial.action.to_array()
+        theta1, theta2, r2, psi = action
         values = (
             trial.target_index,
             trial.repeat,

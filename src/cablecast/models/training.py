@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 import cablecast
 from cablecast.datasets.reader import Dataset
 from cablecast.errors import InputError, MissingExtraError
-from cablecast.models.forward import ForwardModel, action_features
+from cablecast.models.base import action_features, dataset_summary, known_margins
+from cablecast.models.forward import ForwardModel
 
 MIN_ROWS = 50
 """Fewer rows than this cannot be split into a training and a held-out part that mean anything."""
@@ -123,8 +124,8 @@ def train_forward_model(
     inputs = ((features - feature_mean) / feature_scale).astype(np.float32)
     outputs = ((endpoints - endpoint_mean) / endpoint_scale).astype(np.float32)
     began = time.monotonic()
-    with _one_thread():
-        weights, curve = _fit(
+    with one_thread():
+        weights, curve = fit_network(
             weights,
             (inputs[training], outputs[training]),
             (inputs[held_out], outputs[held_out]),
@@ -134,8 +135,7 @@ def train_forward_model(
             metre=endpoint_scale,
             on_epoch=on_epoch,
         )
-    margins = dataset.table_margin()
-    known = np.isfinite(margins)
+    known, margins = known_margins(dataset)
     model = ForwardModel(
         weights=weights,
         feature_mean=feature_mean,
@@ -145,7 +145,7 @@ def train_forward_model(
         margin_features=(
             (action_features(dataset.actions[known]) - feature_mean) / feature_scale
         ).astype(np.float32),
-        margins=margins[known].astype(np.float32),
+        margins=margins.astype(np.float32),
     )
     error = np.linalg.norm(
         model.predict(dataset.actions[rows[held_out]]) - endpoints[held_out], axis=1
@@ -162,20 +162,14 @@ def train_forward_model(
         "best_epoch": min(curve, key=lambda row: row["held_out_loss"])["epoch"],
         "training_seconds": round(time.monotonic() - began, 2),
     }
-    dataset_info = {
-        "fingerprint": dataset.fingerprint,
-        "kind": dataset.info.get("kind", ""),
-        "row_count": len(dataset),
-        "settings": dataset.info["settings"],
-    }
     info = {
         "config": dataclasses.asdict(config),
         "seed": seed,
         "device": device,
-        "versions": _versions(),
+        "versions": library_versions(),
         "metrics": metrics,
         "curve": curve,
-        "dataset": dataset_info,
+        "dataset": dataset_summary(dataset),
     }
     return dataclasses.replace(model, info=info)
 
@@ -216,7 +210,19 @@ def initial_weights(
     return tuple(layers)
 
 
-def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
+def fit_network(
+    weights,
+    training,
+    held_out,
+    *,
+    config,
+    seed,
+    device,
+    metre,
+    on_epoch=None,
+    row_weights=None,
+    keep_last=False,
+):
     """Run the optimiser; returns the weights of the best epoch and the learning curve.
 
     Args:
@@ -228,6 +234,8 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
         device: "cpu" or "cuda".
         metre: Metres per unit of the normalised outputs.
         on_epoch: Told after every epoch.
+        row_weights: How much each training row counts, shape [row]; all the same where None.
+        keep_last: Keep the weights of the last epoch rather than of the best.
     """
     check_device(device)
     torch = _torch()
@@ -244,9 +252,12 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
             hidden = torch.nn.functional.silu(torch.addmm(offset, hidden, matrix))
         return torch.addmm(layers[-1][1], hidden, layers[-1][0])
 
-    def loss(predicted, wanted):
+    counts = None if row_weights is None else tensor(np.asarray(row_weights, dtype=np.float32))
+
+    def loss(predicted, wanted, count=None):
         # The norm itself, not its square (equation 5): outliers near folds of the map do not rule.
-        return torch.linalg.vector_norm(predicted - wanted, dim=1).mean()
+        distance = torch.linalg.vector_norm(predicted - wanted, dim=1)
+        return distance.mean() if count is None else (count * distance).sum() / count.sum()
 
     batch_size = min(config.batch_size, len(x))
     batch_count = -(-len(x) // batch_size)
@@ -267,7 +278,7 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
         total = 0.0
         for rows in order.split(batch_size):
             optimizer.zero_grad(set_to_none=True)
-            value = loss(network(x[rows]), y[rows])
+            value = loss(network(x[rows]), y[rows], None if counts is None else counts[rows])
             value.backward()
             optimizer.step()
             schedule.step()
@@ -284,7 +295,7 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
         )
         if on_epoch is not None:
             on_epoch(curve[-1])
-        if held_out_loss < best_loss:
+        if held_out_loss < best_loss or (keep_last and np.isfinite(held_out_loss)):
             best_loss, best_epoch = held_out_loss, epoch
             best = [(m.detach().clone(), o.detach().clone()) for m, o in layers]
         elif epoch - best_epoch >= config.patience:
@@ -297,7 +308,7 @@ def _fit(weights, training, held_out, *, config, seed, device, metre, on_epoch):
 
 
 @contextlib.contextmanager
-def _one_thread():
+def one_thread():
     """Keep torch to one thread for a while.
 
     A few hundred rows through 256 units are microseconds of work: threads that wait for each other
@@ -330,7 +341,8 @@ def _torch():
     return torch
 
 
-def _versions() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
+    """Versions of what decides the weights."""
     return {
         "cablecast": cablecast.__version__,
         "python": platform.python_version(),

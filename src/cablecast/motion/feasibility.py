@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -32,6 +33,10 @@ samples is higher by less than 2 % (tests/motion/test_feasibility.py measures it
 _PARTS = np.linspace(0.0, 1.0, 5)
 # Actions checked at a time: keeps the intermediate arrays within the processor's cache.
 _CHUNK = 256
+# Actions drawn at a time. Fixed, so that the draws of a larger count begin as those of a smaller.
+_UNIFORM_DRAWS = 256
+# Draws without a feasible action after which there is taken to be none.
+_UNIFORM_EMPTY_MAX = 40
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -142,9 +147,6 @@ def check_grip_paths(
         arm: The robot; a UR5 as the paper's by default.
         both_sides: Also check each motion mirrored about the workspace axis, and take the worse of
             both. The arm is not symmetric: its shoulder sits beside the base's axis.
-
-    Raises:
-        IKError: A path tilts the gripper.
     """
     arm = arm or ArmUR5()
     bounds = LIMIT_SHARE * arm.limits.to_array()
@@ -239,6 +241,51 @@ def feasible_grid(
     return actions[np.sort(chosen)]
 
 
+def feasible_uniform(
+    count: int,
+    config: MotionConfig,
+    workspace: Workspace,
+    ranges: ActionRanges | None = None,
+    seed: int = 0,
+    arm: ArmUR5 | None = None,
+) -> NDArray[np.float64]:
+    """A number of feasible actions, uniform over the ranges (section V-C).
+
+    theta1, theta2, r2 and the wrist turn are drawn uniformly and actions that break a limit are
+    drawn again. The first actions of a larger count are those of a smaller one.
+
+    Args:
+        count: How many actions.
+        config: System parameters.
+        workspace: Gives the reset position and r_max.
+        ranges: What is drawn from; by default those that suit the config.
+        seed: Of the draws.
+        arm: The robot; a UR5 as the paper's by default.
+
+    Returns:
+        Actions in the order of the draws, shape [count, 4].
+
+    Raises:
+        InputError: The count is not positive, or no action drawn is feasible.
+    """
+    if count < 1:
+        raise InputError(f"count = {count} actions must be at least 1")
+    ranges = ranges or ActionRanges.for_config(config)
+    bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
+    rng = np.random.default_rng(seed)
+    chosen = np.empty((0, 4))
+    for draw in itertools.count():
+        actions = rng.uniform(bounds[:, 0], bounds[:, 1], size=(_UNIFORM_DRAWS, 4))
+        actions[:, 3] += actions[:, 1]
+        feasible = actions[check_actions(actions, config, workspace, arm).mask]
+        chosen = np.concatenate([chosen, feasible])
+        if len(chosen) >= count:
+            return chosen[:count]
+        if draw >= _UNIFORM_EMPTY_MAX and not len(chosen):
+            break
+    raise InputError(f"none of {(draw + 1) * _UNIFORM_DRAWS} actions within {ranges} is feasible")
+
+
 def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]:
     """Counts of the smallest grid of the shape n x n x n x n/2 with at least some size."""
     free = [low < high for low, high in (ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist)]
@@ -266,7 +313,12 @@ def _peaks(
     motion, grip_radius = _sample(arm, grip_path.coefficients[used], lengths[used])
     peaks = _row_peaks(motion, starts)
     if both_sides:
-        peaks = np.maximum(peaks, _row_peaks(motion.mirrored(), starts))
+        if np.isnan(motion.lead).all():
+            # A tilted gripper's joints do not mirror by their lead alone.
+            mirrored, _ = _sample(arm, grip_path.mirrored().coefficients[used], lengths[used])
+        else:
+            mirrored = motion.mirrored()
+        peaks = np.maximum(peaks, _row_peaks(mirrored, starts))
     # The arm's reach is told at the flange, the workspace's r_max at the grip; the reach is the
     # same on both sides.
     radius = np.full(len(grip_path), -np.inf)

@@ -176,3 +176,28 @@ class GripPath:
             still[..., 0] = end[:, None]
             coefficients.append(np.concatenate([path.coefficients, still], axis=1))
         return cls(knots=np.concatenate(knots), coefficients=np.concatenate(coefficients))
+
+    @classmethod
+    def chain(cls, paths: Sequence["GripPath"]) -> "GripPath":
+        """One path that follows several, one after the other, for one world.
+
+        Args:
+            paths: One row each; each must begin where the one before ends.
+        """
+        knots, coefficients, end, before = [np.zeros(1)], [], 0.0, np.zeros(len(CHANNELS))
+        for path in paths:
+            if len(path) != 1:
+                raise InputError(f"a chain is made of single paths, not of a batch of {len(path)}")
+            start = path.evaluate(path.knots[:, :1])[0, 0]
+            if coefficients and np.max(np.abs(start - before)) > 1e-6:
+                raise InputError(
+                    f"a path that begins at {start.round(4).tolist()} cannot follow one that ends "
+                    f"at {before.round(4).tolist()}"
+                )
+            before = path.evaluate(path.duration[:, None])[0, 0]
+            knots.append(path.knots[0, 1:] - path.knots[0, 0] + end)
+            coefficients.append(path.coefficients)
+            end = knots[-1][-1]
+        return cls(
+            knots=np.concatenate(knots)[None], coefficients=np.concatenate(coefficients, axis=1)
+        )

@@ -56,7 +56,7 @@ def joint_path(
 
     Raises:
         InputError: More than one row.
-        IKError: The path leaves the reach of the arm or tilts the gripper.
+        IKError: The path leaves the reach of the arm.
     """
     if len(grip_path) != 1:
         raise InputError(f"a joint path is made from one grip path, not from {len(grip_path)}")

@@ -110,9 +110,9 @@ def report_page(
         figures=figures,
         player=_player_data(evaluation, workspace),
         trials=trial_rows(evaluation),
-        settings=_flatten(config["settings"]),
-        dataset_settings=_flatten(model_info.get("dataset", {}).get("settings", {})),
-        rig_settings=_flatten(evaluation.rig),
+        settings=flatten_settings(config["settings"]),
+        dataset_settings=flatten_settings(model_info.get("dataset", {}).get("settings", {})),
+        rig_settings=flatten_settings(evaluation.rig),
         config=config,
         pct=_pct,
         summary_cells=_summary_cells,
@@ -136,13 +136,13 @@ def _summary_cells(summary: ErrorSummary) -> list[str]:
     ]
 
 
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flatten_settings(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Nested settings as lines of a table: dotted names and readable values."""
     lines: list[tuple[str, str]] = []
     for key, value in values.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            lines += _flatten(value, f"{name}.")
+            lines += flatten_settings(value, f"{name}.")
         elif isinstance(value, Sequence) and not isinstance(value, str):
             lines.append((name, ", ".join(_plain(item) for item in value)))
         else:

@@ -7,9 +7,11 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from cablecast.cable import Cable
 from cablecast.errors import CablecastError, RigError
-from cablecast.track import EndpointTrack
+from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -27,9 +29,12 @@ class Rig(Protocol):
     cable leaves the table, or cannot be seen) is a status of the track; a rig that cannot go on
     raises RigError.
 
-    A rig that can run many trials at once may also have
-    `execute_many(trajectories, progress=None) -> list[EndpointTrack]`, which resets before each;
-    `run_trials` uses it.
+    Two methods are optional:
+
+    - `execute_many(trajectories, progress=None) -> list[EndpointTrack]`, which resets before each,
+      for a rig that can run many trials at once; `run_trials` uses it.
+    - `seek(index)`, for a rig that draws by chance: the next trial is the index-th. A collection
+      that goes on after a stop calls it, so that its rows are those of one that never stopped.
 
     Attributes:
         description: What the rig is and how it is set, as plain values for a dataset card.
@@ -109,6 +114,24 @@ def run_trials(
     return tracks
 
 
+def check_track(track: object) -> EndpointTrack:
+    """Return what a rig answered, if it is a track that can be used.
+
+    The rig may be a user's own code: this says what it should have returned.
+
+    Raises:
+        RigError: It is no track, its times do not rise, or its status contradicts its endpoint.
+    """
+    if not isinstance(track, EndpointTrack):
+        kind = type(track).__name__
+        raise RigError(f"the rig's execute returned {kind}: it must return an EndpointTrack")
+    if not (np.all(np.isfinite(track.times)) and np.all(np.diff(track.times) > 0)):
+        raise RigError("the rig returned a track whose times do not rise: they must be seconds")
+    if track.status is TrialStatus.OK and not np.all(np.isfinite(track.final_xy)):
+        raise RigError("the rig returned status OK without a final endpoint: it must be finite")
+    return track
+
+
 def make_rig(spec: str, cable: Cable, workspace: Workspace, seed: int) -> Rig:
     """Make the rig that a command line asks for.
 
@@ -143,7 +166,7 @@ def make_rig(spec: str, cable: Cable, workspace: Workspace, seed: int) -> Rig:
         except CablecastError:
             raise
         except Exception as error:
-            raise RigError(f"rig factory {spec} failed: {_one_line(error)}") from error
+            raise RigError(f"rig factory {spec} failed: {error_line(error)}") from error
     missing = [name for name in ("reset", "execute", "close") if not _has_method(rig, name)]
     if not isinstance(getattr(rig, "description", None), dict):
         missing.append("description")
@@ -162,13 +185,9 @@ def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
         # The module itself may be there and miss something that it imports: say which is missing.
         if error.name is not None and (module_name + ".").startswith(error.name + "."):
             raise RigError(f"there is no module {error.name!r} for the rig {module_name}") from None
-        raise RigError(
-            f"rig module {module_name} cannot be imported: {_one_line(error)}"
-        ) from error
+        raise _import_failure(module_name, error) from error
     except Exception as error:
-        raise RigError(
-            f"rig module {module_name} cannot be imported: {_one_line(error)}"
-        ) from error
+        raise _import_failure(module_name, error) from error
     factory = getattr(module, factory_name, None)
     if factory is None:
         raise RigError(f"rig module {module_name} has no factory {factory_name!r}")
@@ -178,14 +197,15 @@ def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
 
 
 def _import_failure(module_name: str, error: Exception) -> RigError:
-    return RigError(f"rig module {module_name} cannot be imported: {_one_line(error)}")
+    return RigError(f"rig module {module_name} cannot be imported: {error_line(error)}")
 
 
 def _has_method(rig: object, name: str) -> bool:
     return not isinstance(rig, type) and callable(getattr(rig, name, None))
 
 
-def _one_line(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
+    """What went wrong in somebody else's code, in one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

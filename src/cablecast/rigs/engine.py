@@ -12,6 +12,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import SETTLE_TIME, Engine, Rollout
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.servo import ServoModel
 from cablecast.rigs.base import RigLifecycle
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
@@ -29,6 +30,7 @@ class RigEngine(RigLifecycle):
         workspace: Table and arm.
         params: Cable parameters, shared by all trials; by default the cable's own.
         sample_dt: Time between samples of a track [s].
+        servo: How the arm follows its set points; exactly where None.
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class RigEngine(RigLifecycle):
         params: CableParams | None = None,
         *,
         sample_dt: float = 0.1,
+        servo: ServoModel | None = None,
     ):
         super().__init__()
         params = cable.params if params is None else params
@@ -51,6 +54,7 @@ class RigEngine(RigLifecycle):
         self.workspace = workspace
         self.params = params
         self.sample_dt = sample_dt
+        self.servo = servo
         self.description: dict[str, Any] = {
             "rig": "engine",
             "engine": type(engine).__name__,
@@ -58,6 +62,7 @@ class RigEngine(RigLifecycle):
             "cable": cable.name,
             "params": params.to_dict(),
             "workspace": dataclasses.asdict(workspace),
+            "servo": None if servo is None else servo.to_dict(),
         }
 
     def execute(self, trajectory: "Trajectory") -> EndpointTrack:
@@ -80,6 +85,8 @@ class RigEngine(RigLifecycle):
 
     def _simulate(self, trajectories: Sequence["Trajectory"]) -> list[EndpointTrack]:
         paths = [trajectory.grip_path for trajectory in trajectories]
+        if self.servo is not None:
+            paths = [self.servo.apply(path) for path in paths]
         # Whole sample intervals, so that the last sample is the end of the trial.
         step_counts = [
             math.ceil((float(path.duration[0]) + SETTLE_TIME) / self.sample_dt - 1e-9)

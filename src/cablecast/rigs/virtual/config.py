@@ -6,6 +6,10 @@ import numpy as np
 
 from cablecast.errors import InputError
 
+SENSING_NAMES = ("exact", "error_model", "camera")
+"""What the rig sees its cable with: nothing between it and the truth, the measured errors of its
+camera, or that camera itself, frame by rendered frame."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrialNoise:
@@ -61,6 +65,7 @@ class VirtualConfig:
         reset_time: How long the cable settles after a reset before the motion begins [s].
         rest_time_max: How long after the motion a trial may last [s].
         rest_speed: Below this speed everywhere the cable rests [m/s].
+        sensing: What the endpoint is seen with: "exact", "error_model" or "camera".
         thread_count: Threads that trials are spread over; all cores where None. It never changes a
             result.
     """
@@ -73,9 +78,13 @@ class VirtualConfig:
     reset_time: float = 0.3
     rest_time_max: float = 2.5
     rest_speed: float = 0.002
+    sensing: str = "exact"
     thread_count: int | None = None
 
     def __post_init__(self):
+        if self.sensing not in SENSING_NAMES:
+            names = ", ".join(SENSING_NAMES)
+            raise InputError(f"virtual rig sensing = {self.sensing!r} is not one of {names}")
         for name, low, high in (
             ("lab_seed", 0, 2**32 - 1),
             ("segment_count", 4, 200),

@@ -11,12 +11,16 @@ from cablecast.errors import InputError, RigError
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
+from cablecast.rigs.virtual.sensing import RECORD_DT, make_sensor
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.track import EndpointTrack
 from cablecast.workspace import Workspace
 
 if TYPE_CHECKING:
     from cablecast.motion.trajectory import Trajectory
+
+_SENSING_STREAM = 7
+"""Keeps what the camera draws by chance apart from what the trial draws."""
 
 
 class RigVirtual(RigLifecycle):
@@ -45,7 +49,12 @@ class RigVirtual(RigLifecycle):
         self.config = VirtualConfig() if config is None else config
         self._seed = int(seed)
         self._trial_count = 0
-        self._lab: Laboratory | None = Laboratory(cable, workspace, self.config)
+        sample_dt, sensing = self.config.sample_dt, self.config.sensing
+        self._sensor = make_sensor(sensing, cable, workspace, sample_dt, self.config.lab_seed)
+        recorded = self.config
+        if self._sensor is not None:
+            recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
+        self._lab: Laboratory | None = Laboratory(cable, workspace, recorded)
         self.description: dict[str, Any] = {
             "rig": "virtual",
             "cable": cable.name,
@@ -53,6 +62,17 @@ class RigVirtual(RigLifecycle):
             "config": dataclasses.asdict(self.config),
             "workspace": dataclasses.asdict(workspace),
         }
+
+    def seek(self, index: int) -> None:
+        """Let the next trial be the index-th, so that a resumed collection draws the same chance.
+
+        Args:
+            index: From 0.
+        """
+        self._check_open()
+        if index < 0:
+            raise InputError(f"trial {index} must be at least 0")
+        self._trial_count = int(index)
 
     def execute(self, trajectory: "Trajectory") -> EndpointTrack:
         """Play one motion from the reset state, and report where the endpoint went."""
@@ -96,4 +116,13 @@ class RigVirtual(RigLifecycle):
         paths = [trajectory.grip_path for trajectory in trajectories]
         tracks = self._lab.run(paths, trials, progress)
         self._trial_count = first + len(trajectories)
-        return tracks
+        if self._sensor is None:
+            return tracks
+        return [
+            self._sensor.observe(
+                track,
+                track.joint_path or trajectory.joint_path,
+                np.random.default_rng([self._seed, first + index, _SENSING_STREAM]),
+            )
+            for index, (track, trajectory) in enumerate(zip(tracks, trajectories, strict=True))
+        ]

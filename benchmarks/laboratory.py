@@ -1,0 +1,179 @@
+"""Is the virtual laboratory as troublesome as the real one? Its figures beside the paper's.
+
+Two tables: the scatter of repeated casts and the part that leaves the table (paper, section VI-B,
+cable 1), and how wrong an engine is that knows only what is believed of each cable (table I, the
+rows with default parameters).
+"""
+
+import dataclasses
+import pathlib
+import tempfile
+
+import numpy as np
+
+from benchmarks.common import Table, write_json
+from cablecast.cable import load_cable
+from cablecast.datasets.collect import collect_dataset, rig_seed
+from cablecast.datasets.progress import console_progress
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.evaluation.published import PUBLISHED_REPEATABILITY, PublishedRepeatability
+from cablecast.evaluation.repeatability import measure_repeatability, repeat_actions
+from cablecast.motion.action import MotionConfig
+from cablecast.rigs.virtual import RigVirtual
+from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.published import published_tuning
+from cablecast.tuning.result import distance_summary
+from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.workspace import Workspace
+
+FACTOR_MAX = 1.5
+"""By how much our scatter may differ from the published."""
+UNTUNED_RANGE_PCT = (24.0, 35.0)
+"""Between which the median final distance of the paper's untuned simulator lay."""
+
+SCATTER_COLUMNS = (
+    "v_max [m/s]",
+    "psi",
+    "actions",
+    "casts",
+    "scatter [%]",
+    "paper's",
+    "within x 1.5",
+    "off table [%]",
+    "paper's ",
+    "along arc [%]",
+    "growth with distance",
+    "growth with width",
+)
+UNTUNED_COLUMNS = (
+    "cable",
+    "casts",
+    "median final distance [%]",
+    "paper's",
+    "mean distance, eq. 4 [%]",
+    "paper's ",
+    "within 24 to 35 %",
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """The virtual laboratory beside the paper's figures.
+
+    Attributes:
+        action_count: Repeat only as many actions of each grid, chosen by chance; 0 for all.
+        repeats: How often each.
+        untuned_count: Casts of each cable to compare with the untuned engine; 0 leaves that out.
+        cables: Which cables to compare with the untuned engine.
+        seed: Of the actions and of the rig.
+        out: Keep the casts here and go on with them after a stop. They are not made again when the
+            laboratory changes: give a new folder then.
+        json: Also write the figures to this file.
+    """
+
+    action_count: int = 24
+    repeats: int = 5
+    untuned_count: int = 20
+    cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
+    seed: int = 0
+    out: pathlib.Path | None = None
+    json: pathlib.Path | None = None
+
+
+def main(args: Args) -> None:
+    with tempfile.TemporaryDirectory() as temporary:
+        out = args.out or pathlib.Path(temporary)
+        tables = [
+            Table(
+                "Scatter of equal casts of cable 1 on the virtual rig, in % of cable length",
+                SCATTER_COLUMNS,
+                [scatter_row(published, args, out) for published in PUBLISHED_REPEATABILITY],
+            )
+        ]
+        print(tables[0])
+        if args.untuned_count:
+            rows = [untuned_row(name, args, out) for name in args.cables]
+            tables.append(
+                Table(
+                    "Untuned engine against the virtual rig, in % of cable length",
+                    UNTUNED_COLUMNS,
+                    rows,
+                )
+            )
+            print(tables[1])
+        write_json(args.json, tables)
+
+
+def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path) -> tuple:
+    cable, workspace = load_cable("cable_1"), Workspace()
+    config = MotionConfig(v_max=published.v_max)
+    actions = repeat_actions(
+        config,
+        workspace,
+        with_psi=published.with_psi,
+        action_count=args.action_count or None,
+        seed=args.seed,
+    )
+    name = f"{published.v_max:g}{'-psi' if published.with_psi else ''}"
+    rig = RigVirtual(cable, workspace, rig_seed(args.seed, "repeat"))
+    with console_progress(f"Repeating {len(actions)} actions, v_max {name}") as progress:
+        result = measure_repeatability(
+            out / f"repeat-{name}",
+            rig,
+            cable,
+            config,
+            workspace,
+            actions=actions,
+            repeats=args.repeats,
+            progress=progress,
+        )
+    ratio = result.scatter_pct / published.scatter_pct
+    growth = result.growth()
+    return (
+        published.v_max,
+        "yes" if published.with_psi else "no",
+        len(actions),
+        result.cast_count,
+        result.scatter_pct,
+        published.scatter_pct,
+        "yes" if 1 / FACTOR_MAX <= ratio <= FACTOR_MAX else "no",
+        100 * result.off_table_share,
+        "-" if published.off_table_share is None else 100 * published.off_table_share,
+        100 * result.along_arc_share,
+        growth["distance"],
+        growth["width"],
+    )
+
+
+def untuned_row(cable_name: str, args: Args, out: pathlib.Path) -> tuple:
+    cable, workspace = load_cable(cable_name), Workspace()
+    published = published_tuning(cable.name)
+    rig = RigVirtual(cable, workspace, rig_seed(args.seed, "tune"))
+    with console_progress(f"Casting {cable.name}") as progress:
+        dataset = collect_dataset(
+            out / f"untuned-{cable.name}",
+            rig,
+            cable,
+            MotionConfig(),
+            workspace,
+            purpose="tune",
+            count=args.untuned_count,
+            seed=args.seed,
+            progress=progress,
+        )
+    # As in the paper, the simulator is given the motion as it was commanded.
+    tracks = MeasuredTracks.from_dataset(dataset, path_source="commanded")
+    distances = TrackObjective(EngineWarp(), cable, tracks).distances(cable.params)
+    summary = distance_summary(distances, 0, cable.length)
+    final = summary["final_median_pct"]
+    known = final is not None and np.isfinite(final)
+    low, high = UNTUNED_RANGE_PCT
+    return (
+        cable.name,
+        len(dataset),
+        final if known else "-",
+        "-" if published is None else published.default_final_pct,
+        summary["mean_pct"],
+        "-" if published is None else published.default_mean_pct,
+        "yes" if known and low <= final <= high else "no",
+    )

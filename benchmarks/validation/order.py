@@ -1,0 +1,97 @@
+"""The order of the method, on casts: no closed form, but a slope that theory prescribes."""
+
+import functools
+
+import numpy as np
+
+from benchmarks.common import random_actions
+from benchmarks.validation.case import Case, Curve, MakeEngine, Measured, Outcome
+from cablecast.cable import load_cable
+from cablecast.motion.action import MotionConfig
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.workspace import Workspace
+
+CAST_COUNT = 32
+DURATION = 1.2
+"""Up to the whip: after it the cast magnifies what went before, and what it magnifies is chance."""
+SEED = 3
+
+
+def track(make: MakeEngine, segment_count: int, dt: float):
+    """Endpoints of some random feasible casts of cable_1 [m], shape [action, step, 2]."""
+    cable = load_cable("cable_1")
+    paths = cast_grip_paths(random_actions(CAST_COUNT, SEED), MotionConfig(), Workspace())
+    rollout = make(segment_count, dt).rollout(
+        cable, cable.params, paths, duration=DURATION, sample_dt=0.1
+    )
+    return rollout.endpoint_xy[:, 1:]
+
+
+def slope(make: MakeEngine, segment_count: int, dt: float, *, in_time: bool) -> Measured:
+    """Slope of the median error against a resolution much finer than the finest."""
+    rungs = [(segment_count, dt * 2**k) for k in (2, 1, 0)]
+    fine = (segment_count, dt / 8)
+    if not in_time:
+        rungs = [(segment_count // 2**k, dt) for k in (2, 1, 0)]
+        fine = (4 * segment_count, dt)
+    reference = track(make, *fine)
+    errors = np.array(
+        [np.median(np.linalg.norm(track(make, *rung) - reference, axis=2)) for rung in rungs]
+    )
+    counts, steps = np.array(rungs).T
+    sizes = 1e3 * steps if in_time else 1e3 * load_cable("cable_1").length / counts
+    line = np.polyfit(np.log(sizes), np.log(errors), 1)
+    x = np.linspace(sizes[-1], sizes[0], 50)
+    return Measured(
+        outcomes=(
+            Outcome(
+                quantity="slope of the error of the endpoint",
+                unit="-",
+                exact=2.0,
+                computed=float(line[0]),
+                scale=1.0,
+            ),
+        ),
+        curves=(
+            Curve(
+                x=x,
+                exact=1e3 * errors[-1] * (x / sizes[-1]) ** 2,
+                x_computed=sizes,
+                computed=1e3 * errors,
+            ),
+        ),
+    )
+
+
+CASES = (
+    Case(
+        name="order_in_time",
+        title="Casts converge with the square of the step",
+        theory=(
+            f"{CAST_COUNT} random feasible casts of cable_1, the endpoint every 0.1 s up to "
+            f"{DURATION:g} s, at 2, 1 and 0.5 ms against 1/16 ms. The line has slope 2."
+        ),
+        tolerance=0.4,
+        reason="where friction sets in or lets go between two steps, the order is lower",
+        measure=functools.partial(slope, in_time=True),
+        segment_count=20,
+        dt=5e-4,
+        x_label="step [ms]",
+        y_label="median error [mm]",
+    ),
+    Case(
+        name="order_in_space",
+        title="Casts converge with the square of the segment",
+        theory=(
+            "The same casts with 20, 40 and 80 segments against 320, at 0.125 ms. The line has "
+            "slope 2."
+        ),
+        tolerance=0.4,
+        reason="20 segments hardly resolve a fold, which leaves some scatter",
+        measure=functools.partial(slope, in_time=False),
+        segment_count=80,
+        dt=1.25e-4,
+        x_label="segment [mm]",
+        y_label="median error [mm]",
+    ),
+)

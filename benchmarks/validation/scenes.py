@@ -1,0 +1,199 @@
+"""What scenes are made of: cables, states, grip paths; and what is read from a motion."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import GRAVITY, CableState, Engine
+from cablecast.motion.grip_path import GripPath
+
+LENGTH = 0.6
+RADIUS = 0.005
+MASS = 0.05
+LOCKED = 0.1
+"""A rolling friction far above the radius: segments slide and do not roll [m]."""
+
+BARE = CableParams(
+    twist_stiffness=0.0,
+    bend_stiffness=0.0,
+    mass=MASS,
+    endpoint_mass=0.0,
+    lateral_friction=0.0,
+    worksurface_friction=1.0,
+    spinning_friction=0.0,
+    rolling_friction=0.0,
+    linear_damping=0.0,
+    angular_damping=0.0,
+)
+"""A rope that nothing resists; each case switches on what it looks at."""
+
+
+def make_cable(**params) -> Cable:
+    """A test cable with some parameters, each shared or per world, and all others zero."""
+    worlds = {len(np.atleast_1d(value)) for value in params.values()} - {1}
+    if worlds:
+        (count,) = worlds
+        filled = {**{name: getattr(BARE, name) for name in BARE.names()}, **params}
+        values = {name: np.broadcast_to(value, count).copy() for name, value in filled.items()}
+        return Cable(name="test", length=LENGTH, diameter=2 * RADIUS, params=CableParams(**values))
+    return Cable(
+        name="test",
+        length=LENGTH,
+        diameter=2 * RADIUS,
+        params=dataclasses.replace(BARE, **params),
+    )
+
+
+def from_edges(edges: ArrayLike, start: ArrayLike) -> NDArray[np.float64]:
+    """Nodes of a cable [m], shape [node, 3], from its edge vectors [m], shape [segment, 3]."""
+    edges = np.asarray(edges, dtype=float)
+    return np.vstack([np.zeros(3), np.cumsum(edges, axis=0)]) + np.asarray(start, dtype=float)
+
+
+def planar(heading: ArrayLike, start: ArrayLike, axes: str = "xy") -> NDArray[np.float64]:
+    """Nodes of a cable [m], shape [node, 3], in a plane, from the direction of its edges [rad].
+
+    The direction is counted from the first axis of the plane towards the second.
+    """
+    heading = np.asarray(heading, dtype=float)
+    edges = np.zeros((len(heading), 3))
+    edges[:, "xyz".index(axes[0])] = np.cos(heading)
+    edges[:, "xyz".index(axes[1])] = np.sin(heading)
+    return from_edges(LENGTH / len(heading) * edges, start)
+
+
+def straight(
+    segment_count: int,
+    start: ArrayLike,
+    direction: ArrayLike,
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+) -> CableState:
+    """A straight cable that moves as a whole."""
+    s = np.linspace(0.0, LENGTH, segment_count + 1)[:, None]
+    state = CableState.at_rest((np.asarray(start) + s * np.asarray(direction, dtype=float))[None])
+    return dataclasses.replace(state, velocities=state.velocities + np.asarray(velocity))
+
+
+def turning(state: CableState, rate: float, axis: ArrayLike, centre: ArrayLike) -> CableState:
+    """The same cable turning about an axis through a point, at a rate [rad/s]."""
+    spin = rate * np.asarray(axis, dtype=float)
+    velocities = np.cross(spin, state.positions - np.asarray(centre, dtype=float))
+    return dataclasses.replace(state, velocities=state.velocities + velocities)
+
+
+def lengthwise(segment_count: int) -> NDArray[np.float64]:
+    """Middles of the segments, from the grip [m], shape [segment]."""
+    return (np.arange(segment_count) + 0.5) / segment_count * LENGTH
+
+
+def hold(position: ArrayLike, yaw: float = 0.0, pitch: float = 0.0) -> GripPath:
+    """A grip that stays."""
+    return GripPath.hold([*np.asarray(position, dtype=float), yaw, pitch], 1.0)
+
+
+def fitted(position, duration: float, yaw=None, count: int = 200) -> GripPath:
+    """A grip that follows a law of motion.
+
+    Args:
+        position: Gives [step, 3] positions [m] at times [s].
+        duration: Where the motion ends; the grip stays there [s].
+        yaw: Gives headings [rad] at times; 0 by default.
+        count: Pieces that the path is fitted with.
+    """
+    times = np.linspace(0.0, duration, count)
+    poses = np.zeros((count, 5))
+    poses[:, :3] = position(times)
+    if yaw is not None:
+        poses[:, 3] = yaw(times)
+    return GripPath.fit(times, poses)
+
+
+def pieces_along_x(knots: ArrayLike, coefficients: ArrayLike) -> GripPath:
+    """A grip that lies on the table and moves along x by a polynomial in each piece.
+
+    Args:
+        knots: Bounds of the pieces [s], shape [piece + 1].
+        coefficients: Of 1, t and t² since the piece began, shape [piece, 3].
+    """
+    knots = np.asarray(knots, dtype=float)
+    filled = np.zeros((1, len(knots) - 1, 5, 6))
+    filled[0, :, 0, :3] = coefficients
+    filled[0, :, 2, 0] = RADIUS
+    return GripPath(knots=knots[None], coefficients=filled)
+
+
+def along_x(law, duration: float, height: float = RADIUS) -> GripPath:
+    """A grip that moves along x on the table by a law."""
+
+    def position(times):
+        x = law(times)
+        return np.stack([x, 0 * x, np.full_like(x, height)], axis=-1)
+
+    return fitted(position, duration)
+
+
+def rolls_after(
+    engine: Engine, cable: Cable, path: GripPath, state: CableState, times, **options
+) -> NDArray[np.float64]:
+    """Roll of every segment at some times [rad], shape [step, segment].
+
+    A rollout tells the roll at its end only, so each time is a rollout of its own.
+    """
+    rolls = []
+    for duration in times:
+        rollout = engine.rollout(
+            cable, cable.params, path, state, duration=duration, sample_dt=duration, **options
+        )
+        rolls.append(rollout.final_state.roll[0])
+    return np.array(rolls)
+
+
+def fitted_swing(times, x, omega: float, decay: float = 0.0) -> tuple[float, float]:
+    """Angular frequency [rad/s] and decay rate [1/s] of the damped oscillation that fits best."""
+    from scipy.optimize import least_squares
+
+    def residual(p):
+        wave = p[0] * np.cos(p[1] * times) + p[2] * np.sin(p[1] * times)
+        return np.exp(-p[3] * times) * wave - x
+
+    size = np.abs(x).max()
+    fit = least_squares(
+        residual, [x[0], omega, 0.0, decay], x_scale=[size, omega, size, max(decay, 0.1 * omega)]
+    )
+    return abs(fit.x[1]), fit.x[3]
+
+
+def node_masses(cable: Cable, segment_count: int) -> NDArray[np.float64]:
+    """Masses of the nodes [kg]; the gripped one counts as none."""
+    mass = np.full(segment_count + 1, float(cable.params.mass) / segment_count)
+    mass[-1] = 0.5 * mass[-1] + float(cable.params.endpoint_mass)
+    mass[0] = 0.0
+    return mass
+
+
+def energies(
+    nodes: NDArray[np.float64], dt: float, cable: Cable, clamp: ArrayLike, gravity: float = GRAVITY
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Kinetic energy and potential energy (weight and bending) between samples [J].
+
+    Args:
+        nodes: Shapes, shape [step, node, 3].
+        dt: Between them [s].
+        cable: Masses and bend stiffness.
+        clamp: Direction in which the cable leaves the grip, shape [3].
+        gravity: Acceleration of free fall [m/s²].
+    """
+    count = nodes.shape[1] - 1
+    mass = node_masses(cable, count)
+    kinetic = 0.5 * (mass * (np.diff(nodes, axis=0) ** 2).sum(2)).sum(1) / dt**2
+    edges = np.diff(nodes, axis=1)
+    edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+    before = np.concatenate([np.broadcast_to(clamp, (len(nodes), 1, 3)), edges[:, :-1]], axis=1)
+    angle = 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(edges - before, axis=2), 0.0, 1.0))
+    cell = np.full(count, LENGTH / count)
+    cell[0] *= 0.5
+    bending = (0.5 * float(cable.params.bend_stiffness) * angle**2 / cell).sum(1)
+    potential = bending + gravity * (mass * nodes[..., 2]).sum(1)
+    return kinetic, 0.5 * (potential[1:] + potential[:-1])

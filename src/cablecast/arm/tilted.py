@@ -1,0 +1,155 @@
+"""Inverse kinematics for a gripper that tilts in the vertical plane of its cable.
+
+The closed form of a gripper that points straight down (arm/ur5.py) is fast and is used wherever it
+holds. Here the six joints are solved for a whole pose, on the same branch, so that a motion may
+begin untilted and tilt on the way; rates and accelerations follow from the Jacobian and its
+derivative, so they are exact as well.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.ur5 import (
+    D1,
+    D4,
+    D5,
+    D6,
+    FOREARM,
+    UPPER_ARM,
+    JointMotion,
+    two_link,
+)
+
+if TYPE_CHECKING:
+    from cablecast.arm.ur5 import ArmUR5
+
+Array = NDArray[np.float64]
+
+
+def tilted_motion(
+    arm: "ArmUR5", poses: Array, velocities: Array, accelerations: Array
+) -> JointMotion:
+    """Joint angles along moving poses of any pitch, with exact rates and accelerations.
+
+    Args:
+        arm: The robot.
+        poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
+        velocities: Their first derivatives, same shape.
+        accelerations: Their second derivatives, same shape.
+
+    Returns:
+        The motion of the joints; NaN where a pose is out of reach. Its radii are those of the
+        first wrist joint, and its lead is NaN: mirrored poses must be solved anew.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        q, radius, radius_min, radius_max = _angles(arm, poses)
+        reached = np.all(np.isfinite(q), axis=-1)
+        qd, qdd = np.full_like(q, np.nan), np.full_like(q, np.nan)
+        qd[reached], qdd[reached] = _rates(
+            arm, q[reached], poses[reached], velocities[reached], accelerations[reached]
+        )
+    q[~reached] = np.nan
+    return JointMotion(
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        radius=radius,
+        radius_min=radius_min,
+        radius_max=radius_max,
+        lead=np.full((*radius.shape, 3), np.nan),
+    )
+
+
+def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
+    """The cable's direction, the tool's, and forwards and sideways in the plane, [..., 3] each."""
+    yaw, pitch = poses[..., 3], poses[..., 4]
+    zero = np.zeros_like(yaw)
+    forward = np.stack([np.sin(yaw), np.cos(yaw), zero], axis=-1)
+    right = np.stack([np.cos(yaw), -np.sin(yaw), zero], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    cos_pitch, sin_pitch = np.cos(pitch)[..., None], np.sin(pitch)[..., None]
+    along = cos_pitch * forward + sin_pitch * up
+    tool = sin_pitch * forward - cos_pitch * up
+    return along, tool, forward, right
+
+
+def _angles(arm: "ArmUR5", poses: Array) -> tuple[Array, Array, Array, Array]:
+    """Joint angles, and the radius of the first wrist joint with its bounds at its height."""
+    along, tool, _, right = _directions(poses)
+    flange = poses[..., :3] - arm.gripper_length * tool - arm.grip_offset * along
+    # The centre that joints 5 and 6 leave in place lies behind the flange.
+    centre = flange - D6 * tool
+    rho = np.hypot(centre[..., 0], centre[..., 1])
+    in_plane = np.sqrt(rho * rho - D4 * D4)
+    q1 = -np.arctan2(centre[..., 0], centre[..., 1]) - np.arctan2(D4, in_plane)
+    c1, s1 = np.cos(q1), np.sin(q1)
+    zero = np.zeros_like(q1)
+    # The arm's plane: outwards, and the common axis of joints 2, 3 and 4.
+    outward = np.stack([-s1, c1, zero], axis=-1)
+    axis = np.stack([-c1, -s1, zero], axis=-1)
+    cos_q5 = np.clip(_dot(tool, axis), -1.0, 1.0)
+    q5 = -np.arccos(cos_q5)
+    sin_q5 = np.sin(q5)
+    # x and y of the flange are the directions right and -along; see ArmUR5.grip_pose.
+    q6 = np.arctan2(_dot(along, axis) / sin_q5, _dot(right, axis) / sin_q5)
+    # The same turn as that of the untilted gripper, so that no joint jumps by a whole turn.
+    untilted = poses[..., 3] + q1
+    q6 = untilted + (q6 - untilted + np.pi) % (2 * np.pi) - np.pi
+    # The fifth axis, perpendicular to the plane's axis and to the tool, carries the last offset.
+    fifth = np.cross(axis, tool) / sin_q5[..., None]
+    elevation = np.arctan2(fifth[..., 2], _dot(fifth, outward))
+    wrist = centre - D5 * fifth
+    out = _dot(wrist, outward)
+    up = wrist[..., 2] - arm.base_height - D1
+    still = np.zeros_like(out)
+    upper, fore, *_ = two_link((out, up), (still, still), (still, still))
+    q = np.stack([q1, -upper, upper - fore, fore - np.pi / 2 - elevation, q5, q6], axis=-1)
+    radius_min, radius_max = (
+        np.sqrt(np.maximum(span**2 - up * up, 0.0) + D4 * D4)
+        for span in (UPPER_ARM - FOREARM, UPPER_ARM + FOREARM)
+    )
+    return q, np.hypot(wrist[..., 0], wrist[..., 1]), radius_min, radius_max
+
+
+def _rates(
+    arm: "ArmUR5", q: Array, poses: Array, velocities: Array, accelerations: Array
+) -> tuple[Array, Array]:
+    """Joint rates and accelerations from the motion of the gripped end, shape [pose, 6] each."""
+    _, _, forward, right = _directions(poses)
+    up = np.array([0.0, 0.0, 1.0])
+    dyaw, dpitch = velocities[:, 3, None], velocities[:, 4, None]
+    ddyaw, ddpitch = accelerations[:, 3, None], accelerations[:, 4, None]
+    # Yaw turns to the right, against the z axis; `right` itself turns with the yaw.
+    spin = -dyaw * up + dpitch * right
+    spin_rate = -ddyaw * up + ddpitch * right - dpitch * dyaw * forward
+    frames = arm.frames(q)
+    axes = np.stack([T[:, :3, 2] for T in frames[:-1]], axis=1)
+    places = np.stack([T[:, :3, 3] for T in frames[:-1]], axis=1)
+    arms = poses[:, None, :3] - places
+    jacobian = np.concatenate([np.cross(axes, arms), axes], axis=2).transpose(0, 2, 1)
+    qd = np.linalg.solve(jacobian, np.concatenate([velocities[:, :3], spin], axis=1)[..., None])
+    qd = qd[..., 0]
+    # What the tip would accelerate by if no joint did.
+    turns = axes * qd[..., None]
+    before = np.cumsum(turns, axis=1) - turns
+    axes_rate = np.cross(before, axes)
+    places_rate = np.stack(
+        [
+            np.sum(np.cross(turns[:, :joint], places[:, joint, None] - places[:, :joint]), axis=1)
+            for joint in range(q.shape[1])
+        ],
+        axis=1,
+    )
+    linear = np.cross(axes_rate, arms) + np.cross(axes, velocities[:, None, :3] - places_rate)
+    bias = np.concatenate(
+        [np.sum(linear * qd[..., None], axis=1), np.sum(axes_rate * qd[..., None], axis=1)], axis=1
+    )
+    wanted = np.concatenate([accelerations[:, :3], spin_rate], axis=1) - bias
+    qdd = np.linalg.solve(jacobian, wanted[..., None])[..., 0]
+    return np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("...i,...i->...", a, b)

@@ -1,0 +1,86 @@
+"""The trials of a dataset as what a rig was given and what it answered."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from cablecast.arm.limits import JOINT_COUNT
+from cablecast.datasets.reader import Dataset
+from cablecast.errors import DatasetError
+from cablecast.motion.joint_path import JointPath
+from cablecast.track import EndpointTrack, TrialStatus
+
+
+def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
+    """What the rig reported of one trial.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Which one.
+
+    Raises:
+        DatasetError: The dataset holds no tracks.
+    """
+    times, x, y = (_values(dataset, name, row) for name in ("times", "track_x", "track_y"))
+    if times is None or x is None or y is None:
+        raise DatasetError(f"{dataset.path or 'the dataset'} holds no track of trial {row}")
+    return EndpointTrack(
+        times=times,
+        endpoint_xy=np.stack([x, y], axis=-1),
+        status=TrialStatus.from_code(str(dataset.status[row])),
+        joint_path=measured_joints(dataset, row),
+    )
+
+
+def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
+    """The joints of one trial as the arm reported them; None where it did not.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Which one.
+    """
+    return _joint_path(dataset, "actual_times", "actual_q", row)
+
+
+def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:
+    """The joints of one trial as they were commanded; None where the motion had none.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Which one.
+    """
+    return _joint_path(dataset, "joint_times", "joint_q", row)
+
+
+def trial_rig(dataset: Dataset, row: int) -> dict[str, Any]:
+    """What the rig said of itself at one trial.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Which one.
+    """
+    texts = dataset.extra.get("rig")
+    return dict(dataset.info["settings"]["rig"]) if texts is None else json.loads(texts[row])
+
+
+def _values(dataset: Dataset, name: str, row: int):
+    column = dataset.extra.get(name)
+    if column is None or column[row] is None:
+        return None
+    return np.asarray(column[row], dtype=float)
+
+
+def _joint_path(dataset: Dataset, times_name: str, q_name: str, row: int) -> JointPath | None:
+    times, q = _values(dataset, times_name, row), _values(dataset, q_name, row)
+    if times is None or q is None or not len(times):
+        return None
+    if len(q) != JOINT_COUNT * len(times):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has {len(q)} joint angles for "
+            f"{len(times)} times: they must be six for each"
+        )
+    q = q.reshape(-1, JOINT_COUNT)
+    # Rates are not stored: differences of the angles are what any reader could know.
+    qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
+    return JointPath(times=times, q=q, qd=qd)

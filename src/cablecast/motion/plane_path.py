@@ -1,0 +1,142 @@
+"""PlanePath: builds grip paths out of moves in a vertical plane that turns about the robot's base.
+
+The reset and polar casting lift, swing and drag the cable within such a plane. A path is built move
+by move in its coordinates: the azimuth of the plane, radius and height in it, how far the cable's
+heading differs from the azimuth, and the pitch.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.errors import InputError
+from cablecast.motion.grip_path import GripPath
+
+COORDINATES = ("azimuth", "radius", "height", "turn", "pitch")
+
+PIECE_DURATION = 0.1
+"""Longest piece of a path [s]. A quintic that meets pose, velocity and acceleration at both ends
+follows the turning plane to better than 1 um at 2 rad/s (tests/motion/test_plane_path.py)."""
+
+# Position, velocity and acceleration of the smoothest rest-to-rest move (least jerk).
+_SMOOTH = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+
+
+class PlanePath:
+    """A path under construction; every method appends to it and returns it.
+
+    Args:
+        pose: Where it begins: x, y, z [m], yaw, pitch [rad], shape [5].
+    """
+
+    def __init__(self, pose: ArrayLike):
+        x, y, z, yaw, pitch = (float(value) for value in np.asarray(pose, dtype=float))
+        azimuth = float(np.arctan2(x, y))
+        self._times = [0.0]
+        # Position, velocity and acceleration before and after each knot.
+        still = np.zeros(len(COORDINATES))
+        here = np.array([azimuth, np.hypot(x, y), z, yaw - azimuth, pitch])
+        self._before = [np.stack([here, still, still])]
+        self._after: list[NDArray[np.float64]] = []
+
+    @property
+    def duration(self) -> float:
+        """Time so far [s]."""
+        return self._times[-1]
+
+    @property
+    def place(self) -> dict[str, float]:
+        """Where the path has come to, by coordinate [m], [rad]."""
+        return dict(zip(COORDINATES, self._before[-1][0].tolist(), strict=True))
+
+    def hold(self, duration: float) -> "PlanePath":
+        """Keep still for some time [s]."""
+        return self.move(duration)
+
+    def move(self, duration: float, **goal: float) -> "PlanePath":
+        """Move smoothly from rest to rest.
+
+        Args:
+            duration: How long it takes [s].
+            goal: New values of some coordinates [m], [rad]; the others keep theirs.
+        """
+        start = self._before[-1][0]
+        end = start.copy()
+        for name, value in goal.items():
+            end[COORDINATES.index(name)] = value
+        count = max(1, int(np.ceil(duration / PIECE_DURATION)))
+        share = np.linspace(0.0, 1.0, count + 1)
+        orders = [_SMOOTH.deriv(order)(share) / duration**order for order in range(3)]
+        states = np.stack(orders, axis=1)[:, :, None] * (end - start)
+        states[:, 0] += start
+        self._append(share * duration, states, states)
+        return self
+
+    def through(self, times: Sequence[float], **points: Sequence[float]) -> "PlanePath":
+        """Move through points from rest to rest, along a cubic spline.
+
+        Args:
+            times: When it passes the points, the last of them where it comes to rest; rising,
+                counted from now [s].
+            points: Values of some coordinates at these times [m], [rad]; the others keep theirs.
+        """
+        from scipy.interpolate import CubicSpline
+
+        knots = np.concatenate([[0.0], np.asarray(times, dtype=float)])
+        if np.any(np.diff(knots) <= 0):
+            raise InputError(f"times {list(times)} must rise from above 0")
+        values = np.repeat(self._before[-1][:1], len(knots), axis=0)
+        for name, row in points.items():
+            values[1:, COORDINATES.index(name)] = row
+        spline = CubicSpline(knots, values, bc_type="clamped")
+        parts = [
+            np.linspace(low, high, max(1, int(np.ceil((high - low) / PIECE_DURATION))) + 1)[1:]
+            for low, high in itertools.pairwise(knots)
+        ]
+        at = np.concatenate([[0.0], *parts])
+        states = np.stack([spline(at, order) for order in range(3)], axis=1)
+        self._append(at, states, states)
+        return self
+
+    def _append(self, at, before, after) -> None:
+        self._times += (self._times[-1] + at[1:]).tolist()
+        self._after += list(after[:-1])
+        self._before += list(before[1:])
+
+    def grip_path(self) -> GripPath:
+        """The path so far, as one row.
+
+        Raises:
+            InputError: Nothing was appended yet.
+        """
+        if not self._after:
+            raise InputError("a path needs at least one move")
+        after = [*self._after, self._before[-1]]
+        poses, velocities, ends = _to_base(np.stack(self._before))
+        _, _, starts = _to_base(np.stack(after))
+        # Accelerations jump at some knots; poses and velocities do not.
+        accelerations = np.stack([starts[:-1], ends[1:]], axis=1)
+        knots = np.array(self._times)
+        return GripPath.from_hermite(
+            knots[None], poses[None], velocities[None], accelerations[None]
+        )
+
+
+def _to_base(states: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Pose, velocity and acceleration in the base frame, shape [knot, 5] each.
+
+    Args:
+        states: The same in the coordinates of the plane, shape [knot, 3, 5].
+    """
+    (a, da, dda), (r, dr, ddr), (z, dz, ddz), (t, dt, ddt), (p, dp, ddp) = states.transpose(2, 1, 0)
+    sin, cos = np.sin(a), np.cos(a)
+    radial, across = ddr - r * da**2, r * dda + 2.0 * dr * da
+    return (
+        np.stack([r * sin, r * cos, z, a + t, p], axis=1),
+        np.stack([dr * sin + r * da * cos, dr * cos - r * da * sin, dz, da + dt, dp], axis=1),
+        np.stack(
+            [radial * sin + across * cos, radial * cos - across * sin, ddz, dda + ddt, ddp], axis=1
+        ),
+    )

@@ -1,0 +1,237 @@
+"""The sections of a reproduction's report: what each experiment found, beside the paper."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cablecast.cable import Cable
+from cablecast.evaluation.metrics import ErrorSummary
+from cablecast.evaluation.published import PUBLISHED_ROWS, published_rows
+from cablecast.report.coverage import coverage_figure
+from cablecast.report.curves import error_boxes, learning_curve
+from cablecast.report.ellipses import ellipse_map
+from cablecast.report.reproduction import METHOD_NAMES, Figure, Part, Reproduction
+from cablecast.report.style import svg_uri
+from cablecast.report.tables import (
+    cable_table,
+    coverage_table,
+    method_table,
+    tuning_table,
+)
+from cablecast.workspace import Workspace
+
+
+def all_parts(results: Reproduction, workspace: Workspace) -> list[Part]:
+    """Every section whose stages have been run, in the order of the paper."""
+    makers = (tuning_part, selection_part, model_part, method_part, cable_part)
+    parts = (maker(results, workspace) for maker in makers)
+    return [part for part in parts if part is not None]
+
+
+def tuning_part(results: Reproduction, workspace: Workspace) -> Part | None:
+    """Section V-D: how far the simulator was from the rig before and after tuning."""
+    tunings = results.tunings()
+    if not tunings:
+        return None
+    lead = results.cables[0]
+    return Part(
+        title="Tuning the simulator (table I)",
+        paragraphs=[
+            "Differential Evolution looked for the ten parameters with which simulated endpoints "
+            "stay nearest to measured ones, on some casts of the rig; the distances are those "
+            "of other casts, which it never saw. The default row is what was believed of the cable "
+            "before anything was measured; the paper's is PyBullet's default.",
+        ],
+        tables=[tuning_table(tunings)],
+        figures=results.picture(
+            lead, "tune", "tracks.png", f"Measured and simulated tracks of {lead}, validation casts"
+        ),
+    )
+
+
+def selection_part(results: Reproduction, workspace: Workspace) -> Part | None:
+    """Section V-E: coverage and repeatability, and what was chosen."""
+    selection = results.metrics(results.cables[0], "select")
+    if selection is None:
+        return None
+    config = results.config(results.cables[0], "select") or {}
+    cable = Cable.from_dict(config["settings"]["cable"])
+    polar = np.array(selection["polar_casting"]["outline_xy"])
+    figure = coverage_figure(selection["coverage"], polar, workspace, cable.length)
+    ratio = selection["coverage"][0]["hull_ratio"]
+    return Part(
+        title="Choosing r0, v_max and psi (figures 6 and 7)",
+        paragraphs=[
+            *selection["choice"]["reasons"],
+            "The paper chose r0 = 0.6 m and v_max = 1.5 m/s with psi.",
+        ],
+        tables=[coverage_table(selection)],
+        figures=[
+            Figure(
+                uri=svg_uri(figure),
+                caption="Where the casts of each combination come to rest: concave hulls of "
+                f"ratio {ratio:g} within the half disc of radius "
+                f"{selection['half_disc_radius_m']:.2f} m. "
+                "Grey: what polar casting reaches. After figure 6 of the paper.",
+            ),
+            *results.picture(
+                results.cables[0],
+                "select",
+                "repeatability.png",
+                "Repeated landings with 95 % ellipses. After figure 7 of the paper.",
+            ),
+        ],
+    )
+
+
+def model_part(results: Reproduction, workspace: Workspace) -> Part | None:
+    """Section V-F: what was learned from which data."""
+    figures = []
+    for cable in results.cables:
+        model = results.model_info(cable, "both")
+        if model and model.get("curve"):
+            length = Cable.from_dict(model["dataset"]["settings"]["cable"]).length
+            figure = learning_curve(model["curve"], length)
+            figures.append(
+                Figure(uri=svg_uri(figure), caption=f"How the model of {cable} learned.")
+            )
+    if not figures:
+        return None
+    return Part(
+        title="Learning where casts land",
+        paragraphs=[
+            "The network first learns from casts that were simulated with the tuned parameters, "
+            "and then goes on with those of the rig.",
+        ],
+        figures=figures,
+    )
+
+
+def method_part(results: Reproduction, workspace: Workspace) -> Part | None:
+    """Section VI: every method on the first cable."""
+    cable = results.cables[0]
+    evaluations = results.evaluations(cable)
+    if not evaluations:
+        return None
+    ours = [(f"ours: {METHOD_NAMES[m]}", summary(v["errors_pct"])) for m, v in evaluations.items()]
+    published = [row for row in PUBLISHED_ROWS if row.table == "II"]
+    return Part(
+        title="Every method on one cable (table II)",
+        paragraphs=[
+            "Distances from target to landing in % of cable length. As in the paper, casts that "
+            "left the table or were hidden are left out of the first table; the second counts each "
+            "as a miss.",
+            *order_of_methods(results),
+        ],
+        tables=[
+            method_table(evaluations, METHOD_NAMES, "errors_pct", f"Errors on {cable}"),
+            method_table(
+                evaluations,
+                METHOD_NAMES,
+                "errors_misses_counted_pct",
+                f"Errors on {cable}, casts without a landing counted as misses",
+                published=False,
+            ),
+        ],
+        figures=[
+            Figure(
+                uri=svg_uri(error_boxes(ours, published)),
+                caption="The same errors as boxes, above those of the paper.",
+            )
+        ],
+    )
+
+
+def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
+    """Section VI: the best method on every cable."""
+    evaluations = results.best_evaluations()
+    if not evaluations:
+        return None
+    figures = []
+    for cable, metrics in evaluations.items():
+        figure = ellipse_map(results.trials(cable, "both"), workspace, metrics["cable_length_m"])
+        figures.append(
+            Figure(
+                uri=svg_uri(figure),
+                caption=f"{cable}: targets (numbers), landings (dots), 95 % ellipses of the five "
+                "casts as the paper draws them, and dashed lines from each target to the mean of "
+                "its landings. A triangle marks a target with a cast that did not land. After "
+                "figure 8 of the paper.",
+            )
+        )
+    return Part(
+        title="The best method on every cable (table III)",
+        tables=[
+            cable_table(evaluations, "errors_pct", "Errors of the model of D_sim + D_real"),
+            cable_table(
+                evaluations,
+                "errors_misses_counted_pct",
+                "The same, casts without a landing counted as misses",
+                published=False,
+            ),
+        ],
+        figures=figures,
+    )
+
+
+def order_of_methods(results: Reproduction) -> list[str]:
+    """Sentences on where our order of methods differs from the paper's, each with its measure."""
+    cable = results.cables[0]
+    evaluations = results.evaluations(cable)
+    paper = {row.method: row.median_pct for row in published_rows(cable)}
+    medians = {
+        method: metrics["errors_pct"]["median_pct"]
+        for method, metrics in evaluations.items()
+        if metrics["errors_pct"]["median_pct"] is not None and METHOD_NAMES[method] in paper
+    }
+    if len(medians) < 2:
+        return []
+    ours = sorted(medians, key=lambda method: medians[method])
+    theirs = sorted(medians, key=lambda method: paper[METHOD_NAMES[method]])
+    listed = ", ".join(f"{METHOD_NAMES[method]} ({medians[method]:.1f} %)" for method in ours)
+    sentences = [f"By their medians, from best to worst: {listed}."]
+    turned = [
+        (better, worse)
+        for place, better in enumerate(ours)
+        for worse in ours[place + 1 :]
+        if theirs.index(better) > theirs.index(worse)
+        # The paper prints whole percents; two methods with the same one have no order there.
+        and paper[METHOD_NAMES[better]] != paper[METHOD_NAMES[worse]]
+    ]
+    if not turned:
+        return [*sentences, "This is the paper's order."]
+    for better, worse in turned:
+        sentences.append(
+            f"Other than in the paper, {METHOD_NAMES[better]} is better than {METHOD_NAMES[worse]} "
+            f"({medians[better]:.1f} % against {medians[worse]:.1f} %; there "
+            f"{paper[METHOD_NAMES[better]]:.0f} % and {paper[METHOD_NAMES[worse]]:.0f} %). "
+            + _why(results, better, worse)
+        )
+    return sentences
+
+
+def _why(results: Reproduction, better: str, worse: str) -> str:
+    """What was measured of two methods that tells where their difference comes from."""
+    cable = results.cables[0]
+    told = []
+    for method in (better, worse):
+        metrics = results.evaluations(cable)[method]
+        inside = metrics["errors_inside_coverage_pct"]
+        parts = []
+        if inside["count"] and inside["median_pct"] is not None:
+            parts.append(
+                f"{metrics['targets_inside_coverage']} of {metrics['target_count']} targets lie "
+                f"where it can land, with a median of {inside['median_pct']:.1f} % there"
+            )
+        prediction = metrics["prediction_errors_pct"]["median_pct"]
+        if prediction is not None:
+            parts.append(f"casts land {prediction:.1f} % from where it expects them")
+        told.append(f"{METHOD_NAMES[method]}: " + ", ".join(parts))
+    return "Measured: " + "; ".join(told) + "."
+
+
+def summary(values: Mapping[str, Any]) -> ErrorSummary:
+    """A summary of errors from what metrics.json holds."""
+    numbers = {name: np.nan if value is None else float(value) for name, value in values.items()}
+    return ErrorSummary(**(numbers | {"count": values["count"]}))  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,246 @@
+"""Tables for people: the same rows as HTML in the report and as Markdown in a README."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
+from cablecast.evaluation.selection import PUBLISHED_CANDIDATES
+from cablecast.tuning.published import PUBLISHED_SIMULATION_COUNT, published_tuning
+
+FIVE_NUMBERS = (
+    "median_pct",
+    "first_quartile_pct",
+    "third_quartile_pct",
+    "min_pct",
+    "max_pct",
+)
+FIVE_HEADS = ("median", "1st quartile", "3rd quartile", "min", "max")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Row:
+    """One row of a table.
+
+    Attributes:
+        cells: What stands in it, the first being its name.
+        kind: "ours", "paper", or empty; decides how it looks.
+    """
+
+    cells: tuple[str, ...]
+    kind: str = ""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table with a title.
+
+    Attributes:
+        title: What it shows.
+        heads: Names of the columns.
+        rows: Its rows.
+        note: A sentence below it.
+    """
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[Row, ...]
+    note: str = ""
+
+    def to_markdown(self) -> str:
+        """The table as GitHub draws it, with its title and note."""
+        lines = [f"**{self.title}**", ""]
+        lines.append("| " + " | ".join(self.heads) + " |")
+        lines.append("|" + "---|" * len(self.heads))
+        for row in self.rows:
+            cells = [f"**{cell}**" if row.kind == "ours" and cell else cell for cell in row.cells]
+            lines.append("| " + " | ".join(cells) + " |")
+        if self.note:
+            lines += ["", self.note]
+        return "\n".join(lines) + "\n"
+
+
+def pct(value: float | None, digits: int = 1) -> str:
+    """A percentage, a dash where there is none, "miss" where it is infinite."""
+    if value is None or math.isnan(value):
+        return "–"
+    return "miss" if math.isinf(value) else f"{value:.{digits}f}"
+
+
+def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
+    """The five numbers of a summary of errors, as metrics.json holds them."""
+    return tuple(pct(summary[name]) for name in FIVE_NUMBERS)
+
+
+def published_cells(row: PublishedRow) -> tuple[str, ...]:
+    """The five numbers of a row of the paper, which prints whole percents."""
+    return tuple(f"{getattr(row, name):.0f}" for name in FIVE_NUMBERS)
+
+
+def method_table(
+    evaluations: Mapping[str, Mapping[str, Any]],
+    names: Mapping[str, str],
+    key: str,
+    title: str,
+    *,
+    published: bool = True,
+) -> Table:
+    """Table II: every method on cable 1, and the paper's rows below.
+
+    Args:
+        evaluations: metrics.json of `cablecast evaluate` by method.
+        names: What to call each method; those of the paper as the paper's rows do.
+        key: Which summary of errors, e.g. `errors_pct`.
+        title: Of the table.
+        published: Also show the paper's rows; it counts no misses.
+    """
+    rows = []
+    best = min(
+        (m for m in evaluations if evaluations[m][key]["median_pct"] is not None),
+        key=lambda m: evaluations[m][key]["median_pct"],
+        default=None,
+    )
+    for method, metrics in evaluations.items():
+        landed = metrics["status_counts"].get("ok", 0)
+        cells = (names.get(method, method), f"{landed} of {metrics['trial_count']}")
+        rows.append(
+            Row(cells=cells + five_cells(metrics[key]), kind="ours" if method == best else "")
+        )
+    rows += [
+        Row(cells=(f"paper: {row.method}", "", *published_cells(row)), kind="paper")
+        for row in PUBLISHED_ROWS
+        if published and row.table == "II"
+    ]
+    return Table(title=title, heads=("method", "landed", *FIVE_HEADS), rows=tuple(rows))
+
+
+def cable_table(
+    evaluations: Mapping[str, Mapping[str, Any]], key: str, title: str, *, published: bool = True
+) -> Table:
+    """Table III: the best method on every cable, each with the paper's row.
+
+    Args:
+        evaluations: metrics.json of `cablecast evaluate` by cable.
+        key: Which summary of errors.
+        title: Of the table.
+        published: Also show the paper's rows; it counts no misses.
+    """
+    rows = []
+    for cable, metrics in evaluations.items():
+        landed = metrics["status_counts"].get("ok", 0)
+        cells = (cable, f"{landed} of {metrics['trial_count']}", *five_cells(metrics[key]))
+        rows.append(Row(cells=cells, kind="ours"))
+        for row in PUBLISHED_ROWS:
+            if published and (row.cable, row.method) == (cable, BEST_METHOD_PUBLISHED):
+                cells = (f"paper: {cable}", "", *published_cells(row))
+                rows.append(Row(cells=cells, kind="paper"))
+    return Table(title=title, heads=("cable", "landed", *FIVE_HEADS), rows=tuple(rows))
+
+
+BEST_METHOD_PUBLISHED = "forward model, D_sim + D_real"
+
+
+def coverage_table(selection: Mapping[str, Any]) -> Table:
+    """What every combination of system parameters covers, beside the paper's.
+
+    Args:
+        selection: metrics.json of `cablecast select`.
+    """
+    published = {(c.r0, c.v_max, c.with_psi): c for c in PUBLISHED_CANDIDATES}
+    chosen = selection["choice"]
+    rows = []
+    for result in selection["coverage"]:
+        key = (result["r0"], result["v_max"], result["with_psi"])
+        paper = published.get(key)
+        repeat = result.get("repeatability") or {}
+        low, high = sorted(result["share_by_ratio"].values())
+        rows.append(
+            Row(
+                cells=(
+                    f"r0 = {key[0]:g} m, v_max = {key[1]:g} m/s" + ", psi" * key[2],
+                    str(result["feasible_count"]),
+                    pct(100 * result["share"]),
+                    f"{100 * low:.1f} to {100 * high:.1f}",
+                    pct(100 * paper.coverage) if paper else "",
+                    pct(repeat.get("scatter_pct"), 2) if repeat else "",
+                    pct(paper.scatter_pct, 2) if paper else "",
+                    pct(100 * repeat["off_table_share"]) if repeat else "",
+                    pct(100 * paper.off_table_share) if paper and paper.off_table_share else "",
+                ),
+                kind="ours" if key == tuple(chosen[n] for n in ("r0", "v_max", "with_psi")) else "",
+            )
+        )
+    polar = selection["polar_casting"]["share"]
+    rows.append(Row(cells=("polar casting", "", pct(100 * polar), *[""] * 6)))
+    ratio = selection["coverage"][0]["hull_ratio"]
+    ratios = " and ".join(selection["coverage"][0]["share_by_ratio"])
+    return Table(
+        title="Coverage in % of the half disc, and repeatability in % of cable length",
+        heads=(
+            "",
+            "casts",
+            "coverage",
+            f"with hull ratios {ratios}",
+            "paper",
+            "scatter",
+            "paper",
+            "off table",
+            "paper",
+        ),
+        rows=tuple(rows),
+        note=f"Coverage by concave hulls of ratio {ratio:g}; the paper does not state its own.",
+    )
+
+
+def tuning_table(tunings: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Table I: the simulator's distance from the rig before and after tuning.
+
+    Args:
+        tunings: metrics.json of `cablecast tune` by cable.
+    """
+    rows = []
+    for cable, metrics in tunings.items():
+        default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
+        cells = (
+            pct(default["final_median_pct"]),
+            pct(tuned["final_median_pct"]),
+            pct(default["mean_pct"]),
+            pct(tuned["mean_pct"]),
+            f"{metrics['simulation_count']:,}",
+        )
+        rows.append(Row(cells=(cable, *cells), kind="ours"))
+        if (paper := published_tuning(cable)) is not None:
+            cells = (
+                pct(paper.default_final_pct),
+                pct(paper.tuned_final_pct),
+                pct(paper.default_mean_pct),
+                pct(paper.tuned_mean_pct),
+                f"about {PUBLISHED_SIMULATION_COUNT:,}",
+            )
+            rows.append(Row(cells=(f"paper: {cable}", *cells), kind="paper"))
+    return Table(
+        title="Distance between simulated and measured endpoints on validation casts",
+        heads=(
+            "",
+            "at rest, default",
+            "at rest, tuned",
+            "on the way, default",
+            "on the way, tuned",
+            "simulations",
+        ),
+        rows=tuple(rows),
+        note="At rest: median of the final distance. On the way: equation 4. In % of cable length.",
+    )
+
+
+def time_table(times: Sequence[tuple[str, float]]) -> Table:
+    """How long each stage took.
+
+    Args:
+        times: Title and time [s] of each.
+    """
+    rows = [Row(cells=(title, f"{seconds / 60:.1f}")) for title, seconds in times]
+    total = sum(seconds for _, seconds in times)
+    rows.append(Row(cells=("all", f"{total / 60:.1f}"), kind="ours"))
+    return Table(title="Time of each stage", heads=("stage", "min"), rows=tuple(rows))

@@ -1,0 +1,260 @@
+"""Calibration: from pictures of a board and of the tags on the table to a CameraView.
+
+A board held at several angles tells the lens (`calibrate_lens`), tags at known places tell where
+the camera is (`calibrate_view`). Without a board, the tags alone tell the distortion too, given the
+angle of view from the camera's data sheet: seen from straight above, a wrong focal length is made
+up for by a wrong height, and only points above the table's plane notice.
+"""
+
+import dataclasses
+import json
+import pathlib
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import InputError
+from cablecast.files import write_json
+from cablecast.rigs.camera.lens import CameraView, Lens
+from cablecast.rigs.camera.opencv import load_cv2
+from cablecast.rigs.camera.tags import TagLayout, detect_tags
+
+TAG_COUNT_MIN = 4
+"""Fewer tags than this leave the lens and the camera's place poorly known."""
+VIEW_COUNT_MIN = 5
+"""Fewer pictures of a board than this leave the lens poorly known."""
+_OUTLIER_PX = 3.0
+"""A tag whose corners miss by more than this was moved, or half covered [px]."""
+_BOARD_MARGIN = 0.35
+"""A board must be seen over at least this part of the image's width, taken over all pictures."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Board:
+    """A ChArUco board for calibrating a lens, the squares' corners between tags 4x4.
+
+    Attributes:
+        column_count: Squares across.
+        row_count: Squares down.
+        square: Side of a square [m].
+        tag: Side of a tag in it [m].
+    """
+
+    column_count: int = 11
+    row_count: int = 8
+    square: float = 0.06
+    tag: float = 0.045
+
+    def to_opencv(self):
+        """The board as OpenCV knows it."""
+        cv2 = load_cv2()
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
+        size = (self.column_count, self.row_count)
+        return cv2.aruco.CharucoBoard(size, self.square, self.tag, dictionary)
+
+    def picture(self, square_px: int = 60) -> NDArray[np.uint8]:
+        """The board to print or to render, without a rim."""
+        size = (self.column_count * square_px, self.row_count * square_px)
+        return self.to_opencv().generateImage(size, marginSize=0, borderBits=1)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """A calibrated camera, and how well it was calibrated.
+
+    Attributes:
+        view: Lens and place.
+        rms_px: Root mean square distance between where tags' corners were seen and where this
+            calibration puts them [px].
+        rms: The same on the table [m].
+        tag_ids: Tags that were used.
+        rejected_ids: Tags that were seen where the layout does not have them.
+    """
+
+    view: CameraView
+    rms_px: float
+    rms: float
+    tag_ids: tuple[int, ...]
+    rejected_ids: tuple[int, ...] = ()
+
+    def save(self, path: pathlib.Path) -> None:
+        """Write the calibration as JSON."""
+        write_json(path, dataclasses.asdict(self))
+
+    @classmethod
+    def load(cls, path: pathlib.Path) -> "Calibration":
+        """Read a calibration.
+
+        Raises:
+            InputError: There is no such file, or it is no calibration.
+        """
+        try:
+            values = json.loads(path.read_text())
+            view = values.pop("view")
+            lens = view.pop("lens")
+            lens |= {name: tuple(lens[name]) for name in ("focal", "centre", "distortion")}
+            return cls(
+                view=CameraView(
+                    lens=Lens(**lens),
+                    rotation=tuple(tuple(row) for row in view["rotation"]),
+                    position=tuple(view["position"]),
+                ),
+                **values | {name: tuple(values[name]) for name in ("tag_ids", "rejected_ids")},
+            )
+        except InputError as error:
+            raise InputError(f"calibration {path}: {error}") from None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else repr(error)
+            raise InputError(f"{path} is no calibration of a camera ({reason})") from None
+
+
+def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> tuple[Lens, float]:
+    """Intrinsics from pictures of a board at several places and angles.
+
+    Args:
+        images: Grey or BGR, all of one size.
+        board: What they show.
+
+    Returns:
+        The lens, and the rms distance of the board's corners from where it puts them [px].
+
+    Raises:
+        InputError: Too few pictures show the board, or always in the same part of the image.
+    """
+    cv2 = load_cv2()
+    charuco = board.to_opencv()
+    detector = cv2.aruco.CharucoDetector(charuco)
+    objects, pixels = [], []
+    height, width = images[0].shape[:2] if images else (0, 0)
+    for image in images:
+        if image.shape[:2] != (height, width):
+            raise InputError(f"pictures of a board differ in size: {image.shape}, {height, width}")
+        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        corners, ids, _, _ = detector.detectBoard(grey)
+        if ids is None or len(ids) < 12:
+            continue
+        object_points, image_points = charuco.matchImagePoints(corners, ids)
+        objects.append(object_points)
+        pixels.append(image_points)
+    if len(objects) < VIEW_COUNT_MIN:
+        raise InputError(
+            f"{len(objects)} of {len(images)} pictures show the board: "
+            f"at least {VIEW_COUNT_MIN} are needed"
+        )
+    spread = np.ptp(np.concatenate(pixels).reshape(-1, 2)[:, 0]) / width
+    if spread < _BOARD_MARGIN:
+        raise InputError(
+            f"the board was seen over {100 * spread:.0f} % of the image's width only: "
+            f"show it in all corners, over at least {100 * _BOARD_MARGIN:.0f} %"
+        )
+    rms, K, distortion, _, _ = cv2.calibrateCamera(objects, pixels, (width, height), None, None)
+    return _lens_from_opencv(width, height, K, distortion), float(rms)
+
+
+def calibrate_view(
+    images: Sequence[NDArray[np.uint8]],
+    layout: TagLayout,
+    *,
+    lens: Lens | None = None,
+    diagonal_view: float = np.radians(78.0),
+) -> Calibration:
+    """Where the camera is, and its lens too if that is not known, from tags on the table.
+
+    Args:
+        images: Pictures of the table from the unmoved camera; corners are averaged over them.
+        layout: Where the tags lie.
+        lens: Intrinsics from `calibrate_lens`; None to find the distortion from the tags.
+        diagonal_view: Angle of view over the diagonal, used without a lens [rad]. The default is
+            that of the paper's camera.
+
+    Raises:
+        InputError: Too few tags were seen, or they do not lie where the layout says.
+    """
+    cv2 = load_cv2()
+    if not images:
+        raise InputError("a calibration needs at least one picture")
+    seen = _average_tags(images, layout)
+    height, width = images[0].shape[:2]
+    if lens is not None and (lens.width, lens.height) != (width, height):
+        raise InputError(
+            f"the lens was calibrated for {lens.width} x {lens.height} px, "
+            f"but the pictures have {width} x {height}"
+        )
+    rejected: list[int] = []
+    while True:
+        if len(seen) < TAG_COUNT_MIN:
+            extra = f", and tags {sorted(rejected)} lie elsewhere" if rejected else ""
+            raise InputError(
+                f"{len(seen)} of the layout's {len(layout.tags)} tags can be used{extra}: "
+                f"at least {TAG_COUNT_MIN} are needed"
+            )
+        ids = sorted(seen)
+        points = np.concatenate([layout.corners_of(i) for i in ids])  # pyright: ignore
+        corners = np.concatenate([seen[i] for i in ids])
+        if lens is None:
+            guess = Lens.from_view(width, height, diagonal_view)
+            # Tags do not tell focal length from height, nor the axis from a tilt: hold these.
+            flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH
+            flags |= cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST
+            flags |= cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+            _, K, distortion, rvecs, tvecs = cv2.calibrateCamera(
+                [points.astype(np.float32)],
+                [corners.astype(np.float32)],
+                (width, height),
+                guess.matrix,
+                np.zeros(5),
+                flags=flags,
+            )
+            fitted = _lens_from_opencv(width, height, K, distortion)
+            view = _view(fitted, rvecs[0], tvecs[0])
+        else:
+            _, rvec, tvec = cv2.solvePnP(points, corners, lens.matrix, np.array(lens.distortion))
+            view = _view(lens, rvec, tvec)
+        miss = np.linalg.norm(view.to_image(points) - corners, axis=1).reshape(-1, 4)
+        worst = int(np.argmax(miss.max(axis=1)))
+        if miss[worst].max() <= _OUTLIER_PX:
+            break
+        rejected.append(ids[worst])
+        del seen[ids[worst]]
+    on_table = view.to_table(corners) - points[:, :2]
+    return Calibration(
+        view=view,
+        rms_px=float(np.sqrt(np.mean(miss**2))),
+        rms=float(np.sqrt(np.mean(np.sum(on_table**2, axis=1)))),
+        tag_ids=tuple(ids),
+        rejected_ids=tuple(sorted(rejected)),
+    )
+
+
+def _average_tags(
+    images: Sequence[NDArray[np.uint8]], layout: TagLayout
+) -> dict[int, NDArray[np.float64]]:
+    """Median corners of each tag of the layout over all pictures that show it [px]."""
+    quads: dict[int, list[NDArray[np.float64]]] = {}
+    for image in images:
+        for tag_id, quad in detect_tags(image).items():
+            if layout.corners_of(tag_id) is not None:
+                quads.setdefault(tag_id, []).append(quad)
+    # The median: an arm that passes over a tag's rim spoils some pictures, not most.
+    return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items()}
+
+
+def _lens_from_opencv(width: int, height: int, K, distortion) -> Lens:
+    k = [float(value) for value in np.ravel(distortion)[:5]]
+    return Lens(
+        width=width,
+        height=height,
+        focal=(float(K[0, 0]), float(K[1, 1])),
+        centre=(float(K[0, 2]), float(K[1, 2])),
+        distortion=(k[0], k[1], k[2], k[3], k[4]),
+    )
+
+
+def _view(lens: Lens, rvec, tvec) -> CameraView:
+    cv2 = load_cv2()
+    R = cv2.Rodrigues(np.asarray(rvec, dtype=float))[0]
+    position = (-R.T @ np.ravel(tvec)).tolist()
+    return CameraView(
+        lens=lens, rotation=tuple(tuple(row) for row in R.tolist()), position=tuple(position)
+    )

@@ -1,0 +1,203 @@
+"""Lenses: a pinhole with the distortion of OpenCV's model, in plain NumPy.
+
+Pixel coordinates (u, v) count from the centre of the upper left pixel, u to the right, v down.
+Normalised coordinates are those of an ideal pinhole of focal length 1.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.errors import InputError
+
+_NEWTON_COUNT = 12
+_NEWTON_STEP_MAX = 0.3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Lens:
+    """Intrinsics of a camera.
+
+    Attributes:
+        width: Of the image [px].
+        height: Of the image [px].
+        focal: Focal lengths along u and v [px].
+        centre: Where the optical axis meets the image, u and v [px].
+        distortion: k1, k2, p1, p2, k3 of OpenCV's model [-].
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        for name, size in (("focal", 2), ("centre", 2), ("distortion", 5)):
+            values = getattr(self, name)
+            if len(values) != size or not np.all(np.isfinite(values)):
+                raise InputError(f"lens {name} = {values} must be {size} finite numbers")
+        for name in ("width", "height"):
+            if not 16 <= getattr(self, name) <= 16384:
+                raise InputError(f"lens {name} = {getattr(self, name)} px is outside [16, 16384]")
+        if min(self.focal) <= 0:
+            raise InputError(f"lens focal = {self.focal} px must be positive")
+
+    @classmethod
+    def from_view(cls, width: int, height: int, diagonal_view: float) -> "Lens":
+        """A lens without distortion from what a data sheet tells.
+
+        Args:
+            width: Of the image [px].
+            height: Of the image [px].
+            diagonal_view: Angle of view over the image's diagonal [rad].
+        """
+        if not 0.1 <= diagonal_view <= 2.6:
+            raise InputError(
+                f"diagonal view = {np.degrees(diagonal_view):.1f} deg is outside [6, 149]"
+            )
+        focal = float(np.hypot(width, height) / 2 / np.tan(diagonal_view / 2))
+        return cls(
+            width=width,
+            height=height,
+            focal=(focal, focal),
+            centre=((width - 1) / 2, (height - 1) / 2),
+        )
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Camera matrix as OpenCV takes it, shape [3, 3]."""
+        return np.array(
+            [
+                [self.focal[0], 0.0, self.centre[0]],
+                [0.0, self.focal[1], self.centre[1]],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+
+    def distort(self, normalised: ArrayLike) -> NDArray[np.float64]:
+        """Pixels at which normalised points appear, shape [..., 2]."""
+        ideal = np.asarray(normalised, dtype=float)
+        bent, _ = self._bend(ideal)
+        return bent * self.focal + self.centre
+
+    def undistort(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Normalised points that appear at some pixels, shape [..., 2]."""
+        wanted = (np.asarray(pixels, dtype=float) - self.centre) / self.focal
+        ideal = wanted.copy()
+        for _ in range(_NEWTON_COUNT):
+            bent, jacobian = self._bend(ideal)
+            miss = wanted - bent
+            a, b, c, d = (jacobian[..., i, j] for i in (0, 1) for j in (0, 1))
+            determinant = a * d - b * c
+            step = np.stack(
+                [
+                    (d * miss[..., 0] - b * miss[..., 1]) / determinant,
+                    (a * miss[..., 1] - c * miss[..., 0]) / determinant,
+                ],
+                axis=-1,
+            )
+            ideal = ideal + np.clip(step, -_NEWTON_STEP_MAX, _NEWTON_STEP_MAX)
+        return ideal
+
+    def _bend(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Distorted normalised points, shape [..., 2], and their derivative, [..., 2, 2]."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = ideal[..., 0], ideal[..., 1]
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)
+        bent = np.stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+        jacobian = np.empty((*x.shape, 2, 2))
+        jacobian[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+        jacobian[..., 0, 1] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        jacobian[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        jacobian[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+        return bent, jacobian
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraView:
+    """A lens at a place: everything that maps between table and image.
+
+    Attributes:
+        lens: Intrinsics.
+        rotation: Turns base-frame vectors into the camera's frame (x along u, y along v, z out of
+            the lens), shape [3, 3] as nested tuples.
+        position: Of the camera's centre in the base frame [m].
+    """
+
+    lens: Lens
+    rotation: tuple[tuple[float, float, float], ...]
+    position: tuple[float, float, float]
+
+    def __post_init__(self):
+        R = np.asarray(self.rotation, dtype=float)
+        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-6):
+            raise InputError("the camera's rotation must be a rotation matrix")
+        if np.linalg.det(R) < 0:
+            raise InputError("the camera's rotation must not mirror")
+        if len(self.position) != 3 or not np.all(np.isfinite(self.position)):
+            raise InputError(f"camera position {self.position} must be three finite numbers")
+
+    def to_image(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Pixels at which points appear.
+
+        Args:
+            points: In the base frame [m], shape [..., 3].
+
+        Returns:
+            u and v [px], shape [..., 2]; NaN for points beside or behind the camera.
+        """
+        seen = (np.asarray(points, dtype=float) - self.position) @ np.asarray(self.rotation).T
+        depth = np.where(seen[..., 2] > 1e-3, seen[..., 2], np.nan)
+        return self.lens.distort(seen[..., :2] / depth[..., None])
+
+    def to_table(self, pixels: ArrayLike, z: float = 0.0) -> NDArray[np.float64]:
+        """Points of a level plane that appear at some pixels.
+
+        Args:
+            pixels: u and v [px], shape [..., 2].
+            z: Height of the plane above the table's surface [m].
+
+        Returns:
+            x and y [m], shape [..., 2]; NaN where the line of sight does not meet the plane.
+        """
+        ideal = self.lens.undistort(pixels)
+        ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
+        ray = ray @ np.asarray(self.rotation)
+        position = np.asarray(self.position)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = (z - position[2]) / ray[..., 2]
+        scale = np.where(scale > 0, scale, np.nan)
+        return position[:2] + scale[..., None] * ray[..., :2]
+
+    def homography(self, z: float = 0.0) -> NDArray[np.float64]:
+        """Maps (x, y, 1) of a level plane to undistorted, normalised image points.
+
+        Args:
+            z: Height of the plane above the table's surface [m].
+
+        Returns:
+            Shape [3, 3], scaled to a lower right entry of 1.
+        """
+        R = np.asarray(self.rotation)
+        offset = R @ (np.array([0.0, 0.0, z]) - self.position)
+        H = np.column_stack([R[:, 0], R[:, 1], offset])
+        return H / H[2, 2]
+
+    def pixels_per_metre(self, xy: ArrayLike, z: float = 0.0) -> float:
+        """Scale of the image at a point of the table [px/m]."""
+        x, y = np.asarray(xy, dtype=float)
+        step = 0.01
+        corners = np.array([[x, y, z], [x + step, y, z], [x, y + step, z]])
+        origin, right, away = self.to_image(corners)
+        area = np.linalg.det(np.stack([right - origin, away - origin]))
+        return float(np.sqrt(abs(area)) / step)

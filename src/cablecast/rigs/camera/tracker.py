@@ -1,0 +1,409 @@
+"""The endpoint's track: the marker in every frame, near where it is expected or anywhere.
+
+Nothing is made up: a frame in which the marker is not seen, or not enough of it, gives NaN.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.errors import InputError
+from cablecast.rigs.camera.lens import CameraView
+from cablecast.rigs.camera.marker import MarkerConfig, Patch, find_patches, green_mask
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.workspace import Workspace
+
+Window = tuple[int, int, int, int]
+"""A piece of a frame: left, top, right, bottom [px], the last two excluded."""
+_BLUR_SMALL = 4.0
+"""A marker whose trace is shorter than this looks as it does at rest [px]."""
+Grab = Callable[[Window], NDArray[np.uint8]]
+"""Gives a piece of the current frame, BGR."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrackerConfig:
+    """Settings of the tracker.
+
+    Attributes:
+        marker: What the marker looks like.
+        marker_z: Height of the marker's middle above the table while it lies there [m].
+        sample_dt: Time between samples of the track [s]; the paper's camera analysis takes 100 ms.
+        exposure_max: Longest exposure of a frame that is expected, which bounds the blur [s].
+        speed_max: The endpoint moves no faster than this [m/s].
+        acceleration_max: It is not faster sped up or slowed down than this [m/s²].
+        search_period: Frames between searches of the whole image while the marker is lost; between
+            them it is searched where it was expected.
+        start_radius: The endpoint begins no farther than this from where it is expected [m].
+        edge_tolerance: An endpoint is off the table when it is seen this far beyond the edge [m].
+    """
+
+    marker: MarkerConfig = dataclasses.field(default_factory=MarkerConfig)
+    marker_z: float = 0.005
+    sample_dt: float = 0.1
+    exposure_max: float = 1 / 120
+    speed_max: float = 15.0
+    acceleration_max: float = 400.0
+    search_period: int = 3
+    start_radius: float = 0.15
+    edge_tolerance: float = 0.005
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("marker_z", -0.1, 0.5),
+            ("sample_dt", 0.005, 10.0),
+            ("exposure_max", 0.0, 0.1),
+            ("speed_max", 0.1, 100.0),
+            ("acceleration_max", 1.0, 1e5),
+            ("search_period", 1, 1000),
+            ("start_radius", 0.01, 5.0),
+            ("edge_tolerance", 0.0, 0.2),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError(f"tracker {name} = {value} is outside [{low:g}, {high:g}]")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Seen:
+    """The marker in one frame."""
+
+    frame: int
+    time: float
+    pixel: NDArray[np.float64]
+    xy: NDArray[np.float64]
+
+
+class EndpointTracker:
+    """Follows the green marker through the frames of one trial.
+
+    Args:
+        view: The calibrated camera.
+        workspace: Says where the table ends.
+        config: Settings.
+        start_xy: About where the endpoint is at the beginning, if that is known [m], shape [2]:
+            it tells the marker from other green things.
+    """
+
+    def __init__(
+        self,
+        view: CameraView,
+        workspace: Workspace,
+        config: TrackerConfig | None = None,
+        start_xy: ArrayLike | None = None,
+    ):
+        self.view = view
+        self.workspace = workspace
+        self.config = TrackerConfig() if config is None else config
+        self._start_xy = None if start_xy is None else np.asarray(start_xy, dtype=float)
+        self._seen: list[_Seen] = []
+        self._times: list[float] = []
+        self._xy: list[NDArray[np.float64]] = []
+        self._greenness: float | None = None
+        self._area = 0.0
+        self._still_green: NDArray[np.bool_] | None = None
+        lens = view.lens
+        self._frame: Window = (0, 0, lens.width, lens.height)
+        centre = (0.0, workspace.table_depth / 2)
+        self._px_per_m = view.pixels_per_metre(centre, self.config.marker_z)
+
+    def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
+        """Look at the next frame.
+
+        Args:
+            time: When it was taken, in the middle of the exposure [s]; must rise.
+            grab: Gives pieces of it. The tracker asks for no more than it looks at.
+
+        Returns:
+            Endpoint on the table [m], shape [2]; NaN if it was not seen.
+        """
+        if self._times and time <= self._times[-1]:
+            raise InputError(f"frame times must rise: {time} s follows {self._times[-1]} s")
+        frame = len(self._times)
+        self._times.append(time)
+        patch = None
+        if not self._seen:
+            patch = self._first(grab)
+        else:
+            lost_count = frame - 1 - self._seen[-1].frame
+            patch = self._near(time, lost_count, grab)
+            if patch is None and lost_count % self.config.search_period == 0:
+                patch = self._anywhere(time, grab)
+        if patch is None:
+            self._xy.append(np.full(2, np.nan))
+            return self._xy[-1]
+        xy = self.view.to_table(patch.pixel, self.config.marker_z)
+        self._seen.append(_Seen(frame=frame, time=time, pixel=patch.pixel, xy=xy))
+        self._learn(patch)
+        self._xy.append(xy)
+        return xy
+
+    def _learn(self, patch: Patch) -> None:
+        """How green and how large the marker is here and now."""
+        if self._greenness is None:
+            self._greenness, self._area = patch.greenness, patch.area
+            return
+        # Light and background change slowly against the frame rate.
+        self._greenness += 0.2 * (patch.greenness - self._greenness)
+        # The area at rest only grows, when what covered the marker has gone: an arm that creeps
+        # over it must not make it believed smaller.
+        if patch.area > self._area and self._blur_px() < _BLUR_SMALL:
+            self._area += 0.2 * (patch.area - self._area)
+
+    def _blur_px(self) -> float:
+        """Length of the marker's trace if it moves as it last did [px]."""
+        if len(self._seen) < 2:
+            return 0.0
+        before, last = self._seen[-2:]
+        speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
+        return speed * self.config.exposure_max
+
+    def track(self, duration: float | None = None) -> EndpointTrack:
+        """The track so far, one sample every `sample_dt` from time 0 on.
+
+        Args:
+            duration: Time of the last sample [s]; by default that of the last frame.
+
+        Raises:
+            InputError: There are no frames at or after time 0.
+        """
+        times, xy = self.frames
+        if not len(times) or times[-1] < 0:
+            raise InputError("there is no frame at or after the beginning of the motion")
+        dt = self.config.sample_dt
+        end = times[-1] if duration is None else duration
+        sample_times = np.arange(int(np.floor(end / dt + 1e-6)) + 1, dtype=np.float64) * dt
+        endpoint_xy = sample_path(times, xy, sample_times)
+        return EndpointTrack(
+            times=sample_times,
+            endpoint_xy=endpoint_xy,
+            status=judge_status(times, xy, endpoint_xy, self.workspace, self.config.edge_tolerance),
+        )
+
+    @property
+    def still_green(self) -> NDArray[np.bool_] | None:
+        """Pixels where something green lies that is not the marker, shape [v, u]."""
+        return self._still_green
+
+    @property
+    def frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Time of every frame [s], shape [frame], and the endpoint in it [m], shape [frame, 2]."""
+        return np.array(self._times), np.array(self._xy).reshape(-1, 2)
+
+    def _first(self, grab: Grab) -> Patch | None:
+        """The marker in the first frame that shows it.
+
+        Whatever else is green then lies still, and is no marker later either.
+        """
+        config = self.config.marker
+        expected = config.area * self._px_per_m**2
+        candidates = []
+        for patch in self._patches(self._frame, grab):
+            # Between a pale and a vivid green; the marker's own is known after this.
+            if not 40.0 * expected < patch.greenness < 420.0 * expected:
+                continue
+            if not 0.85 < patch.area / expected < 1.6:
+                continue
+            if self._shaped(patch, blur_px=0.0):
+                candidates.append(patch)
+        if candidates:
+            pixels = np.array([patch.pixel for patch in candidates])
+            if self._start_xy is None:
+                # Nothing is known but the size: the patch that is most like a vivid marker.
+                misfit = [abs(np.log(p.greenness / (190.0 * expected))) for p in candidates]
+            else:
+                xy = self.view.to_table(pixels, self.config.marker_z)
+                misfit = np.linalg.norm(xy - self._start_xy, axis=1)
+                # While the arm hides the marker, another green thing is not it.
+                keep = misfit <= self.config.start_radius
+                candidates = [patch for patch, ok in zip(candidates, keep, strict=True) if ok]
+                misfit = misfit[keep]
+            candidates = [candidates[i] for i in np.argsort(misfit)]
+        if self._still_green is None:
+            mask = green_mask(grab(self._frame), config) > 0
+            if candidates:
+                left, top, right, bottom = candidates[0].box
+                mask[top:bottom, left:right] = False
+            self._still_green = mask
+        return candidates[0] if candidates else None
+
+    def _predict(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Where the marker should be [px], how fast it moves there [px/s], and how far off [px]."""
+        last = self._seen[-1]
+        velocity = np.zeros(2)
+        if len(self._seen) > 1:
+            before = self._seen[-2]
+            velocity = (last.pixel - before.pixel) / (last.time - before.time)
+        dt = time - last.time
+        radius = 0.5 * self.config.acceleration_max * self._px_per_m * dt * dt
+        return (
+            last.pixel + velocity * dt,
+            velocity,
+            radius + 0.35 * float(np.linalg.norm(velocity)) * dt,
+        )
+
+    def _near(self, time: float, lost_count: int, grab: Grab) -> Patch | None:
+        """The marker where it is expected."""
+        # A long time after it was seen, it is where it was or anywhere.
+        if lost_count <= 3:
+            centre, velocity, radius = self._predict(time)
+        else:
+            centre, velocity, radius = self._seen[-1].pixel, np.zeros(2), 60.0
+        exposure = self.config.exposure_max
+        speed = float(np.linalg.norm(velocity))
+        half = self.config.marker.length * self._px_per_m + 10.0
+        half += min(radius, 250.0) + speed * exposure / 2
+        blur_px = min(2.0 * speed * exposure + 8.0, self._blur_max)
+        left, top = np.floor(centre - half).astype(int)
+        right, bottom = np.ceil(centre + half).astype(int) + 1
+        window = (
+            max(int(left), 0),
+            max(int(top), 0),
+            min(int(right), self._frame[2]),
+            min(int(bottom), self._frame[3]),
+        )
+        if window[0] >= window[2] or window[1] >= window[3]:
+            return None
+        return self._choose(self._patches(window, grab), centre, half, window, blur_px)
+
+    def _anywhere(self, time: float, grab: Grab) -> Patch | None:
+        """The marker anywhere that it could have reached since it was seen."""
+        last = self._seen[-1]
+        reach = self.config.speed_max * (time - last.time) * self._px_per_m + 40.0
+        patches = self._patches(self._frame, grab)
+        return self._choose(patches, last.pixel, reach, self._frame, self._blur_max)
+
+    @property
+    def _blur_max(self) -> float:
+        """Longest trace of the marker in a frame [px]."""
+        return self.config.speed_max * self.config.exposure_max * self._px_per_m
+
+    def _patches(self, window: Window, grab: Grab) -> list[Patch]:
+        patches = find_patches(grab(window), self.config.marker, (window[0], window[1]))
+        still = self._still_green
+        if still is None:
+            return patches
+        u_max, v_max = self._frame[2] - 1, self._frame[3] - 1
+
+        def lies_on_green(patch: Patch) -> bool:
+            u, v = np.round(patch.pixel).astype(int)
+            return bool(still[min(max(v, 0), v_max), min(max(u, 0), u_max)])
+
+        return [patch for patch in patches if not lies_on_green(patch)]
+
+    def _choose(
+        self,
+        patches: list[Patch],
+        centre: NDArray[np.float64],
+        radius: float,
+        window: Window,
+        blur_px: float,
+    ) -> Patch | None:
+        """The patch that looks most like the marker, if any does."""
+        config = self.config.marker
+        best, best_score = None, np.inf
+        for patch in patches:
+            share = patch.greenness / (self._greenness or patch.greenness)
+            if not config.share_min <= share <= config.share_max:
+                continue
+            # The share tells little of a marker that is slowly covered: it changes with the light.
+            moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
+            slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
+            if slow and patch.area < config.area_min * self._area:
+                continue
+            # What the window cuts off may be the marker's other half.
+            if patch.touches_edge and window != self._frame:
+                continue
+            if not self._shaped(patch, blur_px):
+                continue
+            distance = float(np.linalg.norm(patch.pixel - centre))
+            if distance > radius:
+                continue
+            score = abs(np.log(share)) + distance / (radius + 1.0)
+            score += abs(patch.hue_deg - config.hue_deg) / config.hue_tolerance_deg
+            if score < best_score:
+                best, best_score = patch, score
+        return best
+
+    def _shaped(self, patch: Patch, blur_px: float) -> bool:
+        """Whether a patch is as large as the marker can look."""
+        config = self.config.marker
+        if abs(patch.hue_deg - config.hue_deg) > config.hue_tolerance_deg:
+            return False
+        # Deviation of an even bar is its length over the root of 12; a pixel more for the lens.
+        longest = (config.length * self._px_per_m + blur_px) / np.sqrt(12.0) * 1.3 + 1.0
+        widest = (config.length * self._px_per_m) / np.sqrt(12.0) * 1.15 + 1.0
+        return patch.extent[0] <= longest and patch.extent[1] <= widest
+
+
+def sample_path(
+    times: NDArray[np.float64], xy: NDArray[np.float64], sample_times: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Positions at some times from those of the frames next to each.
+
+    A sample that falls on a frame is that frame's. One between two frames lies on the line between
+    them, and is NaN if either is NaN or they are more than two frames apart.
+
+    Args:
+        times: Of the frames, rising [s], shape [frame].
+        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
+        sample_times: When to sample [s], shape [sample].
+
+    Returns:
+        Positions [m], shape [sample, 2].
+    """
+    sampled = np.full((len(sample_times), 2), np.nan)
+    if len(times) == 0:
+        return sampled
+    frame_dt = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    near = 0.05 * frame_dt + 1e-9
+    for i, time in enumerate(sample_times):
+        after = int(np.searchsorted(times, time))
+        nearest = min(max(after - 1, 0), len(times) - 1)
+        if after < len(times) and abs(times[after] - time) < abs(times[nearest] - time):
+            nearest = after
+        if abs(times[nearest] - time) <= near:
+            sampled[i] = xy[nearest]
+        elif 0 < after < len(times) and times[after] - times[after - 1] < 1.5 * frame_dt:
+            part = (time - times[after - 1]) / (times[after] - times[after - 1])
+            sampled[i] = (1 - part) * xy[after - 1] + part * xy[after]
+    return sampled
+
+
+def judge_status(
+    times: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    endpoint_xy: NDArray[np.float64],
+    workspace: Workspace,
+    edge_tolerance: float = 0.005,
+) -> TrialStatus:
+    """How a trial ended, from what was seen.
+
+    Off the table is an endpoint that was seen beyond the edge, or that was on its way over the edge
+    when it was seen last and never came back. Occluded is one that was not seen at the end.
+
+    Args:
+        times: Of the frames [s], shape [frame].
+        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
+        endpoint_xy: The samples [m], shape [sample, 2].
+        workspace: Says where the table ends.
+        edge_tolerance: How far beyond the edge counts as off the table [m].
+    """
+    seen = np.flatnonzero(np.isfinite(xy).all(axis=1))
+    # A point pulled towards the table by the tolerance must lie on it.
+    centre = np.array([0.0, workspace.table_depth / 2])
+    pulled = xy[seen] - np.clip(xy[seen] - centre, -edge_tolerance, edge_tolerance)
+    if not np.all(workspace.on_table(pulled)):
+        return TrialStatus.OFF_TABLE
+    if np.isfinite(endpoint_xy[-1]).all():
+        return TrialStatus.OK
+    if len(seen) > 1 and seen[-1] < len(times) - 1:
+        a, b = seen[-2:]
+        velocity = (xy[b] - xy[a]) / (times[b] - times[a])
+        # Two more frames at the speed at which it was seen last.
+        ahead = xy[b] + velocity * 2 * (times[b + 1] - times[b])
+        if not workspace.on_table(ahead):
+            return TrialStatus.OFF_TABLE
+    return TrialStatus.OCCLUDED

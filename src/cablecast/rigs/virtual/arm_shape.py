@@ -1,0 +1,113 @@
+"""The UR5 and its gripper as a few rounded rods, for drawing it and for what it hides."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.arm.ur5 import ArmUR5
+from cablecast.motion.joint_path import JointPath
+
+# The upper arm and the forearm run beside the plane in which the DH lengths are measured; distances
+# along the shoulder's axis and radii are read off the maker's drawings [m].
+_SHOULDER_OFFSET = 0.136
+_FOREARM_OFFSET = 0.016
+_SOCKET_RADIUS, _BASE_RADIUS, _SHOULDER_RADIUS = 0.095, 0.075, 0.062
+_UPPER_RADIUS, _ELBOW_RADIUS, _FOREARM_RADIUS, _WRIST_RADIUS = 0.056, 0.053, 0.043, 0.041
+_GRIPPER_RADIUS, _FINGER_RADIUS = 0.036, 0.014
+_PALM_SHARE = 0.6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ArmShape:
+    """Rounded rods at some instants.
+
+    Attributes:
+        ends: Both ends of each rod's axis [m], shape [time, rod, 2, 3].
+        radii: Of each rod [m], shape [rod].
+    """
+
+    ends: NDArray[np.float64]
+    radii: NDArray[np.float64]
+
+
+def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
+    """Joint angles at some times, held before the first and after the last tick.
+
+    Args:
+        path: Joints as they moved.
+        times: When [s], shape [time].
+
+    Returns:
+        Angles [rad], shape [time, 6].
+    """
+    times = np.asarray(times, dtype=float)
+    return np.stack([np.interp(times, path.times, q) for q in path.q.T], axis=-1)
+
+
+def arm_shape(q: ArrayLike, arm: ArmUR5 | None = None) -> ArmShape:
+    """The arm as rods.
+
+    Args:
+        q: Joint angles [rad], shape [time, 6].
+        arm: The robot; a UR5 as the paper's by default.
+    """
+    arm = arm or ArmUR5()
+    frames = arm.frames(q)
+    base, shoulder, elbow, wrist_1, wrist_2, wrist_3, flange = (T[..., :3, 3] for T in frames)
+    across = frames[1][..., :3, 2]
+    down = frames[6][..., :3, 2]
+    floor = base * [1.0, 1.0, 0.0]
+    upper_start = shoulder + _SHOULDER_OFFSET * across
+    upper_end = elbow + _SHOULDER_OFFSET * across
+    fore_start = elbow + _FOREARM_OFFSET * across
+    fore_end = wrist_1 + _FOREARM_OFFSET * across
+    palm = flange + _PALM_SHARE * arm.gripper_length * down
+    # The fingertips hold the cable a little above their ends.
+    tip = flange + arm.gripper_length * down
+    rods = [
+        (floor, base, _SOCKET_RADIUS),
+        (base, shoulder, _BASE_RADIUS),
+        (shoulder, upper_start, _SHOULDER_RADIUS),
+        (upper_start, upper_end, _UPPER_RADIUS),
+        (upper_end, fore_start, _ELBOW_RADIUS),
+        (fore_start, fore_end, _FOREARM_RADIUS),
+        (fore_end, wrist_2, _WRIST_RADIUS),
+        (wrist_2, wrist_3, _WRIST_RADIUS),
+        (wrist_3, flange, _WRIST_RADIUS),
+        (flange, palm, _GRIPPER_RADIUS),
+        (palm, tip, _FINGER_RADIUS),
+    ]
+    ends = np.stack([np.stack([start, end], axis=-2) for start, end, _ in rods], axis=-3)
+    return ArmShape(ends=ends, radii=np.array([radius for _, _, radius in rods]))
+
+
+def sight_clearance(
+    points: NDArray[np.float64], camera: ArrayLike, shape: ArmShape
+) -> NDArray[np.float64]:
+    """How far the line of sight to a point passes beside the arm.
+
+    Args:
+        points: What the camera looks at [m], shape [time, 3].
+        camera: Where it is [m], shape [3].
+        shape: The arm at the same times.
+
+    Returns:
+        Smallest distance between the lines of sight and the surface of a rod, measured where the
+        line passes the rod, negative where the arm hides the point [m], shape [time].
+    """
+    p = np.asarray(camera, dtype=float)
+    u = (points - p)[:, None, :]
+    start = shape.ends[:, :, 0]
+    v = shape.ends[:, :, 1] - start
+    w = p - start
+    # Closest points of two segments (parameters s along the sight, t along the rod): the line
+    # solution, with t clipped to the rod, then s for that t, clipped to the sight.
+    a, b, c = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v)))
+    d, e = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
+    determinant = np.maximum(a * c - b * b, 1e-12)
+    t = np.clip((a * e - b * d) / determinant, 0.0, 1.0)
+    s = np.clip((b * t - d) / a, 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, 1e-12), 0.0, 1.0)
+    gap = w + s[..., None] * u - t[..., None] * v
+    return np.min(np.sqrt(np.sum(gap * gap, axis=-1)) - shape.radii, axis=-1)

@@ -1,0 +1,44 @@
+"""Calibrates the virtual camera as a person does the real one: a board, then the tags."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.rigs.camera.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.rigs.camera.opencv import load_cv2
+from cablecast.rigs.virtual.camera import VirtualCamera
+
+_BOARD_COUNT = 12
+_EMPTY_COUNT = 3
+
+
+def board_pictures(camera: VirtualCamera, seed: int = 0) -> list[NDArray[np.uint8]]:
+    """Pictures of a calibration board, held over the table at several angles.
+
+    Args:
+        camera: The camera.
+        seed: Chooses how the board is held, and the noise.
+    """
+    cv2 = load_cv2()
+    rng = np.random.default_rng([seed, 41])
+    board = Board()
+    pictures = []
+    for index in range(_BOARD_COUNT):
+        # Face up, tilted by up to half a radian, anywhere from just above the table to halfway up.
+        R = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0] @ np.diag([1.0, -1.0, -1.0])
+        centre = np.array(
+            [rng.uniform(-0.8, 0.8), 0.75 + rng.uniform(-0.4, 0.4), rng.uniform(0.5, 1.3)]
+        )
+        pictures.append(camera.board_frame(board, R, centre, seed + index))
+    return pictures
+
+
+def calibrate_virtual_camera(camera: VirtualCamera, seed: int = 0) -> Calibration:
+    """A calibration from rendered pictures alone.
+
+    Args:
+        camera: The camera.
+        seed: Chooses how the board is held, and the noise.
+    """
+    lens, _ = calibrate_lens(board_pictures(camera, seed), Board())
+    frames = [camera.empty_frame(seed + 1000 + index) for index in range(_EMPTY_COUNT)]
+    return calibrate_view(frames, camera.layout, lens=lens)

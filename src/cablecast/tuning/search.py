@@ -1,0 +1,211 @@
+"""Search methods that ask for candidates and are told their losses: a generation is one batch.
+
+All of them work in the unit cube. A method is a deterministic function of its seed and of the
+losses that it was told, so that a search resumes by being told the stored losses again.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import InputError, MissingExtraError, UnknownNameError
+
+METHODS = ("de", "cmaes")
+
+RECOMBINATION = 0.7
+MUTATION = (0.5, 1.0)
+"""The paper's values, which are SciPy's defaults (arXiv source of the paper)."""
+
+_BEST1BIN_MIN = 4
+_CMA_SIGMA = 0.25
+
+
+class Search(Protocol):
+    """A search over the unit cube.
+
+    Attributes:
+        population: Best points so far that the search goes on from, shape [member, dimension].
+        losses: Their losses, shape [member].
+    """
+
+    population: NDArray[np.float64]
+    losses: NDArray[np.float64]
+
+    def ask(self) -> NDArray[np.float64]:
+        """Candidates of the next generation, shape [candidate, dimension]."""
+        ...
+
+    def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
+        """Take in the losses of what was asked for."""
+        ...
+
+    def shrink(self, population_size: int) -> None:
+        """Go on from a smaller population, that of the least losses.
+
+        Args:
+            population_size: At most as many as now.
+        """
+        ...
+
+    def restart(self, losses: NDArray[np.float64]) -> None:
+        """Go on with another loss function.
+
+        Args:
+            losses: What the members of the population cost under it.
+        """
+        ...
+
+
+class SearchDE:
+    """Differential Evolution, strategy best1bin with dithered mutation, updated by generations.
+
+    Each member x of the population is challenged by best + F (x_a - x_b), of which each coordinate
+    is taken with the probability of recombination and one always; F is drawn once a generation from
+    the range of mutation. Coordinates that leave the cube are drawn anew. The better of both
+    survives. This is what SciPy's `differential_evolution(updating="deferred")` does.
+
+    Args:
+        start: A point of the first population; the others are a Latin hypercube.
+        population_size: Members.
+        rng: Random numbers.
+        recombination: Crossover probability.
+        mutation: Range of F.
+    """
+
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        population_size: int,
+        rng: np.random.Generator,
+        *,
+        recombination: float = RECOMBINATION,
+        mutation: tuple[float, float] = MUTATION,
+    ):
+        if population_size < _BEST1BIN_MIN:
+            raise InputError(
+                f"population_size = {population_size} must be at least {_BEST1BIN_MIN}"
+            )
+        self._rng = rng
+        self._recombination = recombination
+        self._mutation = mutation
+        self.population = latin_hypercube(population_size, len(start), rng)
+        self.population[0] = start
+        self.losses = np.full(population_size, np.inf)
+
+    def ask(self) -> NDArray[np.float64]:
+        """The first population, then one challenger for each member."""
+        if not np.isfinite(self.losses).any():
+            return self.population.copy()
+        rng, (size, dimension) = self._rng, self.population.shape
+        best = self.population[np.argmin(self.losses)]
+        factor = rng.uniform(*self._mutation)
+        # Two others for each member: the start of a random order of all but the member itself.
+        order = np.argsort(rng.random((size, size - 1)), axis=1)[:, :2]
+        others = order + (order >= np.arange(size)[:, None])
+        mutant = best + factor * (self.population[others[:, 0]] - self.population[others[:, 1]])
+        taken = rng.random((size, dimension)) < self._recombination
+        taken[np.arange(size), rng.integers(dimension, size=size)] = True
+        challengers = np.where(taken, mutant, self.population)
+        outside = (challengers < 0.0) | (challengers > 1.0)
+        challengers[outside] = rng.random(int(outside.sum()))
+        return challengers
+
+    def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
+        """Let each challenger replace its member where it is better."""
+        better = losses <= self.losses
+        self.population = np.where(better[:, None], candidates, self.population)
+        self.losses = np.where(better, losses, self.losses)
+
+    def shrink(self, population_size: int) -> None:
+        """Keep the best members."""
+        best = np.argsort(self.losses, kind="stable")[:population_size]
+        self.population, self.losses = self.population[best], self.losses[best]
+
+    def restart(self, losses: NDArray[np.float64]) -> None:
+        """Keep the population under other losses."""
+        self.losses = np.array(losses, dtype=float)
+
+
+class SearchCMAES:
+    """Covariance matrix adaptation, from the `cma` library.
+
+    Its population are the best points that were asked for since the loss function last changed.
+
+    Args:
+        start: Mean of the first generation.
+        population_size: Candidates of a generation.
+        rng: Random numbers.
+    """
+
+    def __init__(self, start: NDArray[np.float64], population_size: int, rng: np.random.Generator):
+        try:
+            import cma
+        except ImportError:
+            raise MissingExtraError("cma", "tune", "the search method cmaes") from None
+        options = {
+            "bounds": [0.0, 1.0],
+            "popsize": population_size,
+            # The library would seed NumPy's global generator: give it ours instead.
+            "seed": np.nan,
+            "randn": lambda *shape: rng.standard_normal(shape),
+            "verbose": -9,
+            "verb_log": 0,
+        }
+        self._strategy = cma.CMAEvolutionStrategy(np.clip(start, 0.02, 0.98), _CMA_SIGMA, options)
+        self._size = population_size
+        self.population = np.empty((0, len(start)))
+        self.losses = np.empty(0)
+
+    def ask(self) -> NDArray[np.float64]:
+        """A sample of the adapted distribution."""
+        return np.array(self._strategy.ask())
+
+    def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
+        """Adapt the distribution."""
+        self._strategy.tell(list(candidates), list(losses))
+        self._keep(np.concatenate([self.population, candidates]), np.append(self.losses, losses))
+
+    def shrink(self, population_size: int) -> None:
+        """Keep fewer of the best points; a generation stays as large, its mean depends on it."""
+        self._keep(self.population, self.losses)
+        self.population = self.population[:population_size]
+        self.losses = self.losses[:population_size]
+
+    def restart(self, losses: NDArray[np.float64]) -> None:
+        """Keep the distribution and the best points under other losses."""
+        self._keep(self.population, np.array(losses, dtype=float))
+
+    def _keep(self, points: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
+        best = np.argsort(losses, kind="stable")[: self._size]
+        self.population, self.losses = points[best], losses[best]
+
+
+def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Points of the unit cube of which each coordinate falls once into each of `count` intervals.
+
+    Args:
+        count: How many points.
+        dimension: Coordinates of each.
+        rng: Random numbers.
+
+    Returns:
+        Shape [count, dimension].
+    """
+    cells = np.argsort(rng.random((dimension, count)), axis=1).T
+    return (cells + rng.random((count, dimension))) / count
+
+
+def make_search(method: str, start: NDArray[np.float64], population_size: int, seed: int) -> Search:
+    """A search method by its name.
+
+    Raises:
+        UnknownNameError: There is no such method.
+        MissingExtraError: It needs a library that is not installed.
+    """
+    rng = np.random.default_rng(seed)
+    if method == "de":
+        return SearchDE(start, population_size, rng)
+    if method == "cmaes":
+        return SearchCMAES(start, population_size, rng)
+    raise UnknownNameError(f"unknown search method {method!r}: one of {', '.join(METHODS)}")

@@ -1,0 +1,125 @@
+"""Where the ten parameters are searched: ranges about what is believed of a cable."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
+from cablecast.errors import InputError
+
+STIFFNESS_FACTOR = 30.0
+"""A rope's bend and twist stiffness are known to an order of magnitude at best: strands that slide
+freely and strands that stick differ by more than that."""
+MASS_FACTOR = 2.0
+"""A cable can be weighed; yet its mass spans the same range as in the paper's search, 0.3 to 2."""
+ENDPOINT_FACTOR = 4.0
+"""So can the attachment, but a lumped mass at the endpoint stands for an extended body."""
+FRICTION_RANGE = (0.15, 1.4)
+"""Friction factors of the cable and of the table; their product spans 0.02 to 2."""
+LEVER_ARM_MIN = 1e-6
+"""Lever arm of rolling and spinning friction [m] below which neither does anything."""
+LINEAR_DAMPING_RANGE = (1e-2, 5.0)
+"""A light cable in air decays at about 1/s; at 0.01/s a cast of 2 s feels nothing."""
+ANGULAR_DAMPING_RANGE = (0.1, 50.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SearchSpace:
+    """A box of parameters that a search sees as the unit cube.
+
+    Attributes:
+        low: Lower bounds in the order of `CableParams.names`, shape [10].
+        high: Upper bounds, shape [10].
+        logarithmic: Which are searched on a logarithmic scale, shape [10].
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    logarithmic: NDArray[np.bool_]
+
+    def __post_init__(self):
+        for name, low, high, log in zip(
+            CableParams.names(), self.low, self.high, self.logarithmic, strict=True
+        ):
+            least, most = PARAM_BOUNDS[name]
+            if not (least <= low < high <= most) or (log and low <= 0.0):
+                raise InputError(
+                    f"search range of {name} [{low:g}, {high:g}] must rise within "
+                    f"[{least:g}, {most:g}]" + (" and be positive" if log else "")
+                )
+
+    @property
+    def dimension(self) -> int:
+        """Number of parameters."""
+        return len(self.low)
+
+    def to_params(self, unit: NDArray[np.float64]) -> CableParams:
+        """Parameters of points in the unit cube, shape [10] or [candidate, 10]."""
+        unit = np.clip(unit, 0.0, 1.0)
+        # Where the range is not logarithmic, any positive numbers do.
+        low = np.where(self.logarithmic, self.low, 1.0)
+        high = np.where(self.logarithmic, self.high, 1.0)
+        values = np.where(
+            self.logarithmic,
+            low * (high / low) ** unit,
+            self.low + (self.high - self.low) * unit,
+        )
+        # Powers may leave the range by a rounding error.
+        return CableParams.from_array(np.clip(values, self.low, self.high))
+
+    def to_unit(self, params: CableParams) -> NDArray[np.float64]:
+        """Points of the unit cube; parameters outside the range move to its edge."""
+        values = np.clip(params.to_array(), self.low, self.high)
+        low = np.where(self.logarithmic, self.low, 1.0)
+        high = np.where(self.logarithmic, self.high, np.e)
+        log = np.log(np.where(self.logarithmic, values, 1.0) / low) / np.log(high / low)
+        linear = (values - self.low) / (self.high - self.low)
+        return np.where(self.logarithmic, log, linear)
+
+    def to_dict(self) -> dict[str, list]:
+        """Range and scale of each parameter by name."""
+        return {
+            name: [float(low), float(high), "log" if log else "linear"]
+            for name, low, high, log in zip(
+                CableParams.names(), self.low, self.high, self.logarithmic, strict=True
+            )
+        }
+
+    @classmethod
+    def for_cable(cls, cable: Cable) -> "SearchSpace":
+        """The ranges that suit a cable, from its size and what is believed of it.
+
+        Stiffnesses and masses span factors about the believed values; friction lever arms end at
+        the cable's radius, beyond which the contact itself would lie outside the cable. A value
+        that is believed to be zero is searched up to what its neighbours make plausible: stiffness
+        up to that of bending or twisting, the endpoint mass up to half of the cable's.
+        """
+        believed = cable.params
+        if believed.world_count is not None:
+            raise InputError("a search starts from one set of parameters, not from one per world")
+        values = believed.to_dict()
+        ranges: dict[str, tuple[float, float, bool]] = {}
+        for name in ("twist_stiffness", "bend_stiffness"):
+            center = values[name] or values["bend_stiffness"] or values["twist_stiffness"] or 1e-4
+            ranges[name] = (center / STIFFNESS_FACTOR, center * STIFFNESS_FACTOR, True)
+        ranges["mass"] = (values["mass"] / MASS_FACTOR, values["mass"] * MASS_FACTOR, True)
+        endpoint = values["endpoint_mass"]
+        ranges["endpoint_mass"] = (
+            (endpoint / ENDPOINT_FACTOR, endpoint * ENDPOINT_FACTOR, True)
+            if endpoint > 0
+            else (0.0, 0.5 * values["mass"], False)
+        )
+        for name in ("lateral_friction", "worksurface_friction"):
+            ranges[name] = (*FRICTION_RANGE, False)
+        for name in ("spinning_friction", "rolling_friction"):
+            ranges[name] = (LEVER_ARM_MIN, cable.radius, True)
+        ranges["linear_damping"] = (*LINEAR_DAMPING_RANGE, True)
+        ranges["angular_damping"] = (*ANGULAR_DAMPING_RANGE, True)
+        low, high, log = zip(*(ranges[name] for name in CableParams.names()), strict=True)
+        least, most = np.array([PARAM_BOUNDS[name] for name in CableParams.names()]).T
+        return cls(
+            low=np.clip(low, least, most),
+            high=np.clip(high, least, most),
+            logarithmic=np.array(log),
+        )

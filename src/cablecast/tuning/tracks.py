@@ -1,0 +1,165 @@
+"""Measured tracks of D_tune as arrays that a batch of simulations is compared with."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.datasets.reader import Dataset
+from cablecast.datasets.trials import measured_joints, trial_track
+from cablecast.errors import DatasetError, InputError
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.grip_path import GripPath
+from cablecast.motion.measured import grip_path_from_joints
+from cablecast.track import TrialStatus
+from cablecast.workspace import Workspace
+
+PATH_SOURCES = ("auto", "commanded", "measured")
+
+_GRIDS = (0.1, 0.05, 0.02, 0.01)
+_GRID_TOLERANCE = 1e-6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MeasuredTracks:
+    """Tracks of a rig, and the motions that made them, one row per trial.
+
+    Attributes:
+        grip_path: What the gripper did, one row per trial.
+        times: When the endpoint was looked at [s], shape [trial, sample]; rows that are shorter
+            repeat their last time.
+        endpoint_xy: Where it was [m], shape [trial, sample, 2]; NaN where it is not compared.
+        final_xy: Where it came to rest [m], shape [trial, 2]; NaN where it did not rest on the
+            table or was not seen there.
+        status: Codes of the trial statuses, shape [trial].
+        actions: What was asked for, shape [trial, 4].
+        path_source: Whether the grip path is the "commanded" or the "measured" one.
+    """
+
+    grip_path: GripPath
+    times: NDArray[np.float64]
+    endpoint_xy: NDArray[np.float64]
+    final_xy: NDArray[np.float64]
+    status: NDArray[np.str_]
+    actions: NDArray[np.float64]
+    path_source: str
+
+    def __post_init__(self):
+        count = len(self.grip_path)
+        shape = (count, *self.times.shape[1:])
+        if self.times.shape != shape or self.endpoint_xy.shape != (*shape, 2):
+            raise InputError(
+                f"{count} grip paths, times of shape {self.times.shape} and endpoints of shape "
+                f"{self.endpoint_xy.shape} do not belong together"
+            )
+
+    def __len__(self) -> int:
+        return len(self.grip_path)
+
+    def __getitem__(self, index) -> "MeasuredTracks":
+        """The trials that a slice, a mask or an array of indices selects."""
+        rows = ("grip_path", "times", "endpoint_xy", "final_xy", "status", "actions")
+        return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in rows})
+
+    @property
+    def compared(self) -> NDArray[np.bool_]:
+        """Samples that equation 4 sums over, shape [trial, sample]."""
+        return np.all(np.isfinite(self.endpoint_xy), axis=-1)
+
+    @property
+    def end(self) -> float:
+        """Last time of all tracks [s]."""
+        return float(self.times.max())
+
+    def sample_dt(self) -> float:
+        """The coarsest interval on whose grid all compared times lie [s].
+
+        0.01 s where none does: linear interpolation at this interval is off by at most 1 to 2 mm
+        even where the endpoint's acceleration peaks at 100 m/s².
+        """
+        times = self.times[self.compared]
+        for interval in _GRIDS:
+            if np.all(np.abs(times - interval * np.round(times / interval)) < _GRID_TOLERANCE):
+                return interval
+        return _GRIDS[-1]
+
+    @classmethod
+    def from_dataset(
+        cls, dataset: Dataset, *, path_source: str = "auto", count: int | None = None
+    ) -> "MeasuredTracks":
+        """The tracks of a dataset that a rig recorded.
+
+        A trial that left the table is compared up to the last sample before it fell: the simulated
+        table has no edge. Samples without a seen endpoint are not compared, and the start is not,
+        where both are in the reset state.
+
+        Args:
+            dataset: Trials with the columns times, track_x and track_y.
+            path_source: "commanded", "measured", or "auto": measured where the dataset has it.
+            count: Use only this many trials from the beginning.
+
+        Raises:
+            DatasetError: The dataset holds no tracks, or not as many as asked for.
+        """
+        count = len(dataset) if count is None else count
+        if not 1 <= count <= len(dataset):
+            name = str(dataset.path or "the dataset")
+            raise DatasetError(f"{name} has {len(dataset)} trials, not {count}")
+        tracks = [trial_track(dataset, row) for row in range(count)]
+        sample_max = max(len(track.times) for track in tracks)
+        times = np.empty((count, sample_max))
+        xy = np.full((count, sample_max, 2), np.nan)
+        for row, track in enumerate(tracks):
+            length = len(track.times)
+            times[row, :length], times[row, length:] = track.times, track.times[-1]
+            xy[row, :length] = track.endpoint_xy
+            if track.status is TrialStatus.OFF_TABLE:
+                xy[row, _fallen_from(track.endpoint_xy, dataset.workspace) :] = np.nan
+            elif track.status in (TrialStatus.NON_FINITE, TrialStatus.ABORTED):
+                xy[row] = np.nan
+        xy[times <= 0.0] = np.nan
+        if path_source not in PATH_SOURCES:
+            raise InputError(f"path source {path_source!r}: one of {', '.join(PATH_SOURCES)}")
+        if path_source == "auto":
+            path_source = "measured" if has_measured_joints(dataset) else "commanded"
+        return cls(
+            path_source=path_source,
+            grip_path=_grip_paths(dataset, count, path_source),
+            times=times,
+            endpoint_xy=xy,
+            final_xy=np.array([track.final_xy for track in tracks]),
+            status=dataset.status[:count],
+            actions=dataset.actions[:count],
+        )
+
+
+def _fallen_from(track: NDArray[np.float64], workspace: Workspace) -> int:
+    """The first sample that is no longer on the table; its number of samples if all are."""
+    seen = np.isfinite(track).all(axis=1)
+    outside = seen & ~workspace.on_table(track)
+    if outside.any():
+        return int(np.argmax(outside))
+    if not seen.any():
+        return 0
+    # It was outside between two samples, near the one that is closest to an edge.
+    x, y = np.abs(track[:, 0]), track[:, 1]
+    margin = np.minimum.reduce([workspace.table_width / 2 - x, y, workspace.table_depth - y])
+    return int(np.argmin(np.where(seen, margin, np.inf)))
+
+
+def has_measured_joints(dataset: Dataset) -> bool:
+    """Whether the rig reported the joints of every trial."""
+    return all(measured_joints(dataset, row) is not None for row in range(len(dataset)))
+
+
+def _grip_paths(dataset: Dataset, count: int, source: str) -> GripPath:
+    if source == "commanded":
+        return cast_grip_paths(dataset.actions[:count], dataset.motion_config, dataset.workspace)
+    paths = []
+    for row in range(count):
+        joints = measured_joints(dataset, row)
+        if joints is None:
+            name = str(dataset.path or "the dataset")
+            raise DatasetError(f"{name} holds no measured joints of trial {row}")
+        paths.append(grip_path_from_joints(joints))
+    return GripPath.stack(paths)

@@ -1,0 +1,291 @@
+"""Fitting the ten parameters of a cable to measured tracks (paper, section V-D)."""
+
+import dataclasses
+import pathlib
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import Engine
+from cablecast.errors import InputError
+from cablecast.tuning.checkpoint import Checkpoint
+from cablecast.tuning.objective import TrackDistances, TrackObjective
+from cablecast.tuning.search import METHODS, make_search
+from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.tracks import MeasuredTracks
+
+COARSE, FINE = "coarse", "fine"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TuneConfig:
+    """How the parameters are searched.
+
+    Most generations are simulated coarsely, which is about eight times cheaper; the best of the
+    population then go on at the resolution at which the parameters will be used, because a coarse
+    cable fits the same tracks with slightly different parameters.
+
+    Attributes:
+        method: "de" (Differential Evolution, as in the paper) or "cmaes".
+        population_size: Candidates of a coarse generation. The paper's was 10, one for each
+            parameter.
+        coarse_generations: Generations at the coarse resolution.
+        fine_population_size: Candidates of a fine generation.
+        fine_generations: Generations at the fine resolution.
+        coarse_segment_count: Segments of the coarse cable.
+        coarse_dt: Step of the coarse simulation [s].
+        seed: Of everything that the search draws.
+    """
+
+    method: str = "de"
+    population_size: int = 48
+    coarse_generations: int = 60
+    fine_population_size: int = 24
+    fine_generations: int = 20
+    coarse_segment_count: int = 20
+    coarse_dt: float = 1e-3
+    seed: int = 0
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise InputError(f"search method {self.method!r}: one of {', '.join(METHODS)}")
+        for name, low, high in (
+            ("population_size", 4, 100_000),
+            ("coarse_generations", 0, 100_000),
+            ("fine_population_size", 4, 100_000),
+            ("fine_generations", 1, 100_000),
+            ("seed", 0, 2**32 - 1),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError(f"{name} = {value} is outside [{low:g}, {high:g}]")
+        if self.fine_population_size > self.population_size:
+            raise InputError(
+                f"fine_population_size = {self.fine_population_size} must be at most "
+                f"population_size = {self.population_size}"
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TuneProgress:
+    """How a search stands after a generation.
+
+    Attributes:
+        stage: "coarse" or "fine".
+        generation: Generations done, of both stages.
+        generation_count: Generations of both stages.
+        best_pct: Loss of the best candidate so far in this stage [% of cable length].
+        spread_pct: Standard deviation of the losses of the population [% of cable length].
+        simulation_count: Rollouts so far.
+        seconds_left: Expected time to the end [s].
+    """
+
+    stage: str
+    generation: int
+    generation_count: int
+    best_pct: float
+    spread_pct: float
+    simulation_count: int
+    seconds_left: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TuneResult:
+    """What tuning found.
+
+    Attributes:
+        params: The parameters of the least loss.
+        population: The final population, one value per member.
+        population_losses: Their losses [m], shape [member].
+        space: Where was searched.
+        training: Distances of (default, tuned) parameters on the training tracks.
+        validation: The same on tracks that the search never saw.
+        training_status: Trial statuses of the training tracks, shape [trial].
+        validation_status: Trial statuses of the validation tracks, shape [trial].
+        simulation_count: Rollouts that the search simulated, coarse and fine.
+        coarse_simulation_count: Those of them at the coarse resolution.
+        seconds: How long the search took, over all runs that it was resumed in [s].
+        history: Per generation the stage, the best loss and the spread of the population's losses
+            [m].
+    """
+
+    params: CableParams
+    population: CableParams
+    population_losses: NDArray[np.float64]
+    space: SearchSpace
+    training: TrackDistances
+    validation: TrackDistances
+    training_status: NDArray[np.str_]
+    validation_status: NDArray[np.str_]
+    simulation_count: int
+    coarse_simulation_count: int
+    seconds: float
+    history: list[tuple[str, float, float]]
+
+
+def split_tracks(
+    tracks: MeasuredTracks, validation_count: int | None = None
+) -> tuple[MeasuredTracks, MeasuredTracks]:
+    """Training and validation tracks: the last ones validate.
+
+    The actions of D_tune are drawn in no order, so the last are as good as any.
+
+    Args:
+        tracks: All tracks.
+        validation_count: How many validate; a quarter where None, which is the paper's 20 of 80.
+
+    Raises:
+        InputError: No track would be left on one side.
+    """
+    count = len(tracks)
+    held = max(1, round(count / 4)) if validation_count is None else validation_count
+    if not 1 <= held < count:
+        raise InputError(
+            f"validation_count = {held} must be at least 1 and less than the {count} trials"
+        )
+    return tracks[: count - held], tracks[count - held :]
+
+
+def tune_params(
+    cable: Cable,
+    training: MeasuredTracks,
+    validation: MeasuredTracks,
+    coarse_engine: Engine,
+    engine: Engine,
+    config: TuneConfig | None = None,
+    *,
+    checkpoint: pathlib.Path | None = None,
+    progress: Callable[[TuneProgress], None] | None = None,
+) -> TuneResult:
+    """Find the parameters whose simulated tracks are nearest to the measured ones.
+
+    Args:
+        cable: The cable; its parameters are the first candidate, and the default that the result is
+            compared with.
+        training: Tracks that the loss is taken over.
+        validation: Tracks that only the result is measured on.
+        coarse_engine: Simulator of the coarse stage.
+        engine: Simulator of the fine stage, at the resolution at which the result will be used.
+        config: How to search.
+        checkpoint: File that keeps every generation; a search that finds its own goes on from it.
+        progress: Told after every generation.
+    """
+    config = config or TuneConfig()
+    space = SearchSpace.for_cable(cable)
+    search = make_search(
+        config.method, space.to_unit(cable.params), config.population_size, config.seed
+    )
+    run = _Run(config, space, cable.length, Checkpoint(checkpoint), progress)
+    coarse = TrackObjective(coarse_engine, cable, training)
+    fine = TrackObjective(engine, cable, training)
+    run.cost_ratio = (engine.segment_count / engine.dt) / (
+        coarse_engine.segment_count / coarse_engine.dt
+    )
+    for _ in range(config.coarse_generations):
+        candidates = search.ask()
+        search.tell(candidates, run.losses(COARSE, coarse, candidates))
+        run.report(search.losses)
+    coarse_count = run.simulation_count
+    search.shrink(config.fine_population_size)
+    if len(search.population):
+        search.restart(run.losses(FINE, fine, search.population))
+        run.report(search.losses)
+    for _ in range(config.fine_generations):
+        candidates = search.ask()
+        search.tell(candidates, run.losses(FINE, fine, candidates))
+        run.report(search.losses)
+
+    params = space.to_params(search.population[np.argmin(search.losses)])
+    both = CableParams.from_array(np.stack([cable.params.to_array(), params.to_array()]))
+    return TuneResult(
+        params=params,
+        population=space.to_params(search.population),
+        population_losses=search.losses,
+        space=space,
+        training=fine.distances(both),
+        validation=TrackObjective(engine, cable, validation).distances(both),
+        training_status=training.status,
+        validation_status=validation.status,
+        simulation_count=run.simulation_count,
+        coarse_simulation_count=coarse_count,
+        seconds=run.checkpoint.seconds,
+        history=run.history,
+    )
+
+
+class _Run:
+    """Counts, times and stores what a search asks for."""
+
+    def __init__(
+        self,
+        config: TuneConfig,
+        space: SearchSpace,
+        cable_length: float,
+        checkpoint: Checkpoint,
+        progress: Callable[[TuneProgress], None] | None,
+    ):
+        self.config = config
+        self.space = space
+        self.cable_length = cable_length
+        self.checkpoint = checkpoint
+        self.progress = progress
+        self.simulation_count = 0
+        self.history: list[tuple[str, float, float]] = []
+        self.cost_ratio = 1.0
+        self._stage = COARSE
+        # Only Differential Evolution can go on with fewer candidates.
+        shrinks = config.method == "de"
+        self._fine_size = config.fine_population_size if shrinks else config.population_size
+        self._seconds = {COARSE: 0.0, FINE: 0.0}
+        self._worlds = {COARSE: 0, FINE: 0}
+        self._live = False
+
+    def losses(
+        self, stage: str, objective: TrackObjective, candidates: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Losses of a generation, from the checkpoint or else simulated in one batch."""
+        self._stage = stage
+        worlds = len(candidates) * len(objective)
+        self.simulation_count += worlds
+        stored = self.checkpoint.answer(stage, candidates)
+        self._live = stored is None
+        if stored is None:
+            start = time.monotonic()
+            stored = objective.distances(self.space.to_params(candidates)).loss
+            seconds = time.monotonic() - start
+            self.checkpoint.store(stage, candidates, stored, seconds)
+            self._seconds[stage] += seconds
+            self._worlds[stage] += len(candidates)
+        return stored
+
+    def report(self, losses: NDArray[np.float64]) -> None:
+        """Note a generation, and tell of it unless it came from the checkpoint."""
+        self.history.append((self._stage, float(losses.min()), float(losses.std())))
+        if self.progress is None or not self._live:
+            return
+        config, done = self.config, len(self.history)
+        total = config.coarse_generations + 1 + config.fine_generations
+        coarse_left = max(config.coarse_generations - done, 0) * config.population_size
+        fine_left = (total - max(done, config.coarse_generations)) * self._fine_size
+        self.progress(
+            TuneProgress(
+                stage=self._stage,
+                generation=done,
+                generation_count=total,
+                best_pct=100 * float(losses.min()) / self.cable_length,
+                spread_pct=100 * float(losses.std()) / self.cable_length,
+                simulation_count=self.simulation_count,
+                seconds_left=coarse_left * self._rate(COARSE) + fine_left * self._rate(FINE),
+            )
+        )
+
+    def _rate(self, stage: str) -> float:
+        """Expected time of one candidate [s]; before the first one, told from the other stage."""
+        if self._worlds[stage]:
+            return self._seconds[stage] / self._worlds[stage]
+        other = FINE if stage == COARSE else COARSE
+        ratio = self.cost_ratio if stage == FINE else 1.0 / self.cost_ratio
+        return ratio * self._seconds[other] / self._worlds[other] if self._worlds[other] else 0.0

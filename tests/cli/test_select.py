@@ -1,0 +1,77 @@
+import json
+
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.cli import main
+from cablecast.files import write_json
+
+SMALL = ["--grid", "4", "--grid-psi", "4"]
+
+
+def write_repeatability(folder, scatters_pct, cable="cable_1"):
+    """A folder as `cablecast repeat` leaves it, with casts that all stayed on the table."""
+    combinations = [
+        {
+            "r0": 0.6,
+            "v_max": v_max,
+            "with_psi": with_psi,
+            "scatter_pct": scatter_pct,
+            "off_table_share": 0.0,
+        }
+        for (v_max, with_psi), scatter_pct in scatters_pct.items()
+    ]
+    settings = {"cable": load_cable(cable).to_dict()}
+    write_json(folder / "config.json", {"command": "repeat", "settings": settings})
+    write_json(folder / "metrics.json", {"combinations": combinations})
+
+
+@pytest.fixture(scope="module")
+def selected(tmp_path_factory):
+    """A selection without repeatability: its folder and its metrics."""
+    out = tmp_path_factory.mktemp("selected") / "select"
+    assert main(["select", *SMALL, "--out", str(out)]) == 0
+    return out, json.loads((out / "metrics.json").read_text())
+
+
+def test_select_compares_nine_combinations_and_three_with_a_turn_of_the_wrist(selected):
+    out, metrics = selected
+    coverage = metrics["coverage"]
+    assert len({(row["r0"], row["v_max"]) for row in coverage if not row["with_psi"]}) == 9
+    turning = [row for row in coverage if row["with_psi"]]
+    assert {row["v_max"] for row in turning} == {1.2, 1.5, 1.8}
+    assert {row["r0"] for row in turning} == {metrics["choice"]["r0"]}
+    assert all(0.0 <= row["share"] <= 1.0 for row in coverage)
+    assert (out / "coverage.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_select_takes_up_what_an_earlier_run_measured(selected, capsys):
+    out, metrics = selected
+    (out / "metrics.json").unlink()
+    (out / "coverage" / "r0_1-v_max_1.5.json").unlink()
+    assert main(["select", *SMALL, "--out", str(out)]) == 0
+    assert capsys.readouterr().err.splitlines() == ["Simulating r0 = 1 m, v_max = 1.5 m/s"]
+    assert json.loads((out / "metrics.json").read_text()) == metrics
+
+
+def test_repeatability_changes_the_choice(selected, tmp_path, capsys):
+    _, metrics = selected
+    assert metrics["choice"]["v_max"] > 1.2
+    write_repeatability(tmp_path / "repeat", {(1.2, False): 0.1, (1.5, True): 50.0})
+    arguments = [*SMALL, "--repeat", str(tmp_path / "repeat"), "--out", str(tmp_path / "other")]
+    assert main(["select", *arguments]) == 0
+    choice = json.loads((tmp_path / "other" / "metrics.json").read_text())["choice"]
+    assert (choice["r0"], choice["v_max"], choice["with_psi"]) == (0.6, 1.2, False)
+    assert "for each percent of scatter" in capsys.readouterr().out
+
+
+def test_a_folder_without_repeated_casts_is_refused(tmp_path, capsys):
+    assert main(["select", *SMALL, "--repeat", str(tmp_path), "--out", str(tmp_path / "o")]) == 2
+    assert "holds no finished run of `cablecast repeat`" in capsys.readouterr().err
+
+
+def test_repeated_casts_of_another_cable_are_refused(tmp_path, capsys):
+    write_repeatability(tmp_path / "repeat", {(1.5, True): 1.0}, cable="cable_2")
+    arguments = [*SMALL, "--repeat", str(tmp_path / "repeat"), "--out", str(tmp_path / "o")]
+    assert main(["select", *arguments]) == 2
+    assert "was made for another cable" in capsys.readouterr().err

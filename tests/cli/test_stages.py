@@ -1,0 +1,87 @@
+import json
+import time
+
+import pytest
+
+from cablecast.cli.stages import STAGES_FILE, Stage, StageLog, remaining_time, run_stages
+from cablecast.errors import InputError
+
+
+@pytest.fixture
+def make_stages(tmp_path):
+    """Stages that note that they ran; one of them may fail."""
+    ran = []
+
+    def make(names, failing=()):
+        def work(name):
+            ran.append(name)
+            if name in failing:
+                raise RuntimeError(name)
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "metrics.json").write_text("{}")
+
+        return [
+            Stage(
+                name=name,
+                title=f"stage {name}",
+                folder=tmp_path / name,
+                expected=60.0,
+                work=lambda name=name: work(name),
+            )
+            for name in names
+        ]
+
+    return make, ran
+
+
+def test_stages_run_in_order_and_each_only_once(make_stages, tmp_path, capsys):
+    make, ran = make_stages
+    run_stages(make("abc"), tmp_path)
+    assert ran == ["a", "b", "c"]
+    log = run_stages(make("abc"), tmp_path)
+    assert ran == ["a", "b", "c"]
+    assert set(log.seconds) == {"a", "b", "c"}
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("[1/3] stage a (all of it: about")
+    assert lines[3].startswith("[1/3] stage a: done in")
+
+
+def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_stages, tmp_path):
+    make, ran = make_stages
+    with pytest.raises(RuntimeError):
+        run_stages(make("abc", failing="b"), tmp_path)
+    stored = json.loads((tmp_path / STAGES_FILE).read_text())
+    assert set(stored) == {"a", "b"}
+    (tmp_path / STAGES_FILE).write_text(json.dumps(stored | {"b": 100.0}))
+    log = run_stages(make("abc"), tmp_path)
+    assert ran == ["a", "b", "b", "c"]
+    assert log.seconds["b"] >= 100.0
+
+
+def test_what_a_kill_can_lose_of_a_stages_time_is_little(tmp_path, monkeypatch):
+    monkeypatch.setattr("cablecast.cli.stages._STORE_EVERY", 0.01)
+    log = StageLog(tmp_path)
+    with log.timed("a"):
+        # Long against the interval, however busy the machine is.
+        for _ in range(500):
+            time.sleep(0.01)
+            if (tmp_path / STAGES_FILE).exists():
+                break
+        assert "a" in json.loads((tmp_path / STAGES_FILE).read_text())
+
+
+def test_the_expected_end_follows_the_pace_of_the_machine(make_stages, tmp_path):
+    make, _ = make_stages
+    stages, log = make("abcd"), StageLog(tmp_path)
+    assert remaining_time(stages, log) == pytest.approx(4 * 60.0)
+    for name in "ab":
+        stages["ab".index(name)].work()
+        log.seconds[name] = 300.0
+    # Two stages of an expected minute took ten: with one minute of doubt the pace is 11 to 3.
+    assert remaining_time(stages, log) == pytest.approx(2 * 60.0 * 11 / 3)
+
+
+def test_a_damaged_file_of_times_is_named(tmp_path):
+    (tmp_path / STAGES_FILE).write_text("{")
+    with pytest.raises(InputError, match=r"stages\.json is damaged"):
+        StageLog(tmp_path)

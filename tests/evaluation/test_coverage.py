@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.evaluation.coverage import (
+    concave_hull,
+    covered_share,
+    half_disc,
+    measure_coverage,
+    outlines,
+    polar_casting_region,
+)
+from cablecast.motion.action import MotionConfig
+from cablecast.motion.polar_cast import PolarReach
+from cablecast.workspace import Workspace
+
+RADIUS = 1.56
+# The half disc is drawn with 180 sides.
+POLYGON_TOLERANCE = 1e-3
+# 4,000 random points leave a seam of about a point's distance, 3 cm, along the rim.
+SAMPLING_TOLERANCE = 0.05
+
+
+def points_in_sector(rng, count, low, high):
+    """Points spread evenly over the part of the half disc between two angles from the y axis."""
+    r = RADIUS * np.sqrt(rng.uniform(size=count))
+    theta = rng.uniform(low, high, size=count)
+    return np.stack([r * np.sin(theta), r * np.cos(theta)], axis=-1)
+
+
+def test_endpoints_over_one_quarter_cover_the_whole_half_disc_with_their_mirror_images():
+    points = points_in_sector(np.random.default_rng(0), 4000, 0.0, np.pi / 2)
+    share = covered_share(concave_hull(points, RADIUS), RADIUS)
+    assert share == pytest.approx(1.0, abs=SAMPLING_TOLERANCE)
+
+
+def test_a_sector_covers_its_angle_as_a_share_of_the_half_circle():
+    points = points_in_sector(np.random.default_rng(0), 4000, 0.0, np.pi / 6)
+    share = covered_share(concave_hull(points, RADIUS), RADIUS)
+    assert share == pytest.approx(1 / 3, abs=SAMPLING_TOLERANCE)
+
+
+def test_a_hollow_that_the_convex_hull_would_fill_is_not_covered():
+    # A ring without its inside, open towards the robot.
+    points = points_in_sector(np.random.default_rng(0), 8000, 0.0, np.pi / 2)
+    points = points[np.linalg.norm(points, axis=1) > 0.7 * RADIUS]
+    concave = covered_share(concave_hull(points, RADIUS), RADIUS)
+    convex = covered_share(concave_hull(points, RADIUS, ratio=1.0), RADIUS)
+    assert convex == pytest.approx(1.0, abs=SAMPLING_TOLERANCE)
+    assert concave == pytest.approx(1 - 0.7**2, abs=SAMPLING_TOLERANCE)
+
+
+def test_what_lies_behind_the_robot_is_cut_off():
+    rng = np.random.default_rng(0)
+    points = np.concatenate([points_in_sector(rng, 4000, 0.0, np.pi / 2), [[0.3, -1.0]]])
+    hull = concave_hull(points, RADIUS)
+    assert min(outline[:, 1].min() for outline in outlines(hull)) >= 0.0
+    assert covered_share(hull, RADIUS) <= 1.0
+
+
+def test_the_region_of_polar_casting_is_that_of_its_motions():
+    cable, workspace = load_cable("cable_1"), Workspace()
+    points = points_in_sector(np.random.default_rng(0), 4000, -np.pi / 2, np.pi / 2)
+    region = polar_casting_region(cable, workspace)
+    inside = np.mean(PolarReach.of(cable, workspace).contains(points))
+    share = covered_share(region, workspace.reach(cable.length))
+    # Of 4,000 points 13 % lie inside, give or take 0.5 %.
+    assert share == pytest.approx(inside, abs=0.02)
+    assert 0.05 < share < 0.3
+
+
+def test_the_half_disc_has_half_the_area_of_a_disc():
+    assert half_disc(RADIUS).area == pytest.approx(np.pi * RADIUS**2 / 2, rel=POLYGON_TOLERANCE)
+
+
+def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
+    cable, workspace = load_cable("cable_1"), Workspace()
+    engine = EngineWarp(segment_count=15, dt=0.002)
+
+    def coverage(v_max, counts):
+        config = MotionConfig(v_max=v_max)
+        return measure_coverage(config, cable, cable.params, engine, workspace, counts)
+
+    slow, fast, turning = (
+        coverage(1.2, (6, 6, 6)),
+        coverage(1.5, (6, 6, 6)),
+        coverage(1.5, (6, 6, 6, 3)),
+    )
+    assert 0.0 < slow.share < fast.share < turning.share < 1.0
+    assert (fast.with_psi, turning.with_psi) == (False, True)
+    values = turning.to_dict()
+    assert values["action_count"] == 648
+    assert values["feasible_count"] == turning.feasible_count <= 648
+    low, high = sorted(values["share_by_ratio"].values())
+    assert low <= values["share"] <= high
+
+
+def test_a_hull_ratio_outside_its_bounds_is_refused():
+    with pytest.raises(InputError, match=r"1\.5 is outside \[0, 1\]"):
+        concave_hull(np.zeros((3, 2)), RADIUS, ratio=1.5)

@@ -1,0 +1,256 @@
+import math
+
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.errors import DatasetError, InputError
+from cablecast.evaluation.published import published_repeatability
+from cablecast.evaluation.repeatability import (
+    ActionScatter,
+    Repeatability,
+    confidence_ellipse,
+    measure_repeatability,
+    repeat_actions,
+    save_actions,
+)
+from cablecast.motion.action import MotionConfig
+from cablecast.motion.feasibility import check_actions
+from cablecast.rigs.base import RigLifecycle
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.workspace import Workspace
+
+CABLE = load_cable("cable_1")
+WORKSPACE = Workspace()
+# A share of 0.95 among 100,000 points has a standard deviation of 0.0007.
+SHARE_TOLERANCE = 0.003
+# Estimates of a deviation from 4 x 100 landings have one of 3.5 % themselves.
+SCATTER_TOLERANCE = 0.10
+
+
+class NormalRig(RigLifecycle):
+    """Lands around a point that the action decides, with a known normal scatter along arcs."""
+
+    def __init__(self, radial, tangential, off_beyond=math.inf):
+        super().__init__()
+        self.description = {"rig": "normal", "radial": radial, "tangential": tangential}
+        self.scales = np.array([radial, tangential])
+        self.off_beyond = off_beyond
+        self._next = 0
+
+    def seek(self, index):
+        self._next = index
+
+    def execute(self, trajectory):
+        self._use_reset()
+        random = np.random.default_rng([7, self._next])
+        theta = trajectory.action.theta2
+        out = np.array([np.sin(theta), np.cos(theta)])
+        radial, tangential = random.normal(size=2) * self.scales
+        xy = (1.0 + radial) * out + tangential * np.array([out[1], -out[0]])
+        off = random.random() < 0.5 and theta > self.off_beyond
+        self._next += 1
+        return EndpointTrack(
+            times=np.array([0.0, 0.1]),
+            endpoint_xy=np.stack([np.array([0.0, 1.2]), xy]),
+            status=TrialStatus.OFF_TABLE if off else TrialStatus.OK,
+        )
+
+
+def scatter_of(points, statuses=None):
+    points = np.asarray(points, dtype=float)
+    return ActionScatter(
+        action=np.array([-1.0, 0.5, 0.6, 0.5]),
+        landed_xy=points,
+        statuses=tuple(statuses or ["ok"] * len(points)),
+    )
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Four actions, 100 casts each: 5 mm along the radius, 15 mm across it; one leaves at times."""
+    theta2 = np.radians([10.0, 20.0, 30.0, 45.0])
+    actions = np.stack([-theta2, theta2, np.full(4, 0.6), theta2], axis=1)
+    return measure_repeatability(
+        tmp_path_factory.mktemp("repeat") / "casts",
+        NormalRig(0.005, 0.015, off_beyond=theta2[2]),
+        CABLE,
+        MotionConfig(),
+        WORKSPACE,
+        actions=actions,
+        repeats=100,
+    )
+
+
+def test_the_scatter_is_the_standard_deviation_about_the_mean_over_both_directions():
+    square = scatter_of([[0.01, 1.0], [-0.01, 1.0], [0.0, 1.01], [0.0, 0.99]])
+    assert square.scatter == pytest.approx(0.01)
+    np.testing.assert_allclose(square.mean_xy, [0.0, 1.0])
+    # All four lie equally far from the mean.
+    assert square.scatter_of_distances == pytest.approx(0.0, abs=1e-12)
+    pair = scatter_of([[0.0, 1.0], [0.03, 1.04]])
+    assert pair.scatter == pytest.approx(0.025)
+
+
+def test_known_scatter_is_measured(measured):
+    truth = 100.0 * math.hypot(0.005, 0.015) / CABLE.length
+    assert measured.scatter_pct == pytest.approx(truth, rel=SCATTER_TOLERANCE)
+    assert measured.along_arc_share == pytest.approx(0.9, abs=0.04)
+    assert measured.cast_count == 400
+    assert measured.label == "v_max 1.5"
+
+
+def test_casts_off_the_table_are_counted_but_do_not_scatter(measured):
+    counts = [a.off_table_count for a in measured.actions]
+    assert sorted(counts)[:3] == [0, 0, 0]
+    assert 30 < max(counts) < 70
+    assert measured.off_table_share == pytest.approx(max(counts) / 400)
+    spoilt = measured.actions[int(np.argmax(counts))]
+    assert len(spoilt.landed_xy) == 100 - max(counts)
+    assert spoilt.scatter == pytest.approx(math.hypot(0.005, 0.015), rel=0.3)
+
+
+def test_the_paper_s_mean_runs_over_actions_not_over_casts():
+    wide, narrow = [[0.0, 0.98], [0.0, 1.02]], [[0.3, 1.0]] * 8
+    result = Repeatability(
+        cable=CABLE,
+        config=MotionConfig(),
+        rig={},
+        actions=(scatter_of(wide), scatter_of(narrow), scatter_of(np.empty((0, 2)), ["off_table"])),
+    )
+    assert result.scatter_pct == pytest.approx(100 * 0.02 / CABLE.length / 2)
+    assert np.isnan(result.scatters_pct[2])
+    assert result.to_dict()["scattered_action_count"] == 2
+    assert result.to_dict()["growth_with_distance"] is None
+
+
+def test_growth_tells_whether_far_actions_scatter_more():
+    def around(x, y, size):
+        return scatter_of([[x + size, y], [x - size, y]])
+
+    far_scatters = Repeatability(
+        cable=CABLE,
+        config=MotionConfig(),
+        rig={},
+        actions=(around(0.0, 0.5, 0.001), around(0.1, 0.8, 0.004), around(0.3, 1.2, 0.01)),
+    )
+    assert far_scatters.growth() == pytest.approx({"distance": 1.0, "width": 1.0})
+
+
+def test_an_ellipse_of_many_normal_points_holds_95_percent_of_them():
+    random = np.random.default_rng(0)
+    points = random.normal(size=(100_000, 2)) @ np.array([[0.03, 0.01], [0.0, 0.01]])
+    ellipse = confidence_ellipse(points)
+    assert ellipse.contains(points).mean() == pytest.approx(0.95, abs=SHARE_TOLERANCE)
+    np.testing.assert_array_equal(ellipse.contains(ellipse.center_xy), True)
+    outline = ellipse.outline()
+    middle = ellipse.center_xy
+    assert ellipse.contains(middle + 0.999 * (outline - middle)).all()
+    assert not ellipse.contains(middle + 1.001 * (outline - middle)).any()
+
+
+def test_the_longer_axis_points_where_the_landings_spread():
+    along = np.linspace(-0.05, 0.05, 9)
+    points = np.stack([0.6 * along, 0.8 * along], axis=-1) + [0.2, 0.9]
+    points[::2] += [0.0008, -0.0006]
+    ellipse = confidence_ellipse(points)
+    assert abs(math.tan(ellipse.angle)) == pytest.approx(0.8 / 0.6, rel=0.02)
+    assert ellipse.semi_axes[0] > 20 * ellipse.semi_axes[1]
+
+
+@pytest.mark.parametrize(("small_sample", "scale"), [(False, 2.45), (True, 5.05)])
+def test_the_scales_of_five_points_are_those_of_the_two_distributions(small_sample, scale):
+    points = np.random.default_rng(3).normal(size=(5, 2))
+    ellipse = confidence_ellipse(points, small_sample=small_sample)
+    deviation = np.sqrt(np.linalg.eigvalsh(np.cov(points.T))[::-1])
+    np.testing.assert_allclose(ellipse.semi_axes / deviation, scale, atol=0.005)
+
+
+def test_two_landings_have_no_ellipse_and_nan_is_no_landing():
+    assert confidence_ellipse([[0, 1], [0, 1.1]]) is None
+    assert confidence_ellipse([[0, 1], [0, 1.1], [np.nan, np.nan]]) is None
+    with pytest.raises(InputError, match=r"level = 1\.5"):
+        confidence_ellipse([[0, 1], [0, 1.1], [0.1, 1]], 1.5)
+
+
+def test_repeated_actions_are_those_of_the_paper_s_grid_that_the_arm_can_make():
+    config = MotionConfig(v_max=1.2)
+    flat = repeat_actions(config, WORKSPACE, with_psi=False)
+    turned = repeat_actions(config, WORKSPACE, with_psi=True)
+    assert 60 < len(flat) <= 125
+    assert 30 < len(turned) <= 81
+    np.testing.assert_array_equal(flat[:, 1], flat[:, 3])
+    assert np.any(turned[:, 3] > turned[:, 1] + 0.1)
+    for actions in (flat, turned):
+        assert check_actions(actions, config, WORKSPACE).mask.all()
+    few = repeat_actions(config, WORKSPACE, with_psi=True, action_count=7)
+    assert len(few) == 7
+    assert {tuple(action) for action in few} <= {tuple(action) for action in turned}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"counts": (5, 5)}, "three"), ({"action_count": 0}, "action_count = 0")],
+)
+def test_grids_that_make_no_sense_are_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        repeat_actions(MotionConfig(), WORKSPACE, with_psi=False, **options)
+
+
+def test_one_cast_of_each_action_is_refused(tmp_path):
+    actions = repeat_actions(MotionConfig(), WORKSPACE, with_psi=False, action_count=1)
+    with pytest.raises(InputError, match="repeats = 1"):
+        measure_repeatability(
+            tmp_path / "d",
+            NormalRig(0, 0),
+            CABLE,
+            MotionConfig(),
+            WORKSPACE,
+            actions=actions,
+            repeats=1,
+        )
+
+
+def test_a_dataset_without_repeats_is_refused():
+    from cablecast.datasets import Dataset
+
+    empty = np.empty((0, 4))
+    dataset = Dataset(
+        actions=empty,
+        endpoint_xy=empty[:, :2],
+        status=np.array([], dtype=str),
+        duration=empty[:, 0],
+        extent=empty,
+    )
+    with pytest.raises(DatasetError, match="no repeated casts"):
+        Repeatability.from_dataset(dataset)
+
+
+def test_the_table_has_one_line_per_action(measured, tmp_path):
+    save_actions(measured, tmp_path / "actions.csv")
+    header, *lines = (tmp_path / "actions.csv").read_text().splitlines()
+    assert len(lines) == 4
+    first = dict(zip(header.split(","), lines[0].split(","), strict=True))
+    assert float(first["scatter_pct"]) == pytest.approx(measured.scatters_pct[0], abs=1e-3)
+    assert first["casts"] == "100"
+
+
+def test_the_published_figures_are_those_of_section_vi_b():
+    assert published_repeatability(1.5, True).scatter_pct == 1.93
+    assert published_repeatability(1.8, True).off_table_share == 0.30
+    assert published_repeatability(1.5, False) is None
+
+
+def test_the_map_draws_each_landing_and_marks_actions_that_left_the_table(measured):
+    pytest.importorskip("matplotlib")
+    from cablecast.report.repeatability import repeatability_map
+    from cablecast.report.style import png_bytes
+
+    figure = repeatability_map([measured, measured, measured], WORKSPACE)
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(panels) == 3
+    drawn = sum(len(line.get_xdata()) for line in panels[1].lines if line.get_marker() == "o")
+    assert drawn == sum(len(a.landed_xy) for a in measured.actions)
+    assert sum(line.get_marker() == "^" for line in panels[1].lines) == 1
+    assert "v_max 1.5" in panels[0].get_title(loc="left")
+    assert png_bytes(figure, dpi=50).startswith(b"\x89PNG")

@@ -1,0 +1,62 @@
+import dataclasses
+
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.evaluation.selection import PUBLISHED_CANDIDATES, Candidate, choose
+
+
+def candidate(v_max, coverage, **values):
+    return Candidate(
+        **({"r0": 0.6, "v_max": v_max, "with_psi": False, "coverage": coverage} | values)
+    )
+
+
+def test_on_the_papers_figures_the_rule_makes_the_papers_choice():
+    choice = choose(PUBLISHED_CANDIDATES)
+    assert (choice.r0, choice.v_max, choice.with_psi) == (0.6, 1.5, True)
+
+
+def test_r0_is_the_one_that_covers_most_on_average_over_the_speeds():
+    choice = choose(
+        [
+            candidate(1.2, 0.2, r0=0.6),
+            candidate(1.8, 0.6, r0=0.6),
+            candidate(1.2, 0.1, r0=1.0),
+            candidate(1.8, 0.65, r0=1.0),
+        ]
+    )
+    assert choice.r0 == 0.6
+    assert "40.0 % with 0.6 m, 37.5 % with 1 m" in choice.reasons[0]
+
+
+def test_coverage_that_costs_too_much_scatter_is_not_chosen():
+    calm, wild = (
+        candidate(1.5, 0.5, scatter_pct=2.0),
+        candidate(1.8, 0.7, scatter_pct=4.0),
+    )
+    assert choose([calm, wild]).v_max == 1.5
+    steadier = dataclasses.replace(wild, scatter_pct=2.5)
+    assert choose([calm, steadier]).v_max == 1.8
+
+
+def test_casts_that_leave_the_table_count_against_their_coverage():
+    kept = candidate(1.5, 0.5, scatter_pct=2.0, off_table_share=0.0)
+    lost = candidate(1.8, 0.6, scatter_pct=2.0, off_table_share=0.3)
+    assert choose([kept, lost]).v_max == 1.5
+
+
+def test_without_repeatability_coverage_alone_decides_and_the_reason_says_so():
+    choice = choose([candidate(1.2, 0.2), candidate(1.8, 0.6)])
+    assert choice.v_max == 1.8
+    assert "was not measured" in choice.reasons[1]
+
+
+def test_a_candidate_that_was_not_repeated_is_not_chosen_over_one_that_was():
+    choice = choose([candidate(1.2, 0.2, scatter_pct=1.0), candidate(1.8, 0.6)])
+    assert choice.v_max == 1.2
+
+
+def test_r0_cannot_be_chosen_without_casts_that_keep_the_wrist():
+    with pytest.raises(InputError, match="without psi"):
+        choose([candidate(1.5, 0.5, with_psi=True)])
