@@ -1,11 +1,13 @@
 """The order of the method, on casts: no closed form, but a slope that theory prescribes."""
 
+import dataclasses
 import functools
 
 import numpy as np
 
 from benchmarks.common import random_actions
 from benchmarks.validation.case import Case, Curve, MakeEngine, Measured, Outcome
+from benchmarks.validation.scenes import LOCKED
 from cablecast.cable import load_cable
 from cablecast.motion.action import MotionConfig
 from cablecast.motion.cast import cast_grip_paths
@@ -20,9 +22,14 @@ SEED = 3
 def track(make: MakeEngine, segment_count: int, dt: float):
     """Endpoints of some random feasible casts of cable_1 [m], shape [action, step, 2]."""
     cable = load_cable("cable_1")
+    # Kinks of the frictions on a spin are of the first order, at a hundredth of a per cent of the
+    # length; they would hide the order of the rest.
+    params = dataclasses.replace(
+        cable.params, twist_stiffness=0.0, rolling_friction=LOCKED, spinning_friction=0.0
+    )
     paths = cast_grip_paths(random_actions(CAST_COUNT, SEED), MotionConfig(), Workspace())
     rollout = make(segment_count, dt).rollout(
-        cable, cable.params, paths, duration=DURATION, sample_dt=0.1
+        cable, params, paths, duration=DURATION, sample_dt=0.1
     )
     return rollout.endpoint_xy[:, 1:]
 
@@ -68,7 +75,7 @@ CASES = (
         name="order_in_time",
         title="Casts converge with the square of the step",
         theory=(
-            f"{CAST_COUNT} random feasible casts of cable_1, the endpoint every 0.1 s up to "
+            f"{CAST_COUNT} random feasible casts of cable_1 that slides and does not roll, the endpoint every 0.1 s up to "
             f"{DURATION:g} s, at 2, 1 and 0.5 ms against 1/16 ms. The line has slope 2."
         ),
         tolerance=0.4,

@@ -4,7 +4,7 @@ The backward sweep, from the far end to the grip, measures at each node how the 
 twisted, and eliminates the torsion system on its way. The forward sweep solves for the spins, and
 with them for the torques; sums bending and torsion to the force on each node; and eliminates the
 filter of the bending force (bending.py) on its way. What is left of the filter is substituted by
-the stage that moves the nodes (motion.py).
+the stage that moves the nodes (step.py).
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.

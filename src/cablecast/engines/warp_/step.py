@@ -287,7 +287,9 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
                     grip.follow(path, group, t, dt)
                     if model.far_is_held == 1:
                         grip.follow(far_path, group, t, dt)
-                    fastest = step(model, path, far_path, state, scratch, group, kick, elapsed, active)
+                    fastest = step(
+                        model, path, far_path, state, scratch, group, kick, elapsed, active
+                    )
                     kick = dt
                     elapsed = dt
                     end = t

@@ -95,7 +95,9 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
         q = sine_squared
         one = lane(real(1.0))
         value = one + mul(q, one + mul(q, one + mul(q, one + q)))
-        return scale(value * (real(1.0) / (model.segment_length * model.segment_length)), cross(e, g))
+        return scale(
+            value * (real(1.0) / (model.segment_length * model.segment_length)), cross(e, g)
+        )
 
     @wp.func
     def turn_twist(
