@@ -137,7 +137,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def lay_out(model: Model, state: State, scratch: Scratch, group: int, failed: lane):
-        """Lay the segments out from the grip on, each towards where its end would be if it were free.
+        """Lay the segments out from the grip on, each towards where its end would go if free.
 
         This is what remains to be done where Newton's method does not converge: a weight that
         reaches the end of a thread a thousand times lighter. Lengths hold, and no energy is made.
