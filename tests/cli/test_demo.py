@@ -1,16 +1,35 @@
+import contextlib
+import io
 import json
+
+import pytest
 
 from cablecast.cli import main
 
-SMALL = ["--count", "200", "--epochs", "3", "--candidate-count", "300", "--rig", "engine"]
+SMALL = [
+    *("--tune-count", "6", "--count", "120", "--epochs", "2", "--candidate-count", "200"),
+    *("--rig", "engine"),
+]
 
 
-def test_the_demo_simulates_trains_evaluates_and_takes_up_what_is_done(capsys, in_new_folder):
-    assert main(["demo", *SMALL]) == 0
-    first = capsys.readouterr()
-    root = in_new_folder / "runs" / "cable_1"
-    assert str(root.relative_to(in_new_folder) / "evaluate-engine" / "report.html") in first.out
-    for part in ("dataset", "model", "evaluate-engine"):
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """A small demo: where it ran, and what it printed."""
+    folder = tmp_path_factory.mktemp("demo")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cablecast.cli.demo.COARSE_GENERATIONS", 1)
+        patch.setattr("cablecast.cli.demo.FINE_GENERATIONS", 1)
+        patch.chdir(folder)
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            assert main(["demo", *SMALL]) == 0
+        yield folder, printed.getvalue()
+
+
+def test_the_demo_goes_all_the_way_and_takes_up_what_is_done(demo, capsys):
+    folder, first = demo
+    root = folder / "runs" / "cable_1"
+    assert str(root.relative_to(folder) / "evaluate-engine" / "report.html") in first
+    for part in ("tune-data", "tune", "dataset", "model", "evaluate-engine"):
         assert json.loads((root / part / "config.json").read_text())["versions"]
         assert (root / part / "metrics.json").is_file()
 
@@ -18,6 +37,17 @@ def test_the_demo_simulates_trains_evaluates_and_takes_up_what_is_done(capsys, i
     (root / "evaluate-engine" / "metrics.json").unlink()
     assert main(["demo", *SMALL]) == 0
     second = capsys.readouterr()
-    assert "Casting" in second.err
-    assert "Training" not in second.err
-    assert second.out.split("metrics")[0] == first.out.split("metrics")[0]
+    assert "Casting on the engine rig" in second.err
+    for done in ("Training", "generation"):
+        assert done not in second.err
+    assert second.out.split("metrics")[0] == first.split("metrics")[0]
+
+
+def test_the_demo_with_tuned_parameters_casts_and_tunes_none(demo):
+    folder, _ = demo
+    tuned = folder / "runs" / "cable_1" / "tune" / "params.json"
+    arguments = ["--params", str(tuned), "--out", str(folder / "other")]
+    assert main(["demo", *SMALL, *arguments]) == 0
+    assert {path.name for path in (folder / "other").iterdir()} == {
+        *("dataset", "model", "evaluate-engine")
+    }

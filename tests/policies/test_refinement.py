@@ -7,10 +7,11 @@ from cablecast.cable import load_cable
 from cablecast.conventions import mirror_xy
 from cablecast.errors import CheckpointError
 from cablecast.models import ForwardModel
+from cablecast.models.base import DEVIATION, deviations
 from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions, mirror_actions
 from cablecast.motion.feasibility import check_actions
 from cablecast.policies import ForwardSearchPolicy
-from cablecast.policies.refinement import DEVIATION, deviations, refine_actions
+from cablecast.policies.refinement import refine_actions
 from cablecast.workspace import Workspace
 
 CABLE = load_cable("cable_1")

@@ -53,10 +53,10 @@ def small_cast(workspace) -> Trajectory:
 
 @pytest.fixture(scope="session")
 def wild() -> Trajectory:
-    """A sweep that no arm could make, at full stretch: the tip flies off the table."""
+    """A sweep that no arm could make, at full stretch to the side: the tip ends off the table."""
     times = np.linspace(0.0, 0.9, 60)
     u = times / times[-1]
-    theta = 1.2 * u**3 * (10 - 15 * u + 6 * u**2)
+    theta = 1.5 * u**3 * (10 - 15 * u + 6 * u**2)
     still = np.zeros_like(times)
     poses = np.stack([0.9 * np.sin(theta), 0.9 * np.cos(theta), still + 0.02, theta, still], axis=1)
     return Trajectory(action=None, grip_path=GripPath.fit(times, poses), joint_path=None)
@@ -89,3 +89,20 @@ def rig_kind(request, cable, workspace) -> RigKind:
             return make_rig(USER_RIG, cable, workspace, 0)
 
     return RigKind("user", make)
+
+
+@pytest.fixture(scope="session")
+def virtual_camera():
+    """The camera over the virtual table."""
+    pytest.importorskip("cv2")
+    from cablecast.rigs.virtual.camera import VirtualCamera
+
+    return VirtualCamera()
+
+
+@pytest.fixture(scope="session")
+def calibration(virtual_camera):
+    """What pictures of a board and of the tags tell of that camera."""
+    from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera
+
+    return calibrate_virtual_camera(virtual_camera)

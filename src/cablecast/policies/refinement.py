@@ -4,12 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.conventions import mirror_xy
-from cablecast.models.forward import ForwardModel
+from cablecast.models.base import LandingModel
 from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, MotionConfig, mirror_actions
 from cablecast.workspace import Workspace
-
-DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0)])
-"""What a rig may deviate by in (theta1, theta2, r2, psi): 1 degree and 1 cm."""
 
 ITERATION_COUNT = 2
 """Newton steps: the second already lands within 0.1 % of the cable's length of the target."""
@@ -19,48 +16,12 @@ ITERATION_COUNT = 2
 _STEP_MAX = 2.0
 
 
-def deviations(actions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The changes of an action that are considered one by one, shape [change, 4].
-
-    One of each variable; in an action set without psi, of which the model knows nothing else, psi
-    goes along with theta2.
-
-    Args:
-        actions: All actions of the set, shape [action, 4].
-    """
-    changes = np.diag(DEVIATION)
-    if np.allclose(actions[:, 3], actions[:, 1], rtol=0.0, atol=1e-9):
-        changes[1] += changes[3]
-        changes = changes[:3]
-    return changes
-
-
-def landing_shifts(
-    model: ForwardModel, actions: NDArray[np.float64], changes: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """How the predicted landing moves when an action changes.
-
-    Args:
-        model: The forward model.
-        actions: Shape [action, 4].
-        changes: See `deviations`, shape [change, 4].
-
-    Returns:
-        Shift for each change, by central differences [m], shape [action, 2, change].
-    """
-    shifts = [
-        (model.predict(actions + change) - model.predict(actions - change)) / 2
-        for change in changes
-    ]
-    return np.stack(shifts, axis=2)
-
-
 def refine_actions(
     actions: NDArray[np.float64],
     target_xy: NDArray[np.float64],
     changes: NDArray[np.float64],
     *,
-    model: ForwardModel,
+    model: LandingModel,
     config: MotionConfig,
     workspace: Workspace,
     table_margin: float,
@@ -91,7 +52,7 @@ def refine_actions(
     start_xy = model.predict(start)
     moved, moved_xy = start.copy(), start_xy
     for _ in range(ITERATION_COUNT):
-        shifts = landing_shifts(model, moved, changes)
+        shifts = model.landing_shifts(moved, changes)
         step = (np.linalg.pinv(shifts, rcond=1e-3) @ (targets - moved_xy)[..., None])[..., 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
         step *= np.minimum(1.0, _STEP_MAX / np.maximum(length, 1e-12))

@@ -77,7 +77,7 @@ def selection_part(results: Reproduction, workspace: Workspace) -> Part | None:
             ),
             *results.picture(
                 results.cables[0],
-                "select",
+                "repeat",
                 "repeatability.png",
                 "Repeated landings with 95 % ellipses. After figure 7 of the paper.",
             ),

@@ -125,7 +125,7 @@ class EndpointTracker:
         self._times.append(time)
         patch = None
         if not self._seen:
-            patch = self._first(grab)
+            patch = self._first(grab) if frame % self.config.search_period == 0 else None
         else:
             lost_count = frame - 1 - self._seen[-1].frame
             patch = self._near(time, lost_count, grab)

@@ -16,8 +16,9 @@ from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.camera.opencv import load_cv2
 from cablecast.rigs.camera.video import write_video
-from cablecast.rigs.virtual.camera import Film, FilmedTrial, VirtualCamera
+from cablecast.rigs.virtual.camera import Film, VirtualCamera
 from cablecast.rigs.virtual.camera_calibrate import board_pictures
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.workspace import Workspace

@@ -16,10 +16,11 @@ from cablecast.arm.ur5 import ArmUR5
 from cablecast.cable import load_cable
 from cablecast.motion.joint_path import JointPath
 from cablecast.rigs.camera.calibration import Calibration
-from cablecast.rigs.camera.tracker import EndpointTracker, TrackerConfig
+from cablecast.rigs.camera.tracker import EndpointTracker
 from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
-from cablecast.rigs.virtual.camera import Film, FilmedTrial, VirtualCamera
+from cablecast.rigs.virtual.camera import Film, VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.rigs.virtual.camera_error import MODEL_FILE, CameraErrorModel, bias_terms
 
 Array = NDArray[np.float64]
@@ -111,26 +112,6 @@ def clip_trial(rng: np.random.Generator, index: int) -> FilmedTrial:
         [level + bow * across[:, None], np.full((*level.shape[:2], 1), cable.radius)], axis=-1
     )
     return FilmedTrial(cable=cable, times=times, nodes=nodes, joint_path=joint_path)
-
-
-def track_film(film: Film, calibration: Calibration, start_known: bool = True) -> EndpointTracker:
-    """Run the tracker over a film, drawing only what it looks at.
-
-    Args:
-        film: What to watch.
-        calibration: What the tracker knows of the camera.
-        start_known: Whether it is told where the endpoint begins.
-    """
-    trial = film.trial
-    tracker = EndpointTracker(
-        calibration.view,
-        film.camera.workspace,
-        TrackerConfig(marker=film.marker, marker_z=trial.cable.radius),
-        start_xy=trial.nodes[0, -1, :2] if start_known else None,
-    )
-    for frame in range(film.frame_count):
-        tracker.update(film.time(frame), film.grab(frame))
-    return tracker
 
 
 def measure(

@@ -131,8 +131,8 @@ class SensorCamera:
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
     ) -> EndpointTrack:
         """What is seen of a trial; see Sensor."""
-        from cablecast.rigs.virtual.camera import FilmedTrial
-        from cablecast.rigs.virtual.camera_fit import track_film
+        from cablecast.rigs.virtual.camera import track_film
+        from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 
         if track.status in _BLIND_STATUSES or track.nodes is None:
             return _thinned(track, self.sample_dt)

@@ -1,0 +1,111 @@
+"""`cablecast track` on a rendered video."""
+
+import csv
+import json
+import pathlib
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from cablecast.cli import main
+
+# What the project asks of the tracker [m]; with tags alone the lens is known less well.
+ERROR_RMS = 3e-3
+START = 12 / 60
+
+
+@pytest.fixture(scope="module")
+def film():
+    """A short made-up motion, filmed."""
+    from cablecast.cable import load_cable
+    from cablecast.rigs.virtual.camera import VirtualCamera
+    from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+
+    times = np.arange(36) * 0.01
+    u = np.clip(times / 0.3, 0, 1)
+    path = np.array([0.0, 1.22]) + (u**3 * (10 - 15 * u + 6 * u * u))[:, None] * [0.5, -0.2]
+    share = np.linspace(0, 1, 10)[:, None]
+    xy = np.array([0.0, 0.6]) + share * (path[:, None] - np.array([0.0, 0.6]))
+    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), 0.0055)], axis=-1)
+    trial = FilmedTrial(cable=load_cable("cable_1"), times=times, nodes=nodes, joint_path=None)
+    return VirtualCamera().film(trial, seed=6)
+
+
+@pytest.fixture(scope="module")
+def folder(film, tmp_path_factory) -> pathlib.Path:
+    """A video of it with the layout of the tags, and what tracking it with these wrote."""
+    from cablecast.rigs.camera.video import write_video
+
+    folder = tmp_path_factory.mktemp("film")
+    frames = (film.frame(i) for i in range(film.frame_count))
+    write_video(folder / "trial.mp4", frames, 60.0)
+    film.camera.layout.save(folder / "tags.yaml")
+    arguments = ["--tags", str(folder / "tags.yaml"), "--out", str(folder / "out")]
+    assert main(["track", str(folder / "trial.mp4"), *arguments, "--start", f"{START:.4f}"]) == 0
+    return folder
+
+
+def rows(file):
+    return list(csv.DictReader(file.open()))
+
+
+def refused(arguments, capsys) -> str:
+    assert main(["track", *(str(argument) for argument in arguments)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert "Traceback" not in "".join(lines)
+    return lines[-1]
+
+
+def test_a_video_becomes_the_track_that_was_filmed(film, folder):
+    samples = rows(folder / "out" / "track.csv")
+    assert [float(row["time_s"]) for row in samples] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    found = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows_seen(folder)])
+    times = np.array([float(row["time_s"]) for row in rows_seen(folder)])
+    truth = film.trial.shape_at(times)[:, -1, :2]
+    error = np.linalg.norm(found - truth, axis=1)
+    assert np.sqrt(np.mean(error**2)) < ERROR_RMS
+    assert len(found) == film.frame_count
+
+
+def rows_seen(folder):
+    return [row for row in rows(folder / "out" / "frames.csv") if row["x_m"]]
+
+
+def test_the_run_folder_says_how_the_trial_ended(folder):
+    metrics = json.loads((folder / "out" / "metrics.json").read_text())
+    assert metrics["status"] == "ok"
+    assert metrics["final_xy"] == pytest.approx([0.5, 1.02], abs=ERROR_RMS)
+    assert metrics["tags_used"] == 11
+    assert (folder / "out" / "track.png").stat().st_size > 10_000
+    assert json.loads((folder / "out" / "config.json").read_text())["command"] == "track"
+
+
+def test_a_stored_calibration_takes_the_place_of_the_tags(folder, tmp_path, capsys):
+    calibration = folder / "out" / "calibration.json"
+    arguments = ["--calibration", str(calibration), "--out", str(tmp_path / "again")]
+    assert main(["track", str(folder / "trial.mp4"), *arguments, "--start", f"{START:.4f}"]) == 0
+    assert "ok: " in capsys.readouterr().out
+    first, again = (rows(f / "track.csv") for f in (folder / "out", tmp_path / "again"))
+    assert first == again
+
+
+def test_a_video_that_is_none_is_refused(tmp_path, capsys):
+    file = tmp_path / "a.mp4"
+    file.write_bytes(b"not a video")
+    assert "no video that can be read" in refused([file, "--out", tmp_path / "out"], capsys)
+    assert "there is no video" in refused([tmp_path / "b.mp4", "--out", tmp_path / "out"], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_calibrations_and_layouts_are_refused(folder, tmp_path, capsys):
+    video, bad = folder / "trial.mp4", tmp_path / "bad.yaml"
+    bad.write_text("tags: []")
+    out = ["--out", tmp_path / "out"]
+    assert "at least 4" in refused([video, "--tags", bad, *out], capsys)
+    assert "is no calibration" in refused([video, "--calibration", bad, *out], capsys)
+    assert "give either" in refused([video, "--calibration", bad, "--tags", bad, *out], capsys)
+    assert "no such folder" in refused([video, "--board", tmp_path / "none", *out], capsys)
+    assert "[0, 3600]" in refused([video, "--start", "-1", *out], capsys)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,125 @@
+"""Tags, boards, and the calibration that follows from their pictures."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from cablecast.errors import InputError
+from cablecast.rigs.camera.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.rigs.camera.tags import Tag, TagLayout, default_layout, detect_tags, tag_picture
+from cablecast.rigs.virtual.camera_calibrate import board_pictures
+
+# Tags are stuck with 1 mm of error each, and eleven of them average most of it.
+TABLE_RMS = 1.5e-3
+# Without a known lens, its distortion follows the tags' errors, too.
+TAGS_ONLY_RMS = 2.5e-3
+FOCAL_RELATIVE = 1e-3
+
+
+@pytest.fixture(scope="module")
+def empty(virtual_camera):
+    return virtual_camera.empty_frame(seed=3)
+
+
+def table_error(calibration, camera, z):
+    """Distance on the table between where points are and where the calibration has them [m]."""
+    x, y = np.meshgrid(np.linspace(-1.3, 1.3, 15), np.linspace(0.05, 1.45, 9))
+    points = np.stack([x, y, np.full_like(x, z)], axis=-1)
+    found = calibration.view.to_table(camera.view.to_image(points), z)
+    return np.linalg.norm(found - points[..., :2], axis=-1)
+
+
+def test_board_and_tags_tell_where_points_of_the_table_are(calibration, virtual_camera):
+    for z in (0.0, 0.0055, 0.05):
+        error = table_error(calibration, virtual_camera, z)
+        assert np.sqrt(np.mean(error**2)) < TABLE_RMS
+    assert calibration.tag_ids == tuple(range(11))
+
+
+def test_a_board_tells_the_focal_length(virtual_camera):
+    lens, rms = calibrate_lens(board_pictures(virtual_camera), Board())
+    np.testing.assert_allclose(lens.focal, virtual_camera.view.lens.focal, rtol=FOCAL_RELATIVE)
+    assert rms < 0.5
+
+
+def test_tags_alone_do_for_points_near_the_table(empty, virtual_camera):
+    calibration = calibrate_view([empty], virtual_camera.layout)
+    error = table_error(calibration, virtual_camera, 0.0055)
+    assert np.sqrt(np.mean(error**2)) < TAGS_ONLY_RMS
+
+
+def test_a_tag_that_was_moved_is_found_out(empty, virtual_camera, calibration):
+    tags = list(virtual_camera.layout.tags)
+    tags[2] = dataclasses.replace(tags[2], x=tags[2].x + 0.03)
+    layout = TagLayout(tags=tuple(tags))
+    found = calibrate_view([empty], layout, lens=calibration.view.lens)
+    assert found.rejected_ids == (2,)
+    assert np.sqrt(np.mean(table_error(found, virtual_camera, 0.0) ** 2)) < TABLE_RMS
+
+
+def test_tags_of_another_table_are_refused(empty):
+    layout = TagLayout(tags=tuple(Tag(id=100 + i, x=0.2 * i, y=0.5) for i in range(6)))
+    with pytest.raises(InputError, match="0 of the layout's 6 tags"):
+        calibrate_view([empty], layout)
+
+
+def test_a_picture_without_a_table_is_refused():
+    with pytest.raises(InputError, match="at least 4"):
+        calibrate_view([np.zeros((480, 640, 3), np.uint8)], default_layout())
+
+
+def test_pictures_without_a_board_are_refused(empty):
+    with pytest.raises(InputError, match="0 of 6 pictures"):
+        calibrate_lens([empty] * 6, Board())
+
+
+def test_a_calibration_survives_its_file(calibration, tmp_path):
+    calibration.save(tmp_path / "calibration.json")
+    assert Calibration.load(tmp_path / "calibration.json") == calibration
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"view": 3}'])
+def test_a_file_that_is_no_calibration_is_refused(text, tmp_path):
+    file = tmp_path / "calibration.json"
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"calibration\.json is no calibration"):
+        Calibration.load(file)
+
+
+def test_a_turned_tag_has_its_corners_where_a_picture_shows_them():
+    # A layout with y up and the picture's v down: a quarter turn clockwise takes the upper left
+    # corner to the upper right.
+    tag, turned = Tag(id=5, x=0.3, y=0.4), Tag(id=5, x=0.3, y=0.4, yaw=np.pi / 2)
+    np.testing.assert_allclose(turned.corners[0], tag.corners[1], atol=1e-12)
+    picture = np.pad(tag_picture(5, cell=8), 30, constant_values=255)
+    upright, clockwise = detect_tags(picture)[5], detect_tags(np.rot90(picture, -1).copy())[5]
+    np.testing.assert_allclose(clockwise[0], upright[1], atol=0.6)
+
+
+def test_a_layout_survives_its_file(tmp_path):
+    layout = TagLayout(tags=(*default_layout().tags, Tag(id=40, x=0.1, y=0.9, yaw=0.25, size=0.07)))
+    layout.save(tmp_path / "tags.yaml")
+    loaded = TagLayout.load(tmp_path / "tags.yaml")
+    for tag, again in zip(layout.tags, loaded.tags, strict=True):
+        assert dataclasses.astuple(again) == pytest.approx(dataclasses.astuple(tag))
+
+
+@pytest.mark.parametrize(
+    ("text", "fragment"),
+    [
+        ("tags: 3", "list named `tags`"),
+        ("tags: [{id: 1, x: 0}]", "must give id, x, y"),
+        ("tags: [{id: 9999, x: 0, y: 0}]", "9999"),
+        ("tags: [{id: 1, x: far, y: 0}]", "far"),
+        ("tags: [{id: 1, x: 0, y: 0}, {id: 1, x: 0, y: 1}]", "at least 4"),
+        ("tags: [", "cannot be read"),
+    ],
+)
+def test_a_layout_that_says_nonsense_is_refused(text, fragment, tmp_path):
+    file = tmp_path / "tags.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=fragment):
+        TagLayout.load(file)

@@ -1,0 +1,246 @@
+"""The tracker on rendered frames: how exact it is, and that it never guesses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from cablecast.arm.ur5 import ArmUR5
+from cablecast.cable import load_cable
+from cablecast.errors import InputError
+from cablecast.motion.joint_path import JointPath
+from cablecast.rigs.camera.tracker import EndpointTracker, TrackerConfig, judge_status, sample_path
+from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
+from cablecast.rigs.virtual.camera import VirtualCamera, track_film
+from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.track import TrialStatus
+from cablecast.workspace import Workspace
+
+# What the project asks of the tracker [m].
+ERROR_RMS = 3e-3
+# At most this far off in any frame: a tracker that took another green thing would be off by more.
+ERROR_MAX = 8e-3
+# So far below the arm's silhouette no part of the marker is in sight, so far beside it all is [m].
+DEEP, CLEAR = -0.02, 0.035
+DT = 0.01
+CABLE = load_cable("cable_1")
+
+
+def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6)):
+    """The endpoint goes from one place to another and rests; the cable follows in a bow."""
+    times = np.arange(round((duration + rest) / DT) + 1) * DT
+    u = np.clip(times / duration, 0, 1)
+    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
+    path = np.asarray(start) + s * (np.asarray(end) - np.asarray(start))
+    share = np.linspace(0, 1, 12)[:, None]
+    chord = path[:, None] - np.asarray(grip)
+    across = np.stack([-chord[..., 1], chord[..., 0]], axis=-1)
+    xy = np.asarray(grip) + share * chord + 0.3 * np.sin(np.pi * share) * across
+    height = np.full((*xy.shape[:2], 1), CABLE.radius)
+    if z is not None:
+        # Beyond the table the cable hangs: everything past the edge is below it.
+        height = np.where(np.abs(xy[..., :1]) > Workspace().table_width / 2, z, height)
+    nodes = np.concatenate([xy, height], axis=-1)
+    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=joint_path)
+
+
+def still_arm(theta, reach):
+    """An arm that holds its gripper over one place."""
+    pose = [reach * np.sin(theta), reach * np.cos(theta), 0.02, theta, 0.0]
+    q = ArmUR5().inverse(np.array([pose, pose]))
+    return JointPath(times=np.array([0.0, 10.0]), q=q, qd=np.zeros_like(q))
+
+
+def hidden_place(camera, arm):
+    """Where on the table the arm hides most [m], shape [2]."""
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 81), np.linspace(0.3, 0.7, 41))
+    points = np.stack([x, y, np.full_like(x, CABLE.radius)], axis=-1).reshape(-1, 3)
+    shape = arm_shape(joints_at(arm, np.zeros(len(points))))
+    clearance = sight_clearance(points, camera.view.position, shape)
+    assert clearance.min() < DEEP
+    return points[clearance.argmin(), :2]
+
+
+def follow(camera, calibration, trial, seed=0, **kwargs):
+    """Track a film; the tracker, the truth in its frames, and what it reported."""
+    film = camera.film(trial, seed)
+    tracker = track_film(film, calibration, **kwargs)
+    times, xy = tracker.frames
+    return tracker, trial.shape_at(times)[:, -1], xy
+
+
+def errors(truth, xy):
+    distance = np.linalg.norm(xy - truth[:, :2], axis=1)
+    return distance[np.isfinite(distance)]
+
+
+WAYS = [
+    ((-1.25, 0.15), (-0.4, 1.35)),
+    ((1.25, 1.38), (0.35, 0.9)),
+    ((0.0, 1.22), (0.75, 0.7)),
+    ((-0.6, 0.25), (0.6, 0.3)),
+    ((0.55, 1.05), (1.3, 0.2)),
+]
+
+
+def test_the_endpoint_is_found_within_three_millimetres_all_over_the_table(
+    virtual_camera, calibration
+):
+    all_errors, seen_count, frame_count = [], 0, 0
+    for seed, (start, end) in enumerate(WAYS):
+        tracker, truth, xy = follow(virtual_camera, calibration, glide(start, end), seed)
+        all_errors.append(errors(truth, xy))
+        seen_count += len(all_errors[-1])
+        frame_count += len(xy)
+        assert tracker.track().status is TrialStatus.OK
+    joined = np.concatenate(all_errors)
+    assert np.sqrt(np.mean(joined**2)) < ERROR_RMS
+    assert joined.max() < ERROR_MAX
+    # Nothing hides the marker on these ways.
+    assert seen_count > 0.98 * frame_count
+
+
+def test_samples_come_every_100_ms_from_the_beginning_of_the_motion(virtual_camera, calibration):
+    tracker, _, _ = follow(virtual_camera, calibration, glide((0.0, 1.2), (0.5, 1.0)))
+    track = tracker.track()
+    np.testing.assert_allclose(track.times, 0.1 * np.arange(6))
+    truth = glide((0.0, 1.2), (0.5, 1.0)).shape_at(track.times)[:, -1, :2]
+    assert np.linalg.norm(track.endpoint_xy - truth, axis=1).max() < ERROR_RMS
+
+
+def test_blur_noise_and_unsteady_light_do_not_lose_the_marker(calibration, workspace):
+    config = CameraConfig(
+        noise=8.0,
+        exposure=1 / 100,
+        light=LightConfig(drift=0.25, drift_period=0.5, flicker=0.08, step=0.25),
+    )
+    trial = glide((0.5, 1.2), (-0.5, 0.75), duration=0.45)
+    camera = VirtualCamera(config, workspace)
+    _, truth, xy = follow(camera, calibration, trial, seed=5)
+    found = errors(truth, xy)
+    assert len(found) > 0.9 * len(xy)
+    assert np.sqrt(np.mean(found**2)) < ERROR_RMS
+
+
+def test_below_the_arm_nothing_is_reported_and_behind_it_the_marker_is_found_again(
+    virtual_camera, calibration
+):
+    arm = still_arm(0.0, 0.75)
+    place = hidden_place(virtual_camera, arm)
+    way = np.array([0.3, 0.03])
+    trial = glide(place - way, place + way, duration=0.9, joint_path=arm, grip=(0.0, 0.75))
+    tracker, truth, xy = follow(virtual_camera, calibration, trial, seed=2)
+    times, _ = tracker.frames
+    clearance = sight_clearance(
+        truth, virtual_camera.view.position, arm_shape(joints_at(arm, times))
+    )
+    seen = np.isfinite(xy).all(axis=1)
+    assert (clearance < DEEP).sum() >= 3
+    assert not seen[clearance < DEEP].any()
+    clear_after = np.flatnonzero((clearance > CLEAR) & (np.arange(len(times)) > clearance.argmin()))
+    # A search of the whole image comes every third frame.
+    assert seen[clear_after[3:]].all()
+    assert errors(truth, xy).max() < ERROR_MAX
+    assert tracker.track().status is TrialStatus.OK
+
+
+def test_an_endpoint_that_ends_below_the_arm_is_occluded_and_has_no_landing(
+    virtual_camera, calibration
+):
+    arm = still_arm(0.0, 0.75)
+    end = hidden_place(virtual_camera, arm)
+    trial = glide((-0.4, 0.5), end, joint_path=arm, grip=(0.0, 0.75))
+    tracker, _, xy = follow(virtual_camera, calibration, trial)
+    track = tracker.track()
+    assert track.status is TrialStatus.OCCLUDED
+    assert np.isnan(track.endpoint_xy[-1]).all()
+    assert np.isnan(track.final_xy).all()
+    assert np.isfinite(xy[0]).all()
+
+
+def test_a_marker_that_is_never_in_sight_is_not_replaced_by_another_green_thing(
+    virtual_camera, calibration
+):
+    arm = still_arm(0.0, 0.75)
+    place = hidden_place(virtual_camera, arm)
+    trial = glide(place, place, joint_path=arm, grip=(0.0, 0.75))
+    tracker, _, xy = follow(virtual_camera, calibration, trial)
+    assert np.isnan(xy).all()
+    assert tracker.track().status is TrialStatus.OCCLUDED
+
+
+def test_an_endpoint_that_leaves_the_table_is_off_table(virtual_camera, calibration):
+    trial = glide((1.0, 1.1), (1.45, 1.1), z=-0.2)
+    tracker, _, xy = follow(virtual_camera, calibration, trial)
+    assert tracker.track().status is TrialStatus.OFF_TABLE
+    on_table = np.isfinite(xy).all(axis=1)
+    assert on_table[:10].all()
+    assert np.isnan(tracker.track().final_xy).all()
+
+
+def test_a_film_that_goes_dark_gives_nothing_and_the_marker_is_found_when_light_returns(
+    virtual_camera, calibration, workspace
+):
+    trial = glide((0.1, 1.2), (0.6, 1.0))
+    film = virtual_camera.film(trial, 1)
+    config = TrackerConfig(marker_z=CABLE.radius)
+    tracker = EndpointTracker(calibration.view, workspace, config, start_xy=(0.1, 1.2))
+    dark = range(15, 27)
+    for frame in range(film.frame_count):
+        grab = film.grab(frame)
+
+        def piece(window, grab=grab, lit=frame not in dark):
+            image = grab(window)
+            return image if lit else np.zeros_like(image)
+
+        tracker.update(film.time(frame), piece)
+    _, xy = tracker.frames
+    seen = np.isfinite(xy).all(axis=1)
+    assert not seen[list(dark)].any()
+    assert seen[: dark.start].all()
+    assert seen[dark.stop + 3 :].all()
+
+
+def test_times_of_frames_must_rise(calibration, workspace):
+    tracker = EndpointTracker(calibration.view, workspace)
+    black = np.zeros((1080, 1920, 3), np.uint8)
+    tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+    with pytest.raises(InputError, match="must rise"):
+        tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+
+
+def test_a_sample_between_frames_lies_between_their_points_and_never_across_a_gap():
+    times = np.arange(7) / 30
+    xy = np.stack([times, 2 * times], axis=1)
+    xy[3] = np.nan
+    sampled = sample_path(times, xy, np.array([0.0, 0.05, 0.1, 0.11, 0.15]))
+    np.testing.assert_allclose(sampled[:2], [[0.0, 0.0], [0.05, 0.1]], atol=1e-12)
+    assert np.isnan(sampled[2:4]).all()
+    np.testing.assert_allclose(sampled[4], [0.15, 0.3], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("last_seen", "velocity", "status"),
+    [
+        ((1.36, 0.8), (3.0, 0.0), TrialStatus.OFF_TABLE),
+        ((1.36, 0.8), (-0.1, 0.0), TrialStatus.OCCLUDED),
+        ((0.2, 0.4), (1.0, 0.0), TrialStatus.OCCLUDED),
+    ],
+    ids=["on its way out", "on its way in", "in the middle"],
+)
+def test_a_lost_endpoint_is_off_the_table_only_if_it_was_leaving(last_seen, velocity, status):
+    times = np.arange(13) / 60
+    xy = np.full((13, 2), np.nan)
+    xy[:6] = np.asarray(last_seen) + (times[:6] - times[5])[:, None] * np.asarray(velocity)
+    samples = sample_path(times, xy, np.array([0.0, 0.1, 0.2]))
+    assert judge_status(times, xy, samples, Workspace()) is status
+
+
+def test_settings_out_of_bounds_are_named():
+    with pytest.raises(InputError, match="search_period = 0"):
+        TrackerConfig(search_period=0)
+    with pytest.raises(InputError, match="share_min"):
+        dataclasses.replace(TrackerConfig().marker, share_min=2.0)

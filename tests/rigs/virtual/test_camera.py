@@ -1,0 +1,214 @@
+"""The camera over the virtual table, and the model of its errors."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from cablecast.arm.ur5 import ArmUR5
+from cablecast.errors import InputError
+from cablecast.motion.joint_path import JointPath
+from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
+from cablecast.rigs.virtual.camera_error import CameraErrorModel
+from cablecast.workspace import Workspace
+
+CABLE_RADIUS = 0.0055
+# Two distributions estimated from some 500 frames of twelve clips each [m].
+MEAN_AGREEMENT = 0.4e-3
+RMS_AGREEMENT = 0.5e-3
+# Parts of the frames near the arm in which the marker is seen, from some hundred frames.
+SEEN_AGREEMENT = 0.15
+
+
+def quiet(model, **changes):
+    """A model without its random errors."""
+    zero = ("place_sd", "noise_sd", "noise_per_speed", "edge_sd", "hidden_spread", "miss_rate")
+    return dataclasses.replace(
+        model, **{name: 0.0 for name in zero} | {"blind": (), "delay": 0.0} | changes
+    )
+
+
+def arm_at(theta, reach):
+    pose = [reach * np.sin(theta), reach * np.cos(theta), 0.02, theta, 0.0]
+    q = ArmUR5().inverse(np.array([pose, pose]))
+    return JointPath(times=np.array([0.0, 1.0]), q=q, qd=np.zeros_like(q))
+
+
+def observe(model, points, joint_path=None, seed=0):
+    times = np.arange(len(points)) / 60
+    rng = np.random.default_rng(seed)
+    return model.observe(times, points, joint_path, Workspace(), CABLE_RADIUS, rng)
+
+
+def test_the_last_rod_of_the_arm_ends_where_the_gripper_holds_the_cable():
+    path = arm_at(0.4, 0.7)
+    shape = arm_shape(path.q[:1])
+    pose = ArmUR5().grip_pose(path.q[0])
+    # The cable leaves the fingers beside their axis.
+    distance = np.linalg.norm(shape.ends[0, -1, 1] - pose[:3])
+    assert distance == pytest.approx(ArmUR5().grip_offset, abs=1e-9)
+
+
+def test_a_line_of_sight_is_measured_from_a_rod_s_surface():
+    rod = np.array([[[[-1.0, 0.0, 0.5], [1.0, 0.0, 0.5]]]])
+    shape = ArmShape(ends=rod, radii=np.array([0.04]))
+    beside = sight_clearance(np.array([[0.0, 0.3, 0.0]]), [0.0, 0.3, 2.0], shape)
+    below = sight_clearance(np.array([[0.2, 0.0, 0.0]]), [0.2, 0.0, 2.0], shape)
+    past_the_end = sight_clearance(np.array([[1.5, 0.0, 0.0]]), [1.5, 0.0, 2.0], shape)
+    np.testing.assert_allclose([beside[0], below[0]], [0.26, -0.04], atol=1e-12)
+    np.testing.assert_allclose(past_the_end, [0.46], atol=1e-12)
+
+
+def test_the_error_model_sees_what_it_should_and_hides_what_geometry_hides():
+    model = quiet(CameraErrorModel.load(), bias=((0.0,) * 6,) * 2)
+    camera = np.array(model.camera)
+    arm = arm_at(0.0, 0.75)
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 41), np.linspace(0.3, 0.7, 21))
+    table = np.stack([x, y, np.full_like(x, CABLE_RADIUS)], axis=-1).reshape(-1, 3)
+    clearance = sight_clearance(table, camera, arm_shape(joints_at(arm, np.zeros(len(table)))))
+    below_arm, clear = table[clearance.argmin()], table[clearance.argmax()]
+    assert np.isnan(observe(model, below_arm[None], arm)).all()
+    np.testing.assert_allclose(observe(model, clear[None], arm)[0], clear[:2], atol=1e-9)
+    np.testing.assert_allclose(observe(model, below_arm[None])[0], below_arm[:2], atol=1e-9)
+    # Beside the table: in sight where it hangs far out, hidden where the table is in the way.
+    hanging = np.array([[1.45, 0.8, -0.1], [1.40, 0.8, -0.4]])
+    seen = np.isfinite(observe(model, hanging)).all(axis=1)
+    np.testing.assert_array_equal(seen, [True, False])
+    assert np.isnan(observe(model, np.array([[2.5, 0.8, 0.0]]))).all()
+
+
+def test_a_raised_endpoint_seems_farther_from_the_camera():
+    model = quiet(CameraErrorModel.load(), bias=((0.0,) * 6,) * 2)
+    seen = observe(model, np.array([[1.0, 1.2, CABLE_RADIUS + 0.05]]))[0]
+    camera = np.array(model.camera)
+    scale = (camera[2] - CABLE_RADIUS) / (camera[2] - CABLE_RADIUS - 0.05)
+    np.testing.assert_allclose(seen, camera[:2] + scale * (np.array([1.0, 1.2]) - camera[:2]))
+
+
+def test_a_marker_on_another_green_thing_is_not_told_from_it():
+    model = quiet(CameraErrorModel.load(), blind=((-1.0, 0.4, 0.1),))
+    seen = observe(model, np.array([[-1.05, 0.42, 0.005], [-0.8, 0.4, 0.005]]))
+    assert np.isnan(seen[0]).all()
+    assert np.isfinite(seen[1]).all()
+
+
+def test_the_noise_of_the_model_is_what_its_file_says():
+    model = dataclasses.replace(
+        quiet(CameraErrorModel.load(), bias=((0.0,) * 6,) * 2), noise_sd=2e-4, place_sd=5e-4
+    )
+    points = np.tile([0.3, 0.9, CABLE_RADIUS], (30, 1))
+    errors = np.array([observe(model, points, seed=i) - points[:, :2] for i in range(300)])
+    # 300 draws know a standard deviation to 4 %.
+    assert errors.std(axis=1).mean() == pytest.approx(2e-4, rel=0.12)
+    assert errors.mean(axis=1).std() == pytest.approx(5e-4, rel=0.12)
+
+
+def test_an_error_model_survives_its_file(tmp_path):
+    model = CameraErrorModel.load()
+    model.save(tmp_path / "error.json")
+    assert CameraErrorModel.load(tmp_path / "error.json") == model
+
+
+@pytest.mark.parametrize("change", [{"bias": [[0]]}, {"noise_sd": -1.0}, {"unknown": 1}])
+def test_a_damaged_error_model_is_refused(change, tmp_path):
+    CameraErrorModel.load().save(tmp_path / "error.json")
+    values = json.loads((tmp_path / "error.json").read_text()) | change
+    (tmp_path / "error.json").write_text(json.dumps(values))
+    with pytest.raises(InputError):
+        CameraErrorModel.load(tmp_path / "error.json")
+
+
+@pytest.fixture(scope="module")
+def clips(virtual_camera, calibration):
+    """Filmed and tracked motions, half of them by the arm."""
+    from cablecast.rigs.virtual.camera_fit import clip_trial, measure
+
+    # Other motions than those that the model was fitted to.
+    clips = measure(virtual_camera, calibration, 12, seed=77)
+    return clips, [
+        clip_trial(np.random.default_rng([77, i]), i).joint_path for i in range(len(clips))
+    ]
+
+
+def test_the_error_model_and_the_rendered_camera_agree_in_mean_and_rms(clips):
+    model = CameraErrorModel.load()
+    rendered, drawn, seen_rendered, seen_drawn = [], [], 0, 0
+    for i, (clip, joint_path) in enumerate(zip(*clips, strict=True)):
+        xy = model.observe(
+            clip.times,
+            clip.points,
+            joint_path,
+            Workspace(),
+            clip.marker_z,
+            np.random.default_rng(i),
+        )
+        rendered.append(clip.tracked_xy - clip.points[:, :2])
+        drawn.append(xy - clip.points[:, :2])
+        near = np.abs(clip.clearance) < 0.06
+        seen_rendered += np.isfinite(clip.tracked_xy[near, 0]).sum()
+        seen_drawn += np.isfinite(xy[near, 0]).sum()
+    near_count = sum((np.abs(clip.clearance) < 0.06).sum() for clip in clips[0])
+    ours, theirs = (np.concatenate(errors) for errors in (rendered, drawn))
+    ours, theirs = (e[np.isfinite(e).all(axis=1)] for e in (ours, theirs))
+    assert np.linalg.norm(ours.mean(axis=0) - theirs.mean(axis=0)) < MEAN_AGREEMENT
+    rms = [np.sqrt(np.mean(np.sum(e**2, axis=1))) for e in (ours, theirs)]
+    assert abs(rms[0] - rms[1]) < RMS_AGREEMENT
+    assert abs(seen_rendered - seen_drawn) / near_count < SEEN_AGREEMENT
+
+
+def test_a_fit_to_clips_finds_the_errors_that_they_were_made_with(
+    clips, virtual_camera, calibration
+):
+    from cablecast.rigs.virtual.camera_fit import fit_error_model
+
+    truth = dataclasses.replace(
+        quiet(CameraErrorModel.load()), noise_sd=3e-4, delay=0.004, bias=((2e-3, *(0.0,) * 5),) * 2
+    )
+    made = []
+    for i, clip in enumerate(clips[0]):
+        xy = truth.observe(
+            clip.times, clip.points, None, Workspace(), clip.marker_z, np.random.default_rng(i)
+        )
+        nowhere, no_arm = np.empty((0, 3)), np.full(len(xy), np.inf)
+        made.append(dataclasses.replace(clip, tracked_xy=xy, clearance=no_arm, blind=nowhere))
+    found = fit_error_model(made, virtual_camera, calibration, 0)
+    assert found.noise_sd == pytest.approx(3e-4, rel=0.1)
+    assert found.delay == pytest.approx(0.004, rel=0.05)
+    # The fit's camera stands where its calibration says, a millimetre from the model's.
+    np.testing.assert_allclose([row[0] for row in found.bias], 2e-3, atol=3e-4)
+
+
+def test_a_piece_of_a_frame_equals_that_part_of_the_whole(virtual_camera):
+    from cablecast.rigs.virtual.camera_fit import clip_trial
+
+    film = virtual_camera.film(clip_trial(np.random.default_rng([0, 1]), 1), seed=4)
+    whole = film.frame(25)
+    assert whole.shape == (1080, 1920, 3)
+    for left, top, right, bottom in (
+        (900, 500, 1100, 640),
+        (0, 0, 90, 70),
+        (1850, 900, 1920, 1080),
+    ):
+        piece = film.piece(25, (left, top, right, bottom))
+        np.testing.assert_array_equal(piece, whole[top:bottom, left:right])
+
+
+def test_films_of_equal_seeds_are_equal_and_others_differ_in_light_and_noise(virtual_camera):
+    from cablecast.rigs.virtual.camera_fit import clip_trial
+
+    trial = clip_trial(np.random.default_rng([0, 0]), 0)
+    window = (800, 400, 1000, 600)
+    one, same, other = (virtual_camera.film(trial, seed).piece(9, window) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+
+
+def test_shapes_too_far_apart_in_time_are_not_filmed(cable):
+    pytest.importorskip("cv2")
+    from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+
+    with pytest.raises(InputError, match=r"0\.100 s"):
+        FilmedTrial(
+            cable=cable, times=np.arange(3) * 0.1, nodes=np.zeros((3, 5, 3)), joint_path=None
+        )

@@ -1,0 +1,100 @@
+"""What the virtual rig sees: exactly, through the camera's errors, or through the camera."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from cablecast.errors import InputError
+from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+from cablecast.rigs.virtual.sensing import make_sensor
+from cablecast.track import EndpointTrack, TrialStatus
+
+QUICK = VirtualConfig(segment_count=12, dt=1e-3, sensing="exact")
+ERROR_MODEL = dataclasses.replace(QUICK, sensing="error_model")
+CAMERA = dataclasses.replace(QUICK, sensing="camera")
+# What the camera is allowed to be off, in any sample [m].
+CAMERA_ERROR = 5e-3
+
+
+def distance(track, truth):
+    count = min(len(track.times), len(truth.times))
+    return np.linalg.norm(track.endpoint_xy[:count] - truth.endpoint_xy[:count], axis=1)
+
+
+@pytest.fixture(scope="module")
+def exact(cable, workspace, small_cast, cast):
+    return RigVirtual(cable, workspace, 0, QUICK).execute_many([small_cast, cast])
+
+
+def test_the_error_model_sees_the_endpoint_nearly_where_it_is(
+    cable, workspace, small_cast, cast, exact
+):
+    tracks = RigVirtual(cable, workspace, 0, ERROR_MODEL).execute_many([small_cast, cast])
+    for track, truth in zip(tracks, exact, strict=True):
+        off = distance(track, truth)
+        assert 0.0 < np.nanmax(off) < CAMERA_ERROR
+        np.testing.assert_allclose(np.diff(track.times), 0.1, atol=1e-9)
+        # The same trial: only what is seen of it differs.
+        np.testing.assert_allclose(track.nodes[:9], truth.nodes[:9], atol=1e-9)
+
+
+def test_the_camera_in_the_loop_sees_the_endpoint_nearly_where_it_is(
+    cable, workspace, small_cast, exact
+):
+    pytest.importorskip("cv2")
+    rig = RigVirtual(cable, workspace, 0, CAMERA)
+    rig.reset()
+    track = rig.execute(small_cast)
+    assert track.status is TrialStatus.OK
+    assert 0.0 < np.nanmax(distance(track, exact[0])) < CAMERA_ERROR
+    assert np.isfinite(track.endpoint_xy).all(axis=1).mean() > 0.8
+
+
+def test_what_is_seen_depends_on_seed_and_trial_alone(cable, workspace, small_cast):
+    rig = RigVirtual(cable, workspace, 3, ERROR_MODEL)
+    together = rig.execute_many([small_cast, small_cast])
+    again = RigVirtual(cable, workspace, 3, ERROR_MODEL)
+    for track in together:
+        again.reset()
+        np.testing.assert_array_equal(again.execute(small_cast).endpoint_xy, track.endpoint_xy)
+    assert not np.array_equal(together[0].endpoint_xy, together[1].endpoint_xy)
+
+
+def test_an_endpoint_that_leaves_the_table_is_seen_to(cable, workspace, wild):
+    track = RigVirtual(cable, workspace, 0, ERROR_MODEL).execute_many([wild])[0]
+    assert track.status is TrialStatus.OFF_TABLE
+    assert np.isnan(track.final_xy).all()
+
+
+def test_a_broken_simulation_is_not_looked_at(cable, workspace):
+    sensor = make_sensor("error_model", cable, workspace, 0.1)
+    broken = EndpointTrack(
+        times=np.arange(31) * 0.01,
+        endpoint_xy=np.zeros((31, 2)),
+        status=TrialStatus.NON_FINITE,
+        nodes=np.full((31, 5, 3), np.nan),
+    )
+    track = sensor.observe(broken, None, np.random.default_rng(0))
+    assert track.status is TrialStatus.NON_FINITE
+    np.testing.assert_allclose(track.times, [0.0, 0.1, 0.2, 0.3])
+    assert np.isnan(track.endpoint_xy).all()
+
+
+def test_a_record_too_coarse_for_a_camera_is_refused(cable, workspace):
+    sensor = make_sensor("error_model", cable, workspace, 0.1)
+    coarse = EndpointTrack(
+        times=np.arange(4) * 0.1,
+        endpoint_xy=np.zeros((4, 2)),
+        status=TrialStatus.OK,
+        nodes=np.zeros((4, 5, 3)),
+    )
+    with pytest.raises(InputError, match=r"every 0\.100 s"):
+        sensor.observe(coarse, None, np.random.default_rng(0))
+
+
+def test_unknown_sensing_is_refused_and_the_known_is_listed():
+    with pytest.raises(InputError, match=r"'x-ray'.*exact, error_model, camera"):
+        VirtualConfig(sensing="x-ray")
