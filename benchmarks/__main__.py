@@ -10,7 +10,6 @@ NAMES = {
     "validation": "closed forms; writes docs/validation.md",
     "figures": "draws the figure of docs/engine.md",
     "laboratory": "the virtual laboratory's scatter and difficulty, beside the paper's",
-    "repeatability": "scatter of repeated casts on the virtual rig, beside the paper's",
 }
 
 

@@ -10,25 +10,31 @@ import zlib
 
 import numpy as np
 
-from cablecast.cable import CABLE_NAMES, Cable, load_cable
+from cablecast.cable import CABLE_NAMES, Attachment, Cable, load_cable
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HiddenCable:
-    """The true cable and the true arm.
+    """The true cable.
 
     Attributes:
         mass: Of the cable without its attachment [kg].
         bend_stiffness: EI [N·m²].
         twist_stiffness: GJ [N·m²].
         bend_damping: Internal damping as a multiple of the elastic stiffness [s].
-        friction: Coulomb coefficient between cable and table [-].
+        friction: Coulomb coefficient between cable and table, mean of all places [-].
+        grain: Friction across the cable is higher by this share, along it lower [-].
+        curl: Curvature of the cable at rest, as it came off its spool [1/m].
+        yield_curvature: Sharper elastic bends leave a lasting one [1/m].
+        yield_time: Time in which a bend yields [s].
         endpoint_mass: Of the attachment [kg].
-        endpoint_share: Part of the attachment's mass that sits at its far end [-].
+        endpoint_share: Where the attachment's centre of mass lies, from its near end [-].
+        endpoint_offset: How far a hook's bend lies beside the cable [m].
+        endpoint_radius: Of a magnet's disc, or of a hook's wire [m].
+        endpoint_friction: Coulomb coefficient between attachment and table [-].
         drag: Drag coefficient of the cable in air for its normal velocity [-].
         linear_damping: Decay rate of velocities beside the drag [1/s].
         sleeve: Length of cable that the gripper's jaws hold straight [m].
-        arm_lag: Time constant with which the arm follows its command [s].
     """
 
     mass: float
@@ -36,12 +42,70 @@ class HiddenCable:
     twist_stiffness: float
     bend_damping: float
     friction: float
+    grain: float
+    curl: float
+    yield_curvature: float
+    yield_time: float
     endpoint_mass: float
     endpoint_share: float
+    endpoint_offset: float
+    endpoint_radius: float
+    endpoint_friction: float
     drag: float
     linear_damping: float
     sleeve: float = 0.006
-    arm_lag: float = 0.010
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HiddenArm:
+    """The true servos of the arm's six joints.
+
+    Attributes:
+        delay: From the set point to the motor [s].
+        frequency: Of the closed position loop, undamped [Hz].
+        damping_ratio: Of the closed position loop [-].
+        feedforward: Share of the commanded rate that the loop is told of [-].
+        torque: Of the standing base joint, less the friction of its gear [N·m].
+        free_speed: At which the base joint's motor has no torque left [rad/s].
+        inertia: Of the folded arm about the base axis [kg·m²].
+        stretch_mass: Adds to it times the square of the gripper's distance [kg].
+    """
+
+    delay: tuple[float, ...] = (0.012, 0.011, 0.011, 0.010, 0.010, 0.010)
+    frequency: tuple[float, ...] = (6.5, 7.4, 7.8, 11.0, 12.0, 12.5)
+    damping_ratio: tuple[float, ...] = (0.72, 0.80, 0.80, 0.85, 0.85, 0.80)
+    feedforward: float = 0.45
+    torque: float = 79.0
+    free_speed: float = 3.8
+    inertia: float = 1.4
+    stretch_mass: float = 5.8
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class HiddenTable:
+    """The true face of the table; each effect is relative to the mean friction.
+
+    Attributes:
+        seed: Of the drawing.
+        wear: Standard deviation of the smooth part [-].
+        wear_length: Distance over which it changes [m].
+        wave_count: Waves that it is drawn from.
+        board: Standard deviation from board to board [-].
+        board_size: Of one board along x and y [m].
+        first_seam: Where the first seams lie, from the corner of the table [m].
+        seam_width: Of the gap between boards and its frayed rims [m].
+        seam: How much more friction there is on a seam [-].
+    """
+
+    seed: int
+    wear: float = 0.05
+    wear_length: float = 0.25
+    wave_count: int = 24
+    board: float = 0.05
+    board_size: tuple[float, float] = (0.92, 0.61)
+    first_seam: tuple[float, float] = (0.43, 0.27)
+    seam_width: float = 0.01
+    seam: float = 0.35
 
 
 _PRESETS = {
@@ -51,8 +115,15 @@ _PRESETS = {
         twist_stiffness=4.5e-4,
         bend_damping=0.006,
         friction=0.34,
+        grain=0.06,
+        curl=0.5,
+        yield_curvature=12.0,
+        yield_time=0.5,
         endpoint_mass=0.0155,
         endpoint_share=0.6,
+        endpoint_offset=0.010,
+        endpoint_radius=0.0025,
+        endpoint_friction=0.28,
         drag=1.1,
         linear_damping=0.04,
     ),
@@ -62,8 +133,15 @@ _PRESETS = {
         twist_stiffness=2.6e-5,
         bend_damping=0.008,
         friction=0.29,
+        grain=0.04,
+        curl=0.8,
+        yield_curvature=25.0,
+        yield_time=0.5,
         endpoint_mass=0.0033,
         endpoint_share=0.6,
+        endpoint_offset=0.007,
+        endpoint_radius=0.0012,
+        endpoint_friction=0.26,
         drag=1.15,
         linear_damping=0.05,
     ),
@@ -73,8 +151,15 @@ _PRESETS = {
         twist_stiffness=1.3e-3,
         bend_damping=0.003,
         friction=0.40,
+        grain=0.08,
+        curl=0.4,
+        yield_curvature=8.0,
+        yield_time=0.3,
         endpoint_mass=0.0215,
         endpoint_share=0.5,
+        endpoint_offset=0.0,
+        endpoint_radius=0.009,
+        endpoint_friction=0.25,
         drag=1.1,
         linear_damping=0.03,
     ),
@@ -91,6 +176,7 @@ _BELIEF_SPREAD = {
     "endpoint_mass": 0.20,
 }
 _FRICTION_MAX = 1.5
+_ARM_SPREAD = 0.05
 
 
 def hidden_cable(cable: Cable, lab_seed: int) -> HiddenCable:
@@ -116,17 +202,49 @@ def hidden_cable(cable: Cable, lab_seed: int) -> HiddenCable:
         name: believed[name] * float(np.exp(spread * rng.normal()))
         for name, spread in _BELIEF_SPREAD.items()
     }
+    hook = cable.attachment is Attachment.HOOK
     return HiddenCable(
         mass=drawn["mass"],
         bend_stiffness=drawn["bend_stiffness"],
         twist_stiffness=drawn["twist_stiffness"],
         bend_damping=float(rng.uniform(0.003, 0.008)),
         friction=min(drawn["friction"], _FRICTION_MAX),
+        grain=float(rng.uniform(0.03, 0.08)),
+        curl=float(rng.uniform(-0.8, 0.8)),
+        yield_curvature=float(rng.uniform(8.0, 25.0)),
+        yield_time=float(rng.uniform(0.3, 0.6)),
         endpoint_mass=drawn["endpoint_mass"],
-        endpoint_share=float(rng.uniform(0.4, 0.7)) if cable.attachment_length else 0.0,
+        endpoint_share=float(rng.uniform(0.4, 0.7)),
+        endpoint_offset=0.2 * cable.attachment_length if hook else 0.0,
+        endpoint_radius=min(cable.radius, 0.0025) if hook else max(cable.radius, 0.009),
+        endpoint_friction=float(rng.uniform(0.2, 0.35)),
         drag=float(rng.uniform(1.0, 1.2)),
         linear_damping=float(rng.uniform(0.02, 0.06)),
     )
+
+
+def hidden_arm(lab_seed: int) -> HiddenArm:
+    """The true arm of a laboratory: another specimen has other servos, by some per cent."""
+    arm = HiddenArm()
+    if lab_seed == 0:
+        return arm
+    rng = np.random.default_rng([lab_seed, 1])
+
+    def spread(values: tuple[float, ...]) -> tuple[float, ...]:
+        factors = np.exp(_ARM_SPREAD * rng.normal(size=len(values)))
+        return tuple(float(value * factor) for value, factor in zip(values, factors, strict=True))
+
+    return dataclasses.replace(
+        arm,
+        delay=spread(arm.delay),
+        frequency=spread(arm.frequency),
+        damping_ratio=spread(arm.damping_ratio),
+    )
+
+
+def hidden_table(lab_seed: int) -> HiddenTable:
+    """The true table of a laboratory."""
+    return HiddenTable(seed=1000 + lab_seed)
 
 
 def _is_preset(cable: Cable) -> bool:

@@ -15,33 +15,40 @@ camera, or that camera itself, frame by rendered frame."""
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    The defaults make repeated landings scatter about as they did on the real table at v_max 1.2
-    and 1.5 m/s (paper, section VI-B), and less than there at 1.8; `python -m benchmarks
-    repeatability` measures it.
+    The defaults make repeated landings scatter about as they did on the real table (paper, section
+    VI-B); `python -m benchmarks laboratory` measures it. What makes fast motions scatter most is
+    the arm: near its limits a small change of what its motors can give changes the whole motion.
 
     Attributes:
         bow: Sideways bow of the cable after a reset, at its middle [m].
         sway: The same for an S-shape, at its quarters [m].
         angle: Direction of the cable after a reset [rad].
+        tip_roll: How the attachment comes to lie, turned about the cable [rad].
+        curl: Curvature that earlier trials have left in the cable [1/m].
         friction: Relative change of the friction between cable and table [-].
-        path_scale: Relative change of how far the gripper moves [-].
-        time_scale: Relative change of how long it takes [-].
-        delay: Change of the arm's lag [s].
+        servo: Relative change of how fast each joint's servo answers [-].
+        torque: Relative change of the torque that the base joint can give [-].
+        latency: How late a set point reaches the arm [s].
+        encoder: Error of a reported joint angle [rad].
     """
 
-    bow: float = 0.004
-    sway: float = 0.002
-    angle: float = 0.008
-    friction: float = 0.007
-    path_scale: float = 0.001
-    time_scale: float = 0.001
-    delay: float = 0.0005
+    bow: float = 0.003
+    sway: float = 0.0015
+    angle: float = 0.005
+    tip_roll: float = 0.2
+    curl: float = 0.15
+    friction: float = 0.006
+    servo: float = 0.006
+    torque: float = 0.028
+    latency: float = 0.0005
+    encoder: float = 5e-5
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if not (np.isfinite(value) and 0.0 <= value <= 0.5):
-                raise InputError(f"trial noise {field.name} = {value} is outside [0, 0.5]")
+            bound = 5.0 if field.name == "curl" else 0.5
+            if not (np.isfinite(value) and 0.0 <= value <= bound):
+                raise InputError(f"trial noise {field.name} = {value} is outside [0, {bound}]")
 
     @classmethod
     def none(cls) -> "TrialNoise":

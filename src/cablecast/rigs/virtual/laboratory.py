@@ -1,8 +1,9 @@
 """The laboratory: plays many trials at once in MuJoCo and watches each cable's endpoint."""
 
+import contextlib
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +11,25 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable
 from cablecast.conventions import tangent
 from cablecast.machine import core_count
-from cablecast.motion.grip_path import GripPath
-from cablecast.rigs.virtual._hidden import HiddenCable, hidden_cable
+from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable, hidden_table
+from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
+from cablecast.rigs.virtual.forces import CableForces, CableMotion
+from cablecast.rigs.virtual.reset_library import find_library
 from cablecast.rigs.virtual.scene import HAND_DOF_COUNT, Scene, build_scene, hand_controls
-from cablecast.rigs.virtual.trials import Trial, arm_poses, reset_shape
+from cablecast.rigs.virtual.table import friction_map
+from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
-AIR_DENSITY = 1.2
+if TYPE_CHECKING:
+    from cablecast.motion.trajectory import Trajectory
+
 _WINDOW = 0.002
-"""Air drag is renewed, and the endpoint looked at, this often [s]."""
+"""Forces beside MuJoCo's are renewed, and the endpoint looked at, this often [s]."""
 _OFF_TABLE_TIME = 0.5
-"""A cable whose endpoint fell is watched this long after the motion [s]: it hangs and swings."""
+"""A cable whose endpoint fell is watched this long after the motion [s]: it hangs and swings. One
+that only swept past the edge, and came back to rest on the table, has landed."""
 _FALLEN_Z = -0.005
 """Below this height the endpoint hangs beside the table [m]; a contact never gives way so far."""
 _REST_MOVE = 5e-4
@@ -34,8 +41,13 @@ _GROUP_SIZE = 64
 class Laboratory:
     """A table, an arm and one cable.
 
-    Every result of a trial depends on its path and its draw alone, bit for bit: not on the trials
+    Every result of a trial depends on its motion and its draw alone, bit for bit: not on the trials
     beside it, nor on the number of threads.
+
+    Args:
+        cable: Geometry.
+        workspace: Table and arm.
+        config: Settings.
     """
 
     def __init__(self, cable: Cable, workspace: Workspace, config: VirtualConfig):
@@ -43,90 +55,120 @@ class Laboratory:
         self._workspace = workspace
         self._config = config
         self._truth: HiddenCable = hidden_cable(cable, config.lab_seed)
+        self._arm = hidden_arm(config.lab_seed)
+        self._map = friction_map(hidden_table(config.lab_seed), workspace)
         self._scene: Scene = build_scene(
             cable, self._truth, workspace, config.segment_count, config.dt
         )
 
     def run(
         self,
-        paths: Sequence[GripPath],
+        trajectories: Sequence["Trajectory"],
         trials: Sequence[Trial],
         progress: Callable[[int], None] | None = None,
     ) -> list[EndpointTrack]:
         """Play trials, each from its own reset state.
 
         Args:
-            paths: Commanded motion of each trial, one row each.
+            trajectories: Commanded motion of each trial.
             trials: Draw of each trial.
             progress: Called with the number of finished trials whenever it grows.
         """
         tracks: list[EndpointTrack] = []
-        for start in range(0, len(paths), _GROUP_SIZE):
+        for start in range(0, len(trajectories), _GROUP_SIZE):
             group = slice(start, start + _GROUP_SIZE)
 
             def grown(count: int, before: int = start) -> None:
                 if progress is not None:
                     progress(before + count)
 
-            tracks += _Group(self, paths[group], trials[group]).run(grown)
+            with quiet():
+                tracks += _Group(self, trajectories[group], trials[group]).run(grown)
         return tracks
 
 
 class _Group:
     """Trials that are stepped together."""
 
-    def __init__(self, lab: Laboratory, paths: Sequence[GripPath], trials: Sequence[Trial]):
+    def __init__(
+        self, lab: Laboratory, trajectories: Sequence["Trajectory"], trials: Sequence[Trial]
+    ):
         from mujoco.batch import Batch
 
         config, scene = lab._config, lab._scene
         self.lab = lab
         self.scene = scene
-        self.count = len(paths)
+        self.count = len(trajectories)
         self.window = max(1, round(_WINDOW / config.dt))
         sample_step_count = round(config.sample_dt / config.dt)
         # Samples fall on whole windows.
         self.window_count = max(1, round(sample_step_count / self.window))
         self.sample_dt = float(self.window_count * self.window * config.dt)
-        self.motion_time = np.array([float(path.duration[0]) for path in paths])
+        self.motion_time = np.array([trajectory.duration for trajectory in trajectories])
         self.sample_max = np.ceil((self.motion_time + config.rest_time_max) / self.sample_dt)
         self.sample_max = self.sample_max.astype(int)
         self.reset_windows = math.ceil(config.reset_time / (self.window * config.dt))
+        step_count = int(self.sample_max.max()) * self.window_count * self.window
+        self.arm = move_arm(trajectories, trials, lab._arm, config.dt, step_count)
+        self.controls = self._controls()
         thread_count = min(config.thread_count or core_count(), self.count)
         self.batch: Any = Batch(scene.model, self.count, thread_count)  # pyright: ignore
-        self.controls = self._controls(paths, trials)
         self.qpos = self.batch.bind("qpos")
         self.qvel = self.batch.bind("qvel")
         self.force = self.batch.bind("qfrc_applied")
         friction = self.batch.expand("flex_friction")
-        for world, (path, trial) in enumerate(zip(paths, trials, strict=True)):
+        tip_friction = self.batch.expand("geom_friction")
+        curl = np.empty((self.count, 2, len(scene.arc_lengths) - 2))
+        for world, trial in enumerate(trials):
             friction[world, ..., 0] *= trial.friction_factor
-            pose = path.evaluate(path.knots[:, :1])[0, 0]
-            shape = reset_shape(lab._cable, path, trial, scene.arc_lengths)
-            self.qpos[world, :HAND_DOF_COUNT] = pose - scene.hand_origin
-            self.qpos[world, scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
-        edge = np.diff(scene.arc_lengths)
-        self.drag_factor = 0.5 * AIR_DENSITY * lab._truth.drag * lab._cable.diameter * edge
-        self.damping = lab._truth.linear_damping * scene.masses[2:]
+            tip_friction[world, :, 0] *= trial.friction_factor
+            curl[world] = initial_curl(trial, lab._truth.curl, scene.arc_lengths)
+            self._lay_down(world, trial)
+        self.forces = CableForces(
+            lab._cable,
+            lab._truth,
+            lab._map,
+            scene.arc_lengths,
+            scene.masses,
+            np.array(friction).reshape(self.count, -1)[:, 0],
+            curl,
+        )
         self.times = np.arange(int(self.sample_max.max()) + 1) * self.sample_dt
-        node_count = scene.endpoint + 1
-        self.nodes = np.full((self.count, len(self.times), node_count, 3), np.nan)
-        self.left_table = np.zeros(self.count, dtype=bool)
+        self.nodes = np.full((self.count, len(self.times), len(scene.arc_lengths), 3), np.nan)
+        self.off_table = np.zeros(self.count, dtype=bool)
         self.broken = np.zeros(self.count, dtype=bool)
         self.last_sample = self.sample_max.copy()
 
-    def _controls(self, paths, trials) -> NDArray[np.float64]:
+    def _lay_down(self, world: int, trial: Trial) -> None:
+        """Put a cable where its reset left it."""
+        lab, scene = self.lab, self.scene
+        pose = self.arm[world].poses[0]
+        library = find_library(lab._cable, lab._config.lab_seed)
+        shape = reset_shape(lab._cable, pose, trial, scene.arc_lengths, scene.end_height, library)
+        self.qpos[world, :HAND_DOF_COUNT] = pose - scene.hand_origin
+        self.qpos[world, scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
+        if scene.has_tip:
+            ahead = shape[-1] - shape[-2]
+            # A hook's bend comes down from above: its other side would begin within the table.
+            yaw, roll = -np.arctan2(ahead[0], ahead[1]) / 2, -abs(trial.tip_roll) / 2
+            # Turned about its own y, the cable's axis, and then about z.
+            self.qpos[world, scene.tip_slice] = [
+                np.cos(yaw) * np.cos(roll),
+                -np.sin(yaw) * np.sin(roll),
+                np.cos(yaw) * np.sin(roll),
+                np.sin(yaw) * np.cos(roll),
+            ]
+
+    def _controls(self) -> NDArray[np.float64]:
         """Servo targets of every trial from its reset on, shape [world, step, 5]."""
         config, scene = self.lab._config, self.scene
         reset_steps = self.reset_windows * self.window
-        step_count = int(self.sample_max.max()) * self.window_count * self.window
-        controls = np.empty((self.count, reset_steps + step_count, HAND_DOF_COUNT))
-        for world, (path, trial) in enumerate(zip(paths, trials, strict=True)):
-            poses = arm_poses(path, trial, self.lab._truth.arm_lag, config.dt, step_count)
-            held = np.repeat(poses[:1], reset_steps, axis=0)
-            controls[world] = hand_controls(
-                np.concatenate([held, poses]), config.dt, scene.hand_origin
-            )
-        return controls
+        controls = []
+        for motion in self.arm:
+            held = np.repeat(motion.poses[:1], reset_steps, axis=0)
+            poses = np.concatenate([held, motion.poses])
+            controls.append(hand_controls(poses, config.dt, scene.hand_origin))
+        return np.stack(controls)
 
     def run(self, progress: Callable[[int], None]) -> list[EndpointTrack]:
         """Simulate until every trial is over."""
@@ -150,17 +192,19 @@ class _Group:
 
     def _advance(self, active: NDArray[np.intp], step: int) -> int:
         """One window of all trials that still run."""
-        self._renew_drag(active)
+        from mujoco.batch import SimulationError
+
+        self._renew_forces(active)
         end = step + self.window
-        self.batch.rollout(
-            self.window,
-            control=self.controls[active, step:end],
-            record=(),
-            ids=active,
-        )
-        tip = self._vertices(self.qpos, active)[:, self.scene.endpoint]
+        try:
+            self.batch.rollout(
+                self.window, control=self.controls[active, step:end], record=(), ids=active
+            )
+        except SimulationError as error:
+            self.broken[np.asarray(error.ids, dtype=int)] = True
+        tip = self._vertices(self.qpos, active)[:, -1]
         on_table = self.lab._workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
-        self.left_table[active] |= ~on_table
+        self.off_table[active] = ~on_table
         return end
 
     def _vertices(self, state, active: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -174,26 +218,25 @@ class _Group:
         vertices[:, 2:] = free + scene.vertex_origin
         return vertices
 
-    def _renew_drag(self, active: NDArray[np.intp]) -> None:
-        """Quadratic drag on the normal velocity of each edge, shared by its ends, and damping."""
-        scene = self.scene
+    def _renew_forces(self, active: NDArray[np.intp]) -> None:
+        scene, config = self.scene, self.lab._config
+        rolls, roll_rates = scene.roll_slices
         vertices = self._vertices(self.qpos, active)
         velocity = np.zeros_like(vertices)
         velocity[:, :2] = self.qvel[active, None, :3]
-        free = self.qvel[active, scene.vertex_slice].reshape(len(active), -1, 3)
-        velocity[:, 2:] = free
-        direction = np.diff(vertices, axis=1)
-        direction /= np.sqrt(_dot(direction, direction))[..., None]
-        v = (velocity[:, 1:] + velocity[:, :-1]) / 2
-        v -= _dot(v, direction)[..., None] * direction
-        half = -(self.drag_factor * np.sqrt(_dot(v, v)))[..., None] * v / 2
-        force = half[:, 1:] - self.damping[:, None] * free
-        force[:, :-1] += half[:, 2:]
+        velocity[:, 2:] = self.qvel[active, scene.vertex_slice].reshape(len(active), -1, 3)
+        motion = CableMotion(
+            vertices=vertices,
+            velocity=velocity,
+            roll=np.ascontiguousarray(self.qpos[active, rolls]),
+            roll_rate=np.ascontiguousarray(self.qvel[active, roll_rates]),
+        )
+        force = self.forces.evaluate(motion, active, self.window * config.dt)
         self.force[active, scene.vertex_slice] = force.reshape(len(active), -1)
 
     def _sample(self, active: NDArray[np.intp], sample: int) -> None:
         vertices = self._vertices(self.qpos, active)
-        self.nodes[active, sample] = vertices[:, : self.scene.endpoint + 1]
+        self.nodes[active, sample] = vertices
         finite = np.isfinite(vertices).all(axis=(1, 2))
         warned = self.batch.warning[active].reshape(len(active), -1).any(axis=1)
         self.broken[active] |= ~finite | warned
@@ -203,10 +246,10 @@ class _Group:
         config, scene = self.lab._config, self.scene
         after_motion = self.times[sample] - self.motion_time[active]
         speed = np.abs(self.qvel[active, scene.vertex_slice]).max(axis=1)
-        tip = self.nodes[active, sample - 1 : sample + 1, scene.endpoint]
+        tip = self.nodes[active, sample - 1 : sample + 1, -1]
         move = np.abs(tip[:, 1] - tip[:, 0]).max(axis=1)
         rests = (after_motion > 0) & (speed < config.rest_speed) & (move < _REST_MOVE)
-        fallen = self.left_table[active] & (after_motion > _OFF_TABLE_TIME)
+        fallen = self.off_table[active] & (after_motion > _OFF_TABLE_TIME)
         return rests | fallen | self.broken[active] | (sample >= self.sample_max[active])
 
     def _track(self, world: int) -> EndpointTrack:
@@ -215,16 +258,29 @@ class _Group:
         status = TrialStatus.OK
         if self.broken[world]:
             status = TrialStatus.NON_FINITE
-        elif self.left_table[world]:
+        elif self.off_table[world]:
             status = TrialStatus.OFF_TABLE
         return EndpointTrack(
             times=np.array(self.times[samples], dtype=float),
-            endpoint_xy=nodes[:, self.scene.endpoint, :2].copy(),
+            endpoint_xy=nodes[:, -1, :2].copy(),
             status=status,
             nodes=nodes.copy(),
+            joint_path=self.arm[world].joint_path,
         )
 
 
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Scalar products over the last axis, in one order of summation whatever the batch."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to a log file in the working directory.
+
+    A trial that it warns of is marked as non-finite; nothing is lost.
+    """
+    import mujoco
+
+    library: Any = mujoco
+    handler = library.get_mju_user_warning()
+    library.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        library.set_mju_user_warning(handler)

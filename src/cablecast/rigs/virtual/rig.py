@@ -113,8 +113,7 @@ class RigVirtual(RigLifecycle):
             Trial.draw(self.config.noise, self._seed, first + index)
             for index in range(len(trajectories))
         ]
-        paths = [trajectory.grip_path for trajectory in trajectories]
-        tracks = self._lab.run(paths, trials, progress)
+        tracks = self._lab.run(trajectories, trials, progress)
         self._trial_count = first + len(trajectories)
         if self._sensor is None:
             return tracks

@@ -4,6 +4,10 @@ The rod is a native 1-D flex. Its vertices are bodies of the world with three sl
 the mass matrix is diagonal and nothing is computed in the frame of the turning hand; only the first
 two belong to the hand, which clamps the edge between them. The hand is a heavy body that is driven
 through its joints: a mocap body has no velocity, and the rod's length constraint would drag behind.
+
+The attachment is a rigid body that clamps an edge of the rod beyond the cable's end, so that it
+bends and twists the cable as it turns. A hook has its mass and its bend beside the cable's axis; a
+magnet is a disc that can turn about the axis, and rolls on the table.
 """
 
 import dataclasses
@@ -13,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable
+from cablecast.cable import Attachment, Cable
 from cablecast.errors import MissingExtraError
 from cablecast.rigs.virtual._hidden import HiddenCable
 from cablecast.workspace import Workspace
@@ -40,6 +44,20 @@ _CONTACT_SOLIMP = "0.99 0.99 0.001"
 # A smaller attachment is a part of the cable's last vertex: it would only make the model stiff.
 _ATTACHMENT_LENGTH_MIN = 0.003
 _ATTACHMENT_MASS_MIN = 1e-4
+# A body that turns faster than the step can follow is no use: its radius of gyration is at least
+# this [m].
+_GYRATION_MIN = 0.005
+# The part of a magnet that is clamped to the cable and does not turn.
+_MAGNET_CLAMP_SHARE = 0.1
+_MAGNET_LENGTH_MIN = 0.006
+# Twist acts on the clamp explicitly, and a step must not turn it too far [kg·m²].
+_CLAMP_INERTIA = 6e-7
+# A disc turns in its clamp with this torque for each newton of its weight [m], and rolls on foam
+# with this lever arm [m].
+_DISC_BEARING = 0.0002
+_DISC_ROLLING = 0.001
+# Contacts: the cable meets the table, so does the attachment, but they do not meet each other.
+_TABLE_BITS, _TIP_BITS = 'contype="3" conaffinity="3"', 'contype="2" conaffinity="2"'
 # Resists the spinning of each segment about its own axis, as rolling on foam does [N·m·s].
 _ROLL_DAMPING_PER_MASS = 1e-4
 
@@ -50,9 +68,13 @@ class Scene:
 
     Attributes:
         model: The MjModel.
-        arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
-        masses: Mass lumped at each vertex [kg], shape [vertex].
-        endpoint: Index of the vertex that is the cable's endpoint; an attachment may lie beyond.
+        arc_lengths: Distance of each vertex from the grip to the endpoint [m], shape [vertex].
+        masses: Mass of the cable lumped at each vertex [kg], shape [vertex]; without attachment.
+        endpoint_mass: Mass of the attachment [kg].
+        has_tip: Whether the attachment is a body of its own, whose orientation follows the slides
+            as a quaternion in qpos and three rates in qvel.
+        end_height: Height of the endpoint when attachment and cable lie on the table [m].
+        extra_count: Degrees of freedom between the attachment's turn and the rolls of the edges.
         hand_origin: Joint values 0 stand for this pose (x, y, z, yaw, pitch), shape [5].
         vertex_origin: Slides at 0 stand for these positions [m], shape [vertex - 2, 3].
     """
@@ -60,7 +82,10 @@ class Scene:
     model: Any
     arc_lengths: NDArray[np.float64]
     masses: NDArray[np.float64]
-    endpoint: int
+    endpoint_mass: float
+    has_tip: bool
+    end_height: float
+    extra_count: int
     hand_origin: NDArray[np.float64]
     vertex_origin: NDArray[np.float64]
 
@@ -68,6 +93,20 @@ class Scene:
     def vertex_slice(self) -> slice:
         """Degrees of freedom of the free vertices, in qpos and qvel alike."""
         return slice(HAND_DOF_COUNT, HAND_DOF_COUNT + self.vertex_origin.size)
+
+    @property
+    def tip_slice(self) -> slice:
+        """The attachment's quaternion in qpos; empty where it is no body of its own."""
+        start = self.vertex_slice.stop
+        return slice(start, start + (4 if self.has_tip else 0))
+
+    @property
+    def roll_slices(self) -> tuple[slice, slice]:
+        """Roll of each edge but the gripped one, in qpos and in qvel."""
+        count = len(self.arc_lengths) - 2
+        start = self.tip_slice.stop + self.extra_count
+        rate = start - (1 if self.has_tip else 0)
+        return slice(start, start + count), slice(rate, rate + count)
 
 
 def hand_controls(poses: NDArray[np.float64], dt: float, origin: NDArray[np.float64]):
@@ -105,23 +144,24 @@ def build_scene(
     # would sit half a segment too far out, and the landing would depend on the segment count.
     arc = np.concatenate([[0.0], np.linspace(truth.sleeve, cable.length, segment_count + 1)])
     masses = _lumped(arc, truth.mass / cable.length)
-    endpoint = len(arc) - 1
-    tip_mass = truth.endpoint_share * truth.endpoint_mass
-    if cable.attachment_length >= _ATTACHMENT_LENGTH_MIN and tip_mass >= _ATTACHMENT_MASS_MIN:
-        arc = np.append(arc, cable.length + cable.attachment_length)
-        masses = np.append(masses, tip_mass)
-        masses[endpoint] += truth.endpoint_mass - tip_mass
-    else:
-        masses[endpoint] += truth.endpoint_mass
+    has_tip = (
+        cable.attachment is not Attachment.NONE
+        and cable.attachment_length >= _ATTACHMENT_LENGTH_MIN
+        and truth.endpoint_mass >= _ATTACHMENT_MASS_MIN
+    )
+    magnet = has_tip and cable.attachment is Attachment.MAGNET
     hand_origin = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
     positions = np.zeros((len(arc), 3)) + hand_origin[:3]
     positions[:, 1] += arc
-    xml = _mjcf(cable, truth, workspace, dt, arc, masses, hand_origin, positions)
+    xml = _mjcf(cable, truth, workspace, dt, arc, masses, has_tip, hand_origin, positions)
     return Scene(
         model=MjModel.from_xml_string(xml),
         arc_lengths=arc,
         masses=masses,
-        endpoint=endpoint,
+        endpoint_mass=truth.endpoint_mass,
+        has_tip=has_tip,
+        end_height=max(cable.radius, truth.endpoint_radius) if magnet else cable.radius,
+        extra_count=1 if magnet else 0,
         hand_origin=hand_origin,
         vertex_origin=positions[2:],
     )
@@ -143,6 +183,7 @@ def _mjcf(
     dt: float,
     arc: NDArray[np.float64],
     masses: NDArray[np.float64],
+    has_tip: bool,
     hand_origin: NDArray[np.float64],
     positions: NDArray[np.float64],
 ) -> str:
@@ -160,18 +201,17 @@ def _mjcf(
         )
     slides = []
     for index in range(2, count):
-        axes = "".join(
-            f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")
-        )
-        slides.append(
-            f'<body name="cable_{index}" pos="{_text(positions[index])}">'
-            f'<inertial pos="0 0 0" mass="{masses[index]:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
-            f"{axes}</body>"
-        )
+        place = f'pos="{_text(positions[index])}"'
+        if index == count - 1:
+            body = _tip(cable, truth, masses[index]) if has_tip else _bead(_end_mass(truth, masses))
+        else:
+            body = _bead(masses[index])
+        slides.append(f'<body name="cable_{index}" {place}>{_SLIDES}{body}</body>')
     # The compiler finds the roll joint of each edge by these names.
     rolls = []
+    # The last edge's has a name of its own; that of a clamped attachment has none.
     for edge in range(1, count - 1):
-        name = "cable_twist" if edge == count - 2 else f"cable_twist_{edge}"
+        name = "cable_twist" if edge == count - 2 and not has_tip else f"cable_twist_{edge}"
         edge_mass = truth.mass / cable.length * (arc[edge + 1] - arc[edge])
         inertia = max(0.5 * edge_mass * radius**2, 1e-10)
         rolls.append(
@@ -180,9 +220,13 @@ def _mjcf(
             f'<joint name="{name}" type="hinge" axis="0 1 0" '
             f'damping="{_ROLL_DAMPING_PER_MASS * edge_mass:.9g}"/></body>'
         )
-    bodies = " ".join(["hand", "hand", *(f"cable_{index}" for index in range(2, count))])
+    owners = ["hand", "hand", *(f"cable_{index}" for index in range(2, count))]
     vertices = "0 0 0 " + f"0 {arc[1]:.9g} 0 " + "0 0 0 " * (count - 2)
-    elements = " ".join(f"{edge} {edge + 1}" for edge in range(count - 1))
+    if has_tip:
+        owners.append(owners[-1])
+        vertices += f"0 {cable.attachment_length:.9g} 0"
+    bodies = " ".join(owners)
+    elements = " ".join(f"{edge} {edge + 1}" for edge in range(len(owners) - 1))
     table_size = (workspace.table_width / 2, workspace.table_depth / 2, TABLE_THICKNESS / 2)
     table_pos = (0.0, workspace.table_depth / 2, -TABLE_THICKNESS / 2)
     inertia = _text(np.full(3, _HAND_INERTIA))
@@ -191,8 +235,8 @@ def _mjcf(
   <flag autoreset="disable"/>
 </option>
 <worldbody>
-  <geom name="table" type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
-  <geom name="floor" type="plane" size="5 5 0.1" pos="0 0 {FLOOR_Z}"/>
+  <geom name="table" {_TABLE_BITS} type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
+  <geom name="floor" {_TABLE_BITS} type="plane" size="5 5 0.1" pos="0 0 {FLOOR_Z}"/>
   <body name="hand" pos="{_text(hand_origin[:3])}">
     <inertial pos="0 0 0" mass="{_HAND_MASS}" diaginertia="{inertia}"/>
     {"".join(joints)}
@@ -213,6 +257,68 @@ def _mjcf(
 <equality><flex flex="cable" solref="{_EDGE_SOLREF}" solimp="{_EDGE_SOLIMP}"/></equality>
 <actuator>{"".join(servos)}</actuator>
 </mujoco>"""
+
+
+_SLIDES = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+
+
+def _bead(mass: float) -> str:
+    """A vertex of the cable."""
+    return f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
+
+
+def _end_mass(truth: HiddenCable, masses: NDArray[np.float64]) -> float:
+    return float(masses[-1]) + truth.endpoint_mass
+
+
+def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
+    """The attachment as a body that turns freely, but for the cable that it clamps.
+
+    Args:
+        cable: Says which attachment, and how long it is.
+        truth: Its mass and shape.
+        lumped: Mass of the cable's own end [kg].
+    """
+    length, radius, offset = (
+        cable.attachment_length,
+        truth.endpoint_radius,
+        truth.endpoint_offset,
+    )
+    contact = (
+        f'{_TIP_BITS} condim="6" priority="2" solref="{_CONTACT_SOLREF}" '
+        f'solimp="{_CONTACT_SOLIMP}" friction="{truth.endpoint_friction:.9g} 0.001 {_DISC_ROLLING}"'
+    )
+    if cable.attachment is Attachment.HOOK:
+        mass = truth.endpoint_mass + lumped
+        centre = (
+            truth.endpoint_mass / mass * np.array([0.5 * offset, truth.endpoint_share * length])
+        )
+        inertia = mass * np.maximum(
+            np.array([length**2 / 12, offset**2 / 2, length**2 / 12]), _GYRATION_MIN**2
+        )
+        return (
+            f'<joint name="tip" type="ball"/>'
+            f'<inertial pos="{_text([*centre, 0.0])}" mass="{mass:.9g}" '
+            f'diaginertia="{_text(inertia)}"/>'
+            f'<geom name="tip" type="capsule" size="{radius:.9g}" {contact} '
+            f'fromto="{_text([offset, 0.4 * length, 0.0, offset, length - radius, 0.0])}"/>'
+        )
+    thickness = max(length, _MAGNET_LENGTH_MIN)
+    disc = (1.0 - _MAGNET_CLAMP_SHARE) * truth.endpoint_mass
+    clamp = lumped + truth.endpoint_mass - disc
+    gyration = np.array([radius**2 / 4 + thickness**2 / 12, radius**2 / 2] * 2)[:3]
+    held, turning = (_text(mass * np.maximum(gyration, _GYRATION_MIN**2)) for mass in (clamp, disc))
+    # The cylinder's axis is its z, the cable's is y.
+    return (
+        f'<joint name="tip" type="ball" armature="{_CLAMP_INERTIA:.9g}"/>'
+        f'<inertial pos="0 0 0" mass="{clamp:.9g}" diaginertia="{held}"/>'
+        f'<body name="disc" pos="0 {thickness / 2:.9g} 0">'
+        f'<joint name="disc" type="hinge" axis="0 1 0" '
+        f'frictionloss="{_DISC_BEARING * disc * 9.81:.9g}"/>'
+        f'<inertial pos="0 0 0" mass="{disc:.9g}" diaginertia="{turning}"/>'
+        f'<geom name="tip" type="cylinder" size="{radius:.9g} {thickness / 2:.9g}" '
+        f'euler="90 0 0" {contact}/></body>'
+    )
 
 
 def _text(values) -> str:
