@@ -239,6 +239,15 @@ def test_a_lost_endpoint_is_off_the_table_only_if_it_was_leaving(last_seen, velo
     assert judge_status(times, xy, samples, Workspace()) is status
 
 
+def test_an_endpoint_that_swept_past_the_edge_and_came_back_has_landed():
+    times = np.arange(31) / 60
+    x = 1.30 + 0.15 * np.sin(np.pi * np.arange(31) / 30)
+    xy = np.stack([x, np.full(31, 0.8)], axis=1)
+    samples = sample_path(times, xy, np.arange(6) * 0.1)
+    assert judge_status(times, xy, samples, Workspace()) is TrialStatus.OK
+    assert judge_status(times[:16], xy[:16], samples[:3], Workspace()) is TrialStatus.OFF_TABLE
+
+
 def test_settings_out_of_bounds_are_named():
     with pytest.raises(InputError, match="search_period = 0"):
         TrackerConfig(search_period=0)

@@ -381,8 +381,9 @@ def judge_status(
 ) -> TrialStatus:
     """How a trial ended, from what was seen.
 
-    Off the table is an endpoint that was seen beyond the edge, or that was on its way over the edge
-    when it was seen last and never came back. Occluded is one that was not seen at the end.
+    Off the table is an endpoint that was seen beyond the edge when it was seen last, or that was
+    then on its way over it. Occluded is any other that was not seen at the end. One that swept past
+    the edge and came back has landed.
 
     Args:
         times: Of the frames [s], shape [frame].
@@ -392,10 +393,12 @@ def judge_status(
         edge_tolerance: How far beyond the edge counts as off the table [m].
     """
     seen = np.flatnonzero(np.isfinite(xy).all(axis=1))
+    if not len(seen):
+        return TrialStatus.OCCLUDED
+    last = xy[seen[-1]]
     # A point pulled towards the table by the tolerance must lie on it.
     centre = np.array([0.0, workspace.table_depth / 2])
-    pulled = xy[seen] - np.clip(xy[seen] - centre, -edge_tolerance, edge_tolerance)
-    if not np.all(workspace.on_table(pulled)):
+    if not workspace.on_table(last - np.clip(last - centre, -edge_tolerance, edge_tolerance)):
         return TrialStatus.OFF_TABLE
     if np.isfinite(endpoint_xy[-1]).all():
         return TrialStatus.OK
@@ -403,7 +406,7 @@ def judge_status(
         a, b = seen[-2:]
         velocity = (xy[b] - xy[a]) / (times[b] - times[a])
         # Two more frames at the speed at which it was seen last.
-        ahead = xy[b] + velocity * 2 * (times[b + 1] - times[b])
+        ahead = last + velocity * 2 * (times[b + 1] - times[b])
         if not workspace.on_table(ahead):
             return TrialStatus.OFF_TABLE
     return TrialStatus.OCCLUDED

@@ -78,12 +78,21 @@ def main() -> None:
     trial, film = film_trial(args.cable, action, args.seed)
     camera = film.camera
     camera.layout.save(args.out / "tags.yaml")
+
+    def png(picture) -> bytes:
+        return cv2.imencode(".png", picture)[1].tobytes()
+
     for index, picture in enumerate(board_pictures(camera, args.seed)):
-        encoded = cv2.imencode(".png", picture)[1].tobytes()
-        write_bytes(args.out / "board" / f"{index:02}.png", encoded)
+        write_bytes(args.out / "board" / f"{index:02}.png", png(picture))
 
     def frames():
+        # The picture is taken where the endpoint is fastest.
+        starts = np.array([film.time(index) for index in range(film.frame_count)])
+        path = trial.shape_at(starts)[:, -1]
+        fastest = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
         for index in range(film.frame_count):
+            if index == fastest:
+                write_bytes(args.out / "fastest.png", png(film.frame(index)))
             print(f"\rframe {index + 1} of {film.frame_count}", end="", file=sys.stderr)
             yield film.frame(index)
 
