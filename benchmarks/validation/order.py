@@ -76,7 +76,8 @@ CASES = (
         title="Casts converge with the square of the step",
         theory=(
             f"{CAST_COUNT} random feasible casts of cable_1 that slides and does not roll, the "
-            f"endpoint every 0.1 s up to {DURATION:g} s, at 2, 1 and 0.5 ms against 1/16 ms. The line has slope 2."
+            f"endpoint every 0.1 s up to {DURATION:g} s, at 2, 1 and 0.5 ms against 1/16 ms. The "
+            "line has slope 2."
         ),
         tolerance=0.4,
         reason="where friction sets in or lets go between two steps, the order is lower",

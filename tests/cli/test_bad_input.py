@@ -28,7 +28,9 @@ def snapshot(folder: pathlib.Path):
     return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-@pytest.mark.parametrize("verb", ["simulate", "collect", "train", "plan", "evaluate", "repeat", "demo"])
+@pytest.mark.parametrize(
+    "verb", ["simulate", "collect", "train", "plan", "evaluate", "repeat", "demo"]
+)
 def test_an_unknown_cable_is_refused_and_the_known_ones_are_listed(verb, capsys, in_new_folder):
     target = ["--target", "1.0", "0"] if verb == "plan" else []
     line = refused([verb, "--cable", "cable_9", *target], capsys)

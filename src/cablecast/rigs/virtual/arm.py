@@ -198,7 +198,7 @@ def _report(
 ) -> JointPath:
     """What the arm tells of its joints: its own clock, and encoders that are not perfect."""
     last = min(trajectory.duration + _SETTLE_TIME, (len(q) - 1) * dt)
-    times = np.arange(int(last / REPORT_DT) + 1) * REPORT_DT
+    times = REPORT_DT * np.arange(int(last / REPORT_DT) + 1, dtype=np.float64)
     now = np.arange(len(q)) * dt
     noise = trial.encoder_errors(len(times))
     read = np.stack([np.interp(times, now, q[:, joint]) for joint in range(JOINT_COUNT)], axis=1)
