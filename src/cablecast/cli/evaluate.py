@@ -18,7 +18,7 @@ from cablecast.cli.options import (
 
 if TYPE_CHECKING:
     from cablecast.cable import Cable
-    from cablecast.models.forward import ForwardModel
+    from cablecast.models.base import LandingModel
     from cablecast.policies.forward_search import ForwardSearchPolicy
     from cablecast.policies.polar_casting import PolarCastingPolicy
     from cablecast.rigs.base import Rig
@@ -90,7 +90,7 @@ class Evaluate:
         print(f"metrics  {out / 'metrics.json'}\ncasts    {out / TRIALS_FILE}")
         print(f"report   {out / REPORT_FILE}")
 
-    def _cast(self, run: Any, policy: Any, model: "ForwardModel | None") -> None:
+    def _cast(self, run: Any, policy: Any, model: "LandingModel | None") -> None:
         from cablecast.datasets.progress import console_progress
         from cablecast.evaluation.evaluate import evaluate_policy
         from cablecast.evaluation.results import evaluation_metrics, save_trials
@@ -136,18 +136,18 @@ class Evaluate:
 
 def load_policy(
     folder: pathlib.Path | None, asked: "Cable | None"
-) -> "tuple[ForwardModel, ForwardSearchPolicy]":
+) -> "tuple[LandingModel, ForwardSearchPolicy]":
     """The model of a folder and the search that was prepared with it.
 
     Args:
         folder: What `cablecast train` wrote; the one by default where None.
         asked: The cable that it must have been trained for, or None.
     """
-    from cablecast.models.forward import ForwardModel
+    from cablecast.models.base import load_model
     from cablecast.policies.forward_search import ForwardSearchPolicy
 
     folder = find_model(folder, asked)
-    model = ForwardModel.load(folder)
+    model = load_model(folder)
     policy = ForwardSearchPolicy.load(folder, model)
     check_same_cable(asked, policy.cable, folder)
     return model, policy
@@ -171,7 +171,7 @@ def polar_policy(folder: pathlib.Path | None, asked: "Cable | None") -> "PolarCa
 
 def make_rig_for(
     spec: str,
-    model: "ForwardModel | None",
+    model: "LandingModel | None",
     cable: "Cable",
     workspace: "Workspace",
     seed: int,
@@ -194,10 +194,13 @@ def make_rig_for(
         return make_rig(spec, cable, workspace, seed)
     from cablecast.cable import CableParams
     from cablecast.engines.warp_ import EngineWarp
+    from cablecast.errors import InputError
     from cablecast.motion.servo import ServoModel
     from cablecast.rigs.engine import RigEngine
 
     settings = model.info["dataset"]["settings"]
+    if "params" not in settings:
+        raise InputError("the model has seen no simulated cast: its simulator is unknown")
     engine = EngineWarp(
         segment_count=settings["engine"]["segment_count"],
         dt=settings["engine"]["dt"],

@@ -39,7 +39,7 @@ class Plan:
         from cablecast.cable import load_cable
         from cablecast.conventions import polar_to_xy
         from cablecast.errors import InputError, TargetError
-        from cablecast.models.forward import ForwardModel
+        from cablecast.models.base import load_model
         from cablecast.motion.action import Action
         from cablecast.motion.trajectory import plan_trajectory
         from cablecast.policies.forward_search import ForwardSearchPolicy
@@ -48,7 +48,7 @@ class Plan:
             raise InputError(f"{self.save} exists: give --force to overwrite it")
         asked = load_cable(self.cable) if self.cable else None
         folder = find_model(self.model, asked)
-        policy = ForwardSearchPolicy.load(folder, ForwardModel.load(folder))
+        policy = ForwardSearchPolicy.load(folder, load_model(folder))
         cable = check_same_cable(asked, policy.cable, folder)
         r, theta_deg = self.target
         if not (math.isfinite(r) and math.isfinite(theta_deg)):
@@ -76,6 +76,9 @@ class Plan:
         )
         print(f"predicted  {polar_text(plan.predicted_xy[0])}")
         print(f"           {offset_pct:.2f} % of cable length from the target")
+        if math.isfinite(plan.spread[0]):
+            spread_pct = 100 * float(plan.spread[0]) / cable.length
+            print(f"expected   real landings within {spread_pct:.1f} % of that along x and y (rms)")
         print(f"duration   {float(joint_path.times[-1]):.3f} s")
         speeds = ", ".join(f"q{k} {speed:.0f}" for k, speed in enumerate(peaks_deg, start=1))
         print(f"peak joint speeds [deg/s]  {speeds}")

@@ -12,6 +12,7 @@ from cablecast.report.style import BLUE, FAINT, INK, MUTED, SKY, VERMILLION, new
 from cablecast.track import TrialStatus
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -123,35 +124,56 @@ def learning_curve(curve: Sequence[Mapping[str, Any]], cable_length: float) -> "
         curve: Rows with `epoch`, `loss` [m] and `held_out_loss` [m].
         cable_length: Cable length r_c [m].
     """
-    figure = new_figure(9.2, 2.6)
+    return learning_curves([("", curve)], cable_length)
+
+
+def learning_curves(
+    curves: Sequence[tuple[str, Sequence[Mapping[str, Any]]]], cable_length: float
+) -> "Figure":
+    """Several learning curves above each other, as `learning_curve` draws one.
+
+    Args:
+        curves: Titles and rows.
+        cable_length: Cable length r_c [m].
+    """
+    figure = new_figure(9.2, 2.6 * len(curves))
+    with styled():
+        for axes, (title, curve) in zip(
+            figure.subplots(len(curves), squeeze=False)[:, 0], curves, strict=True
+        ):
+            axes.set_title(title)
+            _draw_learning_curve(axes, curve, cable_length)
+    return figure
+
+
+def _draw_learning_curve(
+    axes: "Axes", curve: Sequence[Mapping[str, Any]], cable_length: float
+) -> None:
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
     epochs = [row["epoch"] for row in curve]
-    with styled():
-        axes = figure.add_subplot()
-        for key, color, label in (
-            ("loss", SKY, "training rows"),
-            ("held_out_loss", BLUE, "held-out rows"),
-        ):
-            losses_pct = [100.0 * row[key] / cable_length for row in curve]
-            axes.plot(epochs, losses_pct, color=color, linewidth=1.8)
-            axes.annotate(
-                f"{label}, {losses_pct[-1]:.2f} %",
-                (epochs[-1], losses_pct[-1]),
-                xytext=(6, 6 if key == "held_out_loss" else -6),
-                textcoords="offset points",
-                va="center",
-                color=color,
-                annotation_clip=False,
-            )
-        axes.set_yscale("log")
-        axes.set_xlabel("epoch")
-        axes.set_ylabel("mean distance\n[% of cable length]")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.yaxis.set_minor_locator(NullLocator())
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlim(epochs[0], epochs[-1])
-        axes.grid(axis="y", color=FAINT, linewidth=0.6)
-        axes.set_axisbelow(True)
-    return figure
+    for key, color, label in (
+        ("loss", SKY, "training rows"),
+        ("held_out_loss", BLUE, "held-out rows"),
+    ):
+        losses_pct = [100.0 * row[key] / cable_length for row in curve]
+        axes.plot(epochs, losses_pct, color=color, linewidth=1.8)
+        axes.annotate(
+            f"{label}, {losses_pct[-1]:.2f} %",
+            (epochs[-1], losses_pct[-1]),
+            xytext=(6, 6 if key == "held_out_loss" else -6),
+            textcoords="offset points",
+            va="center",
+            color=color,
+            annotation_clip=False,
+        )
+    axes.set_yscale("log")
+    axes.set_xlabel("epoch")
+    axes.set_ylabel("mean distance\n[% of cable length]")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlim(epochs[0], epochs[-1])
+    axes.grid(axis="y", color=FAINT, linewidth=0.6)
+    axes.set_axisbelow(True)
