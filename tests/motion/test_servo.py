@@ -1,0 +1,138 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.motion.action import MotionConfig, mirror_actions
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.joint_path import joint_path
+from cablecast.motion.servo import ServoModel
+from cablecast.workspace import Workspace
+
+SERVO = ServoModel(
+    delay=np.array([0.004, 0.006, 0.008, 0.01, 0.012, 0.005]),
+    frequency=np.array([45.0, 55.0, 65.0, 80.0, 90.0, 75.0]),
+    damping=np.array([0.7, 0.8, 0.9, 1.0, 1.2, 0.75]),
+)
+ACTIONS = np.array([[-0.6, 0.8, 0.5, 1.2], [-0.2, 0.3, 0.7, 0.3], [-1.0, 0.2, 0.4, 1.0]])
+# Steps of 16 ms and knots of 32 ms against steps of 1 ms: small against the 0.2 mm that the model
+# itself leaves of a real arm's motion.
+FINE_POSITION, FINE_ANGLE = 1e-4, 3e-4
+# Sampled by the millisecond, linear between samples, against an ODE solver at 1e-9.
+SOLVER = 2e-5
+
+
+@pytest.fixture(scope="module")
+def commanded():
+    return cast_grip_paths(ACTIONS, MotionConfig(), Workspace())
+
+
+def response(q, dt, joint):
+    """The servo's differential equation solved step by step, for one joint."""
+    from scipy.integrate import solve_ivp
+
+    times = np.arange(len(q)) * dt
+    w, zeta = SERVO.frequency[joint], SERVO.damping[joint]
+
+    def rate(t, state):
+        target = np.interp(t - SERVO.delay[joint], times, q)
+        return [state[1], w * w * (target - state[0]) - 2 * zeta * w * state[1]]
+
+    solved = solve_ivp(rate, (0, times[-1]), [q[0], 0], t_eval=times, rtol=1e-9, atol=1e-10)
+    return solved.y[0]
+
+
+def test_each_joint_follows_the_equation_of_a_delayed_oscillator():
+    dt = 1e-3
+    t = np.arange(400) * dt
+    q = 0.3 + 0.5 * np.sin(np.pi * np.clip(t / 0.3, 0, 1)) ** 2
+    moved = SERVO.respond(np.repeat(q[:, None], 6, axis=1), dt)
+    for joint in range(6):
+        np.testing.assert_allclose(moved[:, joint], response(q, dt, joint), atol=SOLVER)
+
+
+def test_a_steady_motion_is_trailed_by_the_lag():
+    dt, rate = 0.008, 1.5
+    q = np.repeat((np.arange(200) * dt * rate)[:, None], 6, axis=1)
+    moved = SERVO.respond(q, dt)
+    # Not at the very end, where nobody says how the set points go on.
+    np.testing.assert_allclose((q - moved)[-5], rate * SERVO.lag, rtol=1e-3)
+
+
+def test_the_resulting_path_is_that_of_finely_sampled_joints(commanded):
+    from cablecast.arm.ur5 import ArmUR5
+
+    arm, dt = ArmUR5(), 1e-3
+    followed = SERVO.apply(commanded)
+    times = np.arange(int(2.2 / dt)) * dt
+    fine = arm.grip_pose(SERVO.respond(arm.inverse(commanded.evaluate(times)), dt))
+    apart = np.abs(followed.evaluate(times) - fine)
+    assert apart[..., :3].max() < FINE_POSITION
+    assert apart[..., 3:].max() < FINE_ANGLE
+    assert np.abs(commanded.evaluate(times) - fine)[..., :2].max() > 100 * FINE_POSITION
+
+
+def test_the_arm_ends_where_it_was_sent_and_later(commanded):
+    followed = SERVO.apply(commanded)
+    assert np.all(followed.duration > commanded.duration + SERVO.lag.min())
+    end = np.full((len(commanded), 1), 10.0)
+    np.testing.assert_allclose(
+        followed.evaluate(end), commanded.evaluate(end), atol=FINE_POSITION
+    )
+
+
+def test_a_path_does_not_depend_on_those_beside_it(commanded):
+    followed = SERVO.apply(commanded)
+    times = np.linspace(0, 3, 200)
+    for row in range(len(commanded)):
+        alone = SERVO.apply(commanded[row])
+        np.testing.assert_allclose(
+            alone.evaluate(times)[0], followed.evaluate(times)[row], atol=1e-6
+        )
+        assert alone.duration[0] == pytest.approx(followed.duration[row])
+
+
+def test_equal_lags_keep_the_shape_of_the_mirrored_motion():
+    # Joints that lag alike only delay the motion, so that both sides of the table stay alike.
+    alike = dataclasses.replace(
+        SERVO,
+        delay=np.full(6, 0.02),
+        frequency=np.full(6, 500.0),
+        damping=np.full(6, 1.0),
+    )
+    config, workspace = MotionConfig(), Workspace()
+    right = alike.apply(cast_grip_paths(ACTIONS, config, workspace))
+    left = alike.apply(cast_grip_paths(mirror_actions(ACTIONS), config, workspace))
+    times = np.linspace(0, 2, 100)
+    mirrored = right.mirrored().evaluate(times)
+    np.testing.assert_allclose(left.evaluate(times), mirrored, atol=2e-3)
+
+
+def test_values_in_a_file_give_back_the_model():
+    stored = ServoModel.from_dict(SERVO.to_dict())
+    for name in ("delay", "frequency", "damping"):
+        np.testing.assert_array_equal(getattr(stored, name), getattr(SERVO, name))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{}, {"delay": [0.0] * 6}, SERVO.to_dict() | {"damping": [1.0] * 5}, {"delay": "late"}, 3],
+    ids=repr,
+)
+def test_values_that_are_no_model_are_refused(values):
+    with pytest.raises(InputError):
+        ServoModel.from_dict(values)
+
+
+def test_a_response_out_of_bounds_is_refused():
+    with pytest.raises(InputError, match="servo frequency = 1 rad/s"):
+        dataclasses.replace(SERVO, frequency=np.full(6, 1.0))
+
+
+def test_the_joint_path_of_a_motion_can_be_followed_directly(commanded):
+    config = MotionConfig()
+    path = joint_path(commanded[0], Workspace(), config)
+    moved = SERVO.respond(path.q, config.control_dt)
+    assert moved.shape == path.q.shape
+    np.testing.assert_allclose(moved[0], path.q[0], atol=1e-7)

@@ -1,0 +1,64 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.datasets.collect import collect_dataset
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.action import MotionConfig
+from cablecast.rigs.engine import RigEngine
+from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.workspace import Workspace
+
+SEGMENT_COUNT, DT = 10, 2e-3
+TRIAL_COUNT = 10
+
+
+def coarse_engine() -> EngineWarp:
+    """Coarse, to be quick: tracks are compared with those of the same engine."""
+    return EngineWarp(segment_count=SEGMENT_COUNT, dt=DT)
+
+
+@pytest.fixture
+def engine() -> EngineWarp:
+    return coarse_engine()
+
+
+@pytest.fixture(scope="session")
+def cable():
+    return load_cable("cable_1")
+
+
+@pytest.fixture(scope="session")
+def truth(cable):
+    """What the cable of the recorded trials is really like."""
+    return dataclasses.replace(
+        cable.params, bend_stiffness=1e-3, lateral_friction=0.5, worksurface_friction=0.5
+    )
+
+
+@pytest.fixture(scope="session")
+def dataset(cable, truth, tmp_path_factory):
+    """Trials on a rig that is the engine itself with the true parameters."""
+    workspace = Workspace()
+    return collect_dataset(
+        tmp_path_factory.mktemp("recorded") / "tune-data",
+        RigEngine(coarse_engine(), cable, workspace, truth),
+        cable,
+        MotionConfig(),
+        workspace,
+        purpose="tune",
+        count=TRIAL_COUNT,
+    )
+
+
+@pytest.fixture(scope="session")
+def tracks(dataset) -> MeasuredTracks:
+    return MeasuredTracks.from_dataset(dataset)
+
+
+@pytest.fixture(scope="session")
+def good(tracks) -> MeasuredTracks:
+    """The tracks that stayed on the table."""
+    return tracks[np.flatnonzero(tracks.status == "ok")]

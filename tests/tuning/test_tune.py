@@ -1,0 +1,156 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.tuning.result import distance_summary, params_file, read_params, read_servo
+from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
+
+# Ten tracks and a few hundred candidates: enough to find what a track depends on most.
+SEARCH = TuneConfig(
+    population_size=24, coarse_generations=40, fine_population_size=12, fine_generations=5
+)
+SHORT = dataclasses.replace(SEARCH, coarse_generations=3, fine_generations=2)
+# Tracks hardly tell bend stiffness, damping and endpoint mass apart; friction they tell well.
+FRICTION = 0.10
+
+
+class Stopped(Exception):
+    """Stands for whatever ends a run."""
+
+
+def tune(cable, tracks, engine, config=SHORT, **options):
+    training, validation = split_tracks(tracks)
+    return tune_params(cable, training, validation, engine, engine, config, **options)
+
+
+def test_tuning_finds_the_friction_of_the_cable_that_made_the_tracks(cable, truth, good, engine):
+    result = tune(cable, good, engine, SEARCH)
+    assert result.params.friction == pytest.approx(truth.friction, rel=FRICTION)
+    default, tuned = result.training.loss
+    assert tuned < 0.2 * default
+    default, tuned = result.validation.loss
+    assert tuned < 0.4 * default
+
+
+def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
+    cable, good, engine, tmp_path
+):
+    whole = tune(cable, good, engine)
+    file = tmp_path / "generations.json"
+    for stop in (1, 3, 5):
+
+        def stopping(state, stop=stop):
+            if state.generation == stop:
+                raise Stopped
+
+        with pytest.raises(Stopped):
+            tune(cable, good, engine, checkpoint=file, progress=stopping)
+        assert len(json.loads(file.read_text())["generations"]) == stop
+    resumed = tune(cable, good, engine, checkpoint=file)
+    np.testing.assert_array_equal(resumed.population.to_array(), whole.population.to_array())
+    np.testing.assert_array_equal(resumed.population_losses, whole.population_losses)
+    assert resumed.history == whole.history
+    assert resumed.simulation_count == whole.simulation_count
+
+
+def test_cma_es_resumes_bit_by_bit_too(cable, good, engine, tmp_path):
+    pytest.importorskip("cma")
+    config = dataclasses.replace(SHORT, method="cmaes")
+    whole = tune(cable, good, engine, config)
+
+    def stopping(state):
+        if state.generation == 4:
+            raise Stopped
+
+    file = tmp_path / "generations.json"
+    with pytest.raises(Stopped):
+        tune(cable, good, engine, config, checkpoint=file, progress=stopping)
+    resumed = tune(cable, good, engine, config, checkpoint=file)
+    np.testing.assert_array_equal(resumed.population.to_array(), whole.population.to_array())
+
+
+def test_a_finished_search_simulates_no_generation_again(cable, good, engine, tmp_path):
+    file = tmp_path / "generations.json"
+    tune(cable, good, engine, checkpoint=file)
+    calls = []
+    rollout = engine.rollout
+    engine.rollout = lambda *args, **kwargs: calls.append(1) or rollout(*args, **kwargs)
+    tune(cable, good, engine, checkpoint=file)
+    # Only the two rows of the result, on training and on validation tracks.
+    assert len(calls) == 2
+
+
+def test_a_checkpoint_of_another_seed_is_refused(cable, good, engine, tmp_path):
+    file = tmp_path / "generations.json"
+    tune(cable, good, engine, checkpoint=file)
+    other = dataclasses.replace(SHORT, seed=1)
+    with pytest.raises(InputError, match="other candidates"):
+        tune(cable, good, engine, other, checkpoint=file)
+    file.write_text('{"generations": [')
+    with pytest.raises(InputError, match="damaged"):
+        tune(cable, good, engine, checkpoint=file)
+
+
+def test_progress_tells_best_spread_and_time_left(cable, good, engine):
+    states = []
+    tune(cable, good, engine, progress=states.append)
+    assert [state.generation for state in states] == list(range(1, 7))
+    assert [state.stage for state in states] == ["coarse"] * 3 + ["fine"] * 3
+    assert all(state.generation_count == 6 for state in states)
+    left = [state.seconds_left for state in states]
+    assert left[0] > 0.0
+    assert left[-1] == 0.0
+    coarse = [state.best_pct for state in states[:3]]
+    assert coarse == sorted(coarse, reverse=True)
+    training, _ = split_tracks(good)
+    worlds = len(training) * (3 * 24 + 3 * 12)
+    assert states[-1].simulation_count == worlds
+
+
+def test_a_quarter_of_the_tracks_validates_by_default(tracks):
+    training, validation = split_tracks(tracks)
+    assert (len(training), len(validation)) == (len(tracks) - round(len(tracks) / 4), 2)
+    with pytest.raises(InputError, match="validation_count = 10"):
+        split_tracks(tracks, 10)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"method": "annealing"}, {"population_size": 3}, {"fine_population_size": 99}, {"seed": -1}],
+    ids=str,
+)
+def test_settings_out_of_bounds_are_refused(change):
+    with pytest.raises(InputError):
+        TuneConfig(**change)
+
+
+def test_the_file_of_the_result_gives_back_the_parameters(cable, good, engine, tmp_path):
+    result = tune(cable, good, engine)
+    file = tmp_path / "params.json"
+    values = params_file(result, cable.length, None) | {"cable": cable.name}
+    file.write_text(json.dumps(values, allow_nan=False))
+    assert read_params(file) == read_params(tmp_path, cable) == result.params
+    assert read_servo(file) is None
+    low, middle, high = values["spread"]["friction"]
+    assert low <= middle <= high
+    other = dataclasses.replace(cable, name="another")
+    with pytest.raises(InputError, match="of cable_1, not of another"):
+        read_params(file, other)
+    summary = distance_summary(result.validation, 1, cable.length)
+    assert values["validation"]["tuned"] == summary
+    assert summary["final_median_pct"] == pytest.approx(
+        100 * np.nanmedian(result.validation.final[1]) / cable.length
+    )
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"params": {"mass": 1}}'], ids=repr)
+def test_files_that_hold_no_parameters_are_refused(text, tmp_path):
+    file = tmp_path / "params.json"
+    with pytest.raises(InputError, match="cablecast tune"):
+        read_params(file)
+    file.write_text(text)
+    with pytest.raises(InputError, match="does not hold"):
+        read_params(file)
