@@ -20,7 +20,7 @@ from cablecast.rigs.virtual._hidden import HiddenTable, hidden_cable
 from cablecast.rigs.virtual.scene import build_scene
 from cablecast.rigs.virtual.trials import Trial, reset_shape
 
-QUICK = VirtualConfig(segment_count=16, dt=1e-3)
+QUICK = VirtualConfig(segment_count=16, dt=1e-3, sensing="exact")
 SILENT = dataclasses.replace(QUICK, noise=TrialNoise.none())
 # Contacts give way by micrometres; half a millimetre would be a cable that sinks in.
 CONTACT_DEPTH = 5e-4
@@ -32,8 +32,8 @@ INTERPOLATION = 1e-3
 GRAVITY = 9.81
 # Part of the energy that a falling cable sets free; a step's rounding, and nothing else, adds any.
 ENERGY_GAIN = 1e-4
-# The hand yields by micrometres to the weight that is suddenly there, and the attachment turns by an
-# explicit rule: at the very first steps this is seen.
+# The hand yields by micrometres to the weight that is suddenly there, and the attachment turns by
+# an explicit rule: at the very first steps this is seen.
 ENERGY_GAIN_TIP = 3e-3
 
 
