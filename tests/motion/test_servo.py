@@ -77,9 +77,7 @@ def test_the_arm_ends_where_it_was_sent_and_later(commanded):
     followed = SERVO.apply(commanded)
     assert np.all(followed.duration > commanded.duration + SERVO.lag.min())
     end = np.full((len(commanded), 1), 10.0)
-    np.testing.assert_allclose(
-        followed.evaluate(end), commanded.evaluate(end), atol=FINE_POSITION
-    )
+    np.testing.assert_allclose(followed.evaluate(end), commanded.evaluate(end), atol=FINE_POSITION)
 
 
 def test_a_path_does_not_depend_on_those_beside_it(commanded):

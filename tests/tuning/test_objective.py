@@ -66,9 +66,9 @@ def test_samples_that_are_not_compared_do_not_count(engine, cable, truth, good):
 def test_a_track_without_any_compared_sample_is_left_out(engine, cable, truth, good):
     xy = good.endpoint_xy + 0.05
     xy[0] = np.nan
-    distances = TrackObjective(
-        engine, cable, dataclasses.replace(good, endpoint_xy=xy)
-    ).distances(truth)
+    distances = TrackObjective(engine, cable, dataclasses.replace(good, endpoint_xy=xy)).distances(
+        truth
+    )
     assert np.isnan(distances.mean[0, 0])
     assert distances.loss[0] == pytest.approx(0.05 * np.sqrt(2), abs=SINGLE)
     nothing = dataclasses.replace(good, endpoint_xy=np.full_like(xy, np.nan))
@@ -110,15 +110,15 @@ def test_a_broken_simulation_counts_as_farther_than_any_real_one(engine, cable, 
     assert np.isfinite(distances.loss).all()
 
 
-def test_reset_states_that_are_turned_into_place_equal_those_worked_out_there(engine, cable, truth, good):
+def test_reset_states_that_are_turned_into_place_equal_those_worked_out_there(
+    engine, cable, truth, good
+):
     coefficients = good.grip_path.coefficients.copy()
     # The third trial starts aside and turned, as the joints of a real arm report.
     coefficients[2, :, 0, 0] += 2e-3
     coefficients[2, :, 3, 0] += 5e-3
     path = dataclasses.replace(good.grip_path, coefficients=coefficients)
-    objective = TrackObjective(
-        engine, cable, dataclasses.replace(good, grip_path=path)
-    )
+    objective = TrackObjective(engine, cable, dataclasses.replace(good, grip_path=path))
     trial = np.arange(len(good))
     state = objective._initial_state(truth.to_array()[None], trial, np.zeros_like(trial))
     expected = reset_state(cable, truth, path, objective.engine.segment_count)

@@ -17,9 +17,7 @@ def test_the_ranges_hold_what_is_believed_and_what_is_allowed(name):
     space = SearchSpace.for_cable(cable)
     values = cable.params.to_array()
     assert np.all((space.low <= values) & (values <= space.high))
-    for (low, high), least, most in zip(
-        PARAM_BOUNDS.values(), space.low, space.high, strict=True
-    ):
+    for (low, high), least, most in zip(PARAM_BOUNDS.values(), space.low, space.high, strict=True):
         assert low <= least < most <= high
 
 

@@ -31,7 +31,9 @@ def reported(dataset):
         moved = SERVO.respond(held, TICK)
         times.append(np.arange(len(held)) * TICK)
         q.append((moved + NOISE * rng.normal(size=moved.shape)).ravel())
-    return dataclasses.replace(dataset, extra=dataset.extra | {"actual_times": times, "actual_q": q})
+    return dataclasses.replace(
+        dataset, extra=dataset.extra | {"actual_times": times, "actual_q": q}
+    )
 
 
 def test_a_known_servo_is_found_again(reported):

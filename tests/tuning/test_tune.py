@@ -17,7 +17,7 @@ SHORT = dataclasses.replace(SEARCH, coarse_generations=3, fine_generations=2)
 FRICTION = 0.10
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """Stands for whatever ends a run."""
 
 
@@ -44,9 +44,9 @@ def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
 
         def stopping(state, stop=stop):
             if state.generation == stop:
-                raise Stopped
+                raise StoppedError
 
-        with pytest.raises(Stopped):
+        with pytest.raises(StoppedError):
             tune(cable, good, engine, checkpoint=file, progress=stopping)
         assert len(json.loads(file.read_text())["generations"]) == stop
     resumed = tune(cable, good, engine, checkpoint=file)
@@ -63,10 +63,10 @@ def test_cma_es_resumes_bit_by_bit_too(cable, good, engine, tmp_path):
 
     def stopping(state):
         if state.generation == 4:
-            raise Stopped
+            raise StoppedError
 
     file = tmp_path / "generations.json"
-    with pytest.raises(Stopped):
+    with pytest.raises(StoppedError):
         tune(cable, good, engine, config, checkpoint=file, progress=stopping)
     resumed = tune(cable, good, engine, config, checkpoint=file)
     np.testing.assert_array_equal(resumed.population.to_array(), whole.population.to_array())
