@@ -11,7 +11,7 @@ from cablecast.tuning.objective import NON_FINITE_DISTANCE, TrackObjective
 # The engine computes in single precision; equal worlds in other lanes give equal numbers, and the
 # dataset holds them in double.
 SINGLE = 1e-6
-# At the end of the longest track a cable has had longer to creep to rest than at the end of its own.
+# At the end of the longest track a cable has had longer to creep to rest than at its own end.
 CREEP = 2e-3
 # Turning a reset state into place and working it out in place differ by the bisection's rounding.
 STATE = 1e-9
