@@ -95,7 +95,8 @@ def land(
     cable: Cable, paths: GripPath, segment_count: int, dt: float, state: CableState | None = None
 ) -> NDArray[np.float64]:
     """Where the endpoint comes to rest [m], shape [action, 2]."""
-    engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double")
+    # To the very end: stopping early moves a landing by as much as a small perturbation does.
+    engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double", rest_speed=0.0)
     return engine.rollout(cable, cable.params, paths, state).endpoint_xy[:, -1]
 
 

@@ -7,13 +7,24 @@ import dataclasses
 import pathlib
 from typing import Literal
 
-from benchmarks.validation import bending, damping, flight, hanging, order, sliding
+from benchmarks.validation import (
+    bending,
+    damping,
+    flight,
+    hanging,
+    order,
+    rolling,
+    sliding,
+    twisting,
+)
 from benchmarks.validation.case import Case, Theme, make_mujoco, make_warp
 
 THEMES = (
     Theme(title="Friction", cases=sliding.CASES),
+    Theme(title="Rolling and spinning", cases=rolling.CASES),
     Theme(title="Weight and tension", cases=hanging.CASES),
     Theme(title="Bending", cases=bending.CASES),
+    Theme(title="Twist", cases=twisting.CASES),
     Theme(title="Flight and energy", cases=flight.CASES),
     Theme(title="Damping", cases=damping.CASES),
     Theme(title="Order of the method", cases=order.CASES),

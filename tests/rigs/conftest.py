@@ -75,7 +75,7 @@ def rig_kind(request, cable, workspace) -> RigKind:
         pytest.importorskip("mujoco")
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
-        config = VirtualConfig(segment_count=16, dt=1e-3)
+        config = VirtualConfig(segment_count=16, dt=1e-3, sensing="exact")
         return RigKind("virtual", lambda: RigVirtual(cable, workspace, 0, config))
     if request.param == "engine":
         from cablecast.engines.warp_ import EngineWarp

@@ -119,6 +119,8 @@ class Evaluate:
             rig.close()
         print("Drawing the report", file=sys.stderr)
         metrics = evaluation_metrics(evaluation)
+        if model is not None and "params" in model.info["dataset"]["settings"]:
+            metrics["error_split"] = self._split(evaluation, policy, model)
         save_trials(evaluation, run.path / TRIALS_FILE)
         coverage = {}
         if model is not None:
@@ -132,6 +134,16 @@ class Evaluate:
         page = report_page(evaluation, policy.workspace, info, run.config, **coverage)
         write_text(run.path / REPORT_FILE, page)
         run.finish(metrics)
+
+    def _split(self, evaluation: Any, policy: Any, model: "LandingModel") -> dict[str, Any] | None:
+        from cablecast.evaluation.split import split_errors
+
+        engine = make_rig_for("engine", model, policy.cable, policy.workspace, 0, self.device)
+        try:
+            split = split_errors(evaluation, model, engine)
+        finally:
+            engine.close()
+        return None if split is None else split.to_dict()
 
 
 def load_policy(

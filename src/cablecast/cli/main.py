@@ -27,22 +27,24 @@ EXIT_INTERRUPTED = 130
 _DESCRIPTION = """\
 Teach a robot arm to throw the free end of a cable onto a target on a table.
 
-The verbs follow one another: simulate casts of a cable, train a model on them, plan a motion for a
-target, evaluate on a robot (real or virtual). `cablecast demo` does all of it for one cable.
+The verbs follow one another: collect casts on a robot (real or virtual), tune a simulator to them,
+simulate many more, train a model on those, plan a motion for a target, evaluate on the robot.
+`cablecast demo` does all of it for one cable in minutes, `cablecast reproduce` every experiment of
+the paper.
 """
 
 _Command = (
-    Annotated[Simulate, tyro.conf.subcommand("simulate")]
-    | Annotated[Collect, tyro.conf.subcommand("collect")]
+    Annotated[Collect, tyro.conf.subcommand("collect")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
+    | Annotated[Repeat, tyro.conf.subcommand("repeat")]
+    | Annotated[Select, tyro.conf.subcommand("select")]
+    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Plan, tyro.conf.subcommand("plan")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Repeat, tyro.conf.subcommand("repeat")]
-    | Annotated[Select, tyro.conf.subcommand("select")]
     | Annotated[Track, tyro.conf.subcommand("track")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
 )
 
 

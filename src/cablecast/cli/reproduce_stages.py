@@ -4,6 +4,7 @@ import dataclasses
 import json
 import pathlib
 from collections.abc import Callable
+from typing import Any
 
 from cablecast.cli.options import Device
 from cablecast.cli.repeat import Combination
@@ -11,9 +12,10 @@ from cablecast.cli.run_folder import METRICS_FILE
 from cablecast.cli.stages import Stage
 
 CABLES = ("cable_1", "cable_2", "cable_3")
-BEST_METHOD = "both"
-METHODS = ("polar", "gp", "real", "sim", BEST_METHOD)
-"""Polar casting, the Gaussian process of D_sim, and the forward model of D_real, D_sim and both."""
+METHODS = ("polar", "gaussian-process", "real", "sim", "fine-tuning", "correction")
+"""Polar casting, the Gaussian process of D_sim, the forward model of D_real, of D_sim, and of D_sim
+fine-tuned on D_real, which are the paper's; and the forward model corrected by D_real, ours."""
+BEST_METHOD = "correction"
 
 TARGET_COUNT = 32
 
@@ -52,7 +54,7 @@ class Budget:
     grid_psi: int = 10
     coarse_generations: int = 60
     fine_generations: int = 20
-    repeat_actions: int = 12
+    repeat_actions: int = 30
     repeat_casts: int = 5
     casts: int = 36_000
     epochs: int = 100
@@ -114,7 +116,7 @@ class _StageMaker:
             stages += [self._repeat(cable), self._select(cable)]
         stages += [self._simulate(cable), self._collect(cable, "real")]
         methods = METHODS if is_first else (BEST_METHOD,)
-        stages += [self._train(cable, method) for method in methods if method != "polar"]
+        stages += [self._train(cable, m, is_first) for m in methods if m != "polar"]
         return stages + [self._evaluate(cable, method) for method in methods]
 
     def _stage(
@@ -239,22 +241,50 @@ class _StageMaker:
             work,
         )
 
-    def _train(self, cable: str, method: str) -> Stage:
+    def _train(self, cable: str, method: str, is_first: bool) -> Stage:
+        simulated, real = self.out / cable / "dataset", self.out / cable / "real-data"
+        # The first cable's network of D_sim is evaluated on its own, too, and trained only once.
+        start = self.out / cable / "model-sim" if is_first else None
+        sources: dict[str, dict[str, Any]] = {
+            "gaussian-process": {"dataset": simulated, "method": "gaussian-process"},
+            "real": {"real": real, "mode": "real"},
+            "sim": {"dataset": simulated},
+            "fine-tuning": {
+                "dataset": simulated,
+                "real": real,
+                "method": "fine-tuning",
+                "start": start,
+            },
+            "correction": {
+                "dataset": simulated,
+                "real": real,
+                "method": "correction",
+                "start": start,
+            },
+        }
+
         def work() -> None:
             from cablecast.cli.train import Train
 
             Train(
                 cable=cable,
-                dataset=self.out / cable / "dataset",
                 out=self.out / cable / f"model-{method}",
                 seed=self.seed,
                 device=self.device,
                 epochs=self.budget.epochs,
                 candidate_count=self.budget.candidates,
+                **sources[method],
             ).run()
 
-        expected = 70.0 * self.budget.casts / FULL.casts * self.budget.epochs / FULL.epochs
-        return self._stage(cable, f"model-{method}", f"learn ({method})", expected, work)
+        training = 70.0 * self.budget.casts / FULL.casts * self.budget.epochs / FULL.epochs
+        expected = {"real": 15.0, "fine-tuning": 30.0, "correction": 20.0 if is_first else training}
+        return self._stage(
+            cable,
+            f"model-{method}",
+            f"learn ({method})",
+            expected.get(method, training),
+            work,
+        )
 
     def _evaluate(self, cable: str, method: str) -> Stage:
         def work() -> None:

@@ -9,9 +9,15 @@ from cablecast.cable import Cable
 from cablecast.evaluation.metrics import ErrorSummary
 from cablecast.evaluation.published import PUBLISHED_ROWS, published_rows
 from cablecast.report.coverage import coverage_figure
-from cablecast.report.curves import error_boxes, learning_curve
+from cablecast.report.curves import error_boxes
 from cablecast.report.ellipses import ellipse_map
-from cablecast.report.reproduction import METHOD_NAMES, Figure, Part, Reproduction
+from cablecast.report.reproduction import (
+    BEST_METHOD,
+    METHOD_NAMES,
+    Figure,
+    Part,
+    Reproduction,
+)
 from cablecast.report.style import svg_uri
 from cablecast.report.tables import (
     cable_table,
@@ -87,22 +93,35 @@ def selection_part(results: Reproduction, workspace: Workspace) -> Part | None:
 
 def model_part(results: Reproduction, workspace: Workspace) -> Part | None:
     """Section V-F: what was learned from which data."""
-    figures = []
+    figures: list[Figure] = []
+    told = []
     for cable in results.cables:
-        model = results.model_info(cable, "both")
-        if model and model.get("curve"):
-            length = Cable.from_dict(model["dataset"]["settings"]["cable"]).length
-            figure = learning_curve(model["curve"], length)
-            figures.append(
-                Figure(uri=svg_uri(figure), caption=f"How the model of {cable} learned.")
-            )
-    if not figures:
+        metrics = results.metrics(cable, f"model-{BEST_METHOD}")
+        if metrics is None:
+            continue
+        caption = f"How the model of {cable} learned from simulated casts."
+        figures += results.picture(cable, f"model-{BEST_METHOD}", "learning_curve.png", caption)
+        told.append(
+            f"{cable}: on simulated casts that it had not seen the median error is "
+            f"{metrics['held_out_median_pct']:.1f} % of the cable's length; on casts of the rig "
+            f"{metrics['real_before_median_pct']:.1f} % before it learned from any of them, and "
+            f"{metrics['real_median_pct']:.1f} % after, each cast predicted by a model that had "
+            "learned from the others."
+        )
+    if not told:
         return None
+    caption = f"How fine-tuning went on with the casts of the rig, {results.cables[0]}."
+    figures += results.picture(
+        results.cables[0], "model-fine-tuning", "learning_curve.png", caption
+    )
     return Part(
         title="Learning where casts land",
         paragraphs=[
-            "The network first learns from casts that were simulated with the tuned parameters, "
-            "and then goes on with those of the rig.",
+            "A network first learns from casts that were simulated with the tuned parameters. What "
+            "the rig does otherwise is then learned from its own casts in two ways: the network "
+            "goes on training with them, as in the paper, or it stays as it is and a correction is "
+            "added that also knows how far it can be trusted.",
+            *told,
         ],
         figures=figures,
     )
@@ -150,7 +169,9 @@ def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
         return None
     figures = []
     for cable, metrics in evaluations.items():
-        figure = ellipse_map(results.trials(cable, "both"), workspace, metrics["cable_length_m"])
+        figure = ellipse_map(
+            results.trials(cable, BEST_METHOD), workspace, metrics["cable_length_m"]
+        )
         figures.append(
             Figure(
                 uri=svg_uri(figure),
@@ -163,7 +184,7 @@ def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
     return Part(
         title="The best method on every cable (table III)",
         tables=[
-            cable_table(evaluations, "errors_pct", "Errors of the model of D_sim + D_real"),
+            cable_table(evaluations, "errors_pct", f"Errors of the {METHOD_NAMES[BEST_METHOD]}"),
             cable_table(
                 evaluations,
                 "errors_misses_counted_pct",

@@ -225,11 +225,13 @@ def test_a_sample_between_frames_lies_between_their_points_and_never_across_a_ga
 @pytest.mark.parametrize(
     ("last_seen", "velocity", "status"),
     [
-        ((1.36, 0.8), (3.0, 0.0), TrialStatus.OFF_TABLE),
-        ((1.36, 0.8), (-0.1, 0.0), TrialStatus.OCCLUDED),
+        ((1.30, 0.8), (3.0, 0.0), TrialStatus.OFF_TABLE),
+        ((1.30, 0.8), (-0.1, 0.0), TrialStatus.OCCLUDED),
+        ((0.0, 1.48), (0.0, 0.05), TrialStatus.OFF_TABLE),
+        ((0.1, 0.02), (0.0, 0.0), TrialStatus.OCCLUDED),
         ((0.2, 0.4), (1.0, 0.0), TrialStatus.OCCLUDED),
     ],
-    ids=["on its way out", "on its way in", "in the middle"],
+    ids=["on its way out", "on its way in", "on the brink", "by the robot", "in the middle"],
 )
 def test_a_lost_endpoint_is_off_the_table_only_if_it_was_leaving(last_seen, velocity, status):
     times = np.arange(13) / 60

@@ -19,6 +19,8 @@ Window = tuple[int, int, int, int]
 """A piece of a frame: left, top, right, bottom [px], the last two excluded."""
 _BLUR_SMALL = 4.0
 """A marker whose trace is shorter than this looks as it does at rest [px]."""
+_BRINK = 0.03
+"""What vanishes this near to the table's left, right or far edge fell over it [m]."""
 Grab = Callable[[Window], NDArray[np.uint8]]
 """Gives a piece of the current frame, BGR."""
 
@@ -381,9 +383,9 @@ def judge_status(
 ) -> TrialStatus:
     """How a trial ended, from what was seen.
 
-    Off the table is an endpoint that was seen beyond the edge when it was seen last, or that was
-    then on its way over it. Occluded is any other that was not seen at the end. One that swept past
-    the edge and came back has landed.
+    Off the table is an endpoint that was seen last beyond the edge, on its way over it, or so near
+    to it that nothing else can have hidden it: no arm reaches there. Occluded is any other that was
+    not seen at the end. One that swept past the edge and came back has landed.
 
     Args:
         times: Of the frames [s], shape [frame].
@@ -402,6 +404,9 @@ def judge_status(
         return TrialStatus.OFF_TABLE
     if np.isfinite(endpoint_xy[-1]).all():
         return TrialStatus.OK
+    to_edge = min(workspace.table_width / 2 - abs(last[0]), workspace.table_depth - last[1])
+    if to_edge < _BRINK:
+        return TrialStatus.OFF_TABLE
     if len(seen) > 1 and seen[-1] < len(times) - 1:
         a, b = seen[-2:]
         velocity = (xy[b] - xy[a]) / (times[b] - times[a])

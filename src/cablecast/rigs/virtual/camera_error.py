@@ -18,7 +18,6 @@ from cablecast.errors import InputError
 from cablecast.files import write_json
 from cablecast.motion.joint_path import JointPath
 from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
-from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 
@@ -123,7 +122,6 @@ class CameraErrorModel:
         times: Array,
         points: Array,
         joint_path: JointPath | None,
-        workspace: Workspace,
         rng: np.random.Generator,
         arm: ArmUR5 | None = None,
     ) -> tuple[NDArray[np.bool_], Array]:
@@ -133,7 +131,6 @@ class CameraErrorModel:
             times: Of the frames [s], shape [frame].
             points: True places of the endpoint [m], shape [frame, 3].
             joint_path: Joints as they really moved; None for a table without an arm.
-            workspace: Size of the table.
             rng: Draws what is left to chance.
             arm: The robot.
 
@@ -143,8 +140,8 @@ class CameraErrorModel:
         """
         on_ground = self.apparent(points, 0.0)
         hidden = np.any((on_ground < self.seen_low) | (on_ground > self.seen_high), axis=-1)
-        # What hangs beside the table is hidden where the line of sight goes through the table.
-        hidden |= (points[..., 2] < _BELOW_Z) & workspace.on_table(on_ground)
+        # What hangs beside the table is hidden by it, or shows the marker from its narrow end.
+        hidden |= points[..., 2] < _BELOW_Z
         for x, y, radius in self.blind:
             hidden |= np.hypot(on_ground[..., 0] - x, on_ground[..., 1] - y) < radius
         clearance = np.full(len(times), np.inf)
@@ -164,7 +161,6 @@ class CameraErrorModel:
         times: Array,
         points: Array,
         joint_path: JointPath | None,
-        workspace: Workspace,
         marker_z: float,
         rng: np.random.Generator,
         arm: ArmUR5 | None = None,
@@ -175,7 +171,6 @@ class CameraErrorModel:
             times: Of the frames, rising [s], shape [frame].
             points: True places of the endpoint [m], shape [frame, 3].
             joint_path: Joints as they really moved; None for a table without an arm.
-            workspace: Size of the table.
             marker_z: Height at which the tracker believes the marker [m].
             rng: Draws what is left to chance.
             arm: The robot.
@@ -183,7 +178,7 @@ class CameraErrorModel:
         Returns:
             x and y [m], NaN where the marker would not be seen, shape [frame, 2].
         """
-        hidden, clearance = self.hidden(times, points, joint_path, workspace, rng, arm)
+        hidden, clearance = self.hidden(times, points, joint_path, rng, arm)
         seen = self.apparent(points, marker_z)
         velocity = np.gradient(seen, times, axis=0) if len(times) > 1 else np.zeros_like(seen)
         speed = np.linalg.norm(velocity, axis=-1)

@@ -85,7 +85,7 @@ class VirtualConfig:
     reset_time: float = 0.3
     rest_time_max: float = 2.5
     rest_speed: float = 0.002
-    sensing: str = "exact"
+    sensing: str = "error_model"
     thread_count: int | None = None
 
     def __post_init__(self):

@@ -102,7 +102,7 @@ class SensorErrorModel:
         times, nodes = _held(track, self.sample_dt)
         frames = np.arange(math.floor(times[-1] / FRAME_DT + 1e-6) + 1) * FRAME_DT
         points = _interpolate(times, nodes[:, -1], frames)
-        xy = self.model.observe(frames, points, joint_path, self.workspace, self.cable.radius, rng)
+        xy = self.model.observe(frames, points, joint_path, self.cable.radius, rng)
         return _finish(track, frames, xy, times, nodes, self.workspace, self.sample_dt)
 
 

@@ -1,0 +1,113 @@
+"""Print the README's headline table in Markdown, from the folder of a reproduction.
+
+    .venv/bin/python docs/make_readme_table.py runs/reproduce            # print it
+    .venv/bin/python docs/make_readme_table.py runs/reproduce --write    # put it into README.md
+
+All numbers come from the folder; the sentences around them stand here.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+
+from cablecast.datasets.progress import duration_text
+from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
+from cablecast.files import write_text
+from cablecast.report.reproduction import BEST_METHOD, METHOD_NAMES, Reproduction
+from cablecast.report.tables import BEST_METHOD_PUBLISHED, five_cells, published_cells
+
+README = pathlib.Path(__file__).parents[1] / "README.md"
+BEGIN, END = "<!-- headline: begin", "<!-- headline: end -->"
+
+
+def headline(folder: pathlib.Path) -> str:
+    """The table with what a reader must know about it."""
+    config = json.loads((folder / "config.json").read_text())
+    settings = config["settings"]
+    budget = settings["budget"]
+    results = Reproduction(folder=folder, cables=tuple(budget["cables"]))
+    first = results.cables[0]
+    command = "cablecast reproduce" + " --quick" * settings["quick"]
+    seconds = json.loads((folder / "stages.json").read_text())
+    lines = [
+        f"{BEGIN}. Written by `python docs/make_readme_table.py {folder} --write`. -->",
+        "",
+        "Distance from target to landing over the 32 targets, in % of cable length:",
+        "",
+        "| casts | median | 1st quartile | 3rd quartile | min | max |",
+        "|---|---|---|---|---|---|",
+    ]
+    rig = "virtual rig" if settings["rig"] == "virtual" else f"rig {settings['rig']}"
+    for cable, metrics in results.best_evaluations().items():
+        cells = " | ".join(f"**{cell}**" for cell in five_cells(metrics["errors_pct"]))
+        lines.append(f"| **{cable}**, {METHOD_NAMES[BEST_METHOD]}, {rig} | {cells} |")
+        lines += [
+            _published(row)
+            for row in PUBLISHED_ROWS
+            if (row.cable, row.method) == (cable, BEST_METHOD_PUBLISHED) and cable != first
+        ]
+        if cable == first:
+            lines += _other_methods(results, first, rig)
+    lines += [
+        "",
+        f"Of {budget['repeats']} cast{'s' * (budget['repeats'] != 1)} at each target. "
+        + _landed(results)
+        + f" `{command}` makes these tables, the figures of the paper in its own drawing, and one "
+        f"report of them all; it took {duration_text(sum(seconds.values()))} on "
+        f"{config['cpu_count']} processor cores.",
+        "",
+        END,
+    ]
+    return "\n".join(lines)
+
+
+def _other_methods(results: Reproduction, cable: str, rig: str) -> list[str]:
+    """Rows of the other methods on the first cable, each followed by the paper's."""
+    lines = []
+    for method, metrics in reversed(results.evaluations(cable).items()):
+        if method != BEST_METHOD:
+            cells = " | ".join(five_cells(metrics["errors_pct"]))
+            lines.append(f"| {cable}, {METHOD_NAMES[method]}, {rig} | {cells} |")
+        lines += [
+            _published(row)
+            for row in PUBLISHED_ROWS
+            if row.table == "II" and row.method == METHOD_NAMES[method] and row.cable == cable
+        ]
+    return lines
+
+
+def _published(row: PublishedRow) -> str:
+    cells = " | ".join(published_cells(row))
+    return f"| paper: {row.cable}, {row.method}, real UR5 | {cells} |"
+
+
+def _landed(results: Reproduction) -> str:
+    """How many casts of the best method the errors leave out."""
+    phrases = []
+    for cable, metrics in results.best_evaluations().items():
+        lost = metrics["trial_count"] - metrics["status_counts"].get("ok", 0)
+        phrases.append(f"{lost} of {metrics['trial_count']} with {cable}")
+    return "Casts without a landing are left out, as in the paper: " + ", ".join(phrases) + "."
+
+
+def main() -> None:
+    """Print the headline, or put it into the README."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=pathlib.Path, help="what `cablecast reproduce` wrote")
+    parser.add_argument("--write", action="store_true", help="put it into README.md")
+    arguments = parser.parse_args()
+    text = headline(arguments.folder)
+    if not arguments.write:
+        print(text)
+        return
+    pattern = re.escape(BEGIN) + ".*?" + re.escape(END)
+    readme, count = re.subn(pattern, lambda _: text, README.read_text(), flags=re.DOTALL)
+    if count != 1:
+        raise SystemExit(f"{README} has {count} headlines between {BEGIN} and {END}, not one")
+    write_text(README, readme)
+    print(f"{README}: headline of {arguments.folder}")
+
+
+if __name__ == "__main__":
+    main()
