@@ -231,8 +231,9 @@ def write_documents(
     from cablecast.models.card import model_card
 
     card = model_card(model, policy_info)
-    curves = [("Pre-training" if "adaptation" in model.info else "Training", model.info["curve"])]
     adaptation = model.info.get("adaptation", {})
+    # A network of real casts alone has no other curve than that of its adaptation.
+    curves = [("Pre-training" if adaptation else "Training", model.info.get("curve", []))]
     if adaptation.get("curve"):
         curves.append(("On real casts", adaptation["curve"]))
     curves = [(title, curve) for title, curve in curves if len(curve) > 1]
