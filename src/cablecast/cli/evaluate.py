@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 TRIALS_FILE = "trials.csv"
 LANDINGS_FILE = "landings.png"
 REPORT_FILE = "report.html"
+CASTS_FOLDER = "casts"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,9 @@ class Evaluate:
     """Cast at the paper's 32 targets and measure how far from them the cable lands.
 
     Writes metrics.json, a table of every cast (trials.csv), a map of the landings (landings.png)
-    and a report to open in a browser (report.html). Needs a trained model: see `cablecast train`.
+    and a report to open in a browser (report.html). Every cast is kept in the folder casts when it
+    is done, so an evaluation that was stopped goes on when it is started again. Needs a trained
+    model: see `cablecast train`.
     """
 
     cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None
@@ -93,6 +96,7 @@ class Evaluate:
     def _cast(self, run: Any, policy: Any, model: "LandingModel | None") -> None:
         from cablecast.datasets.progress import console_progress
         from cablecast.evaluation.evaluate import evaluate_policy
+        from cablecast.evaluation.kept_trials import KeptTrials
         from cablecast.evaluation.results import evaluation_metrics, save_trials
         from cablecast.files import write_bytes, write_text
         from cablecast.policies.forward_search import COVERAGE_PCT
@@ -113,6 +117,7 @@ class Evaluate:
                     policy.config,
                     policy.workspace,
                     repeats=self.repeats,
+                    kept=KeptTrials(run.path / CASTS_FOLDER),
                     progress=progress,
                 )
         finally:

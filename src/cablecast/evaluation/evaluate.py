@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.errors import InputError, RigError
+from cablecast.evaluation.kept_trials import KeptTrials
 from cablecast.evaluation.metrics import ErrorSummary, summarise_errors, target_error_pct
 from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
@@ -161,6 +162,7 @@ def evaluate_policy(
     workspace: Workspace,
     *,
     repeats: int = 1,
+    kept: KeptTrials | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:
     """Cast at every target and collect what happened.
@@ -175,6 +177,8 @@ def evaluate_policy(
         config: Motion settings that the policy's actions are meant for.
         workspace: Table and reach.
         repeats: How many casts at each target; the paper makes five.
+        kept: Where each cast is stored when it is done, and where those of an earlier run of the
+            same evaluation are found; nowhere where None.
         progress: Called with the number of casts done and of all, at the start and as it grows.
 
     Raises:
@@ -195,7 +199,8 @@ def evaluate_policy(
     total = len(order)
     if progress:
         progress(0, total)
-    tracks = run_trials(
+    run = run_trials if kept is None else kept.run
+    tracks = run(
         rig,
         [trajectories[target] for target, _ in order],
         (lambda done: progress(done, total)) if progress else None,
