@@ -16,7 +16,7 @@ from cablecast.engines.warp_.length import length_functions
 from cablecast.engines.warp_.world import world_structs
 
 CPU_COMPILER_FLAGS = (
-    "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
+    "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
 )
 """Warp's own flags but for the depth to which LLVM looks for vector instructions: its shallow
 default leaves half of the lane arithmetic scalar."""
@@ -37,19 +37,58 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     airborne = wp.constant(1.0e6)
 
     @wp.func
-    def predict(
-        model: Model,
-        path: Path,
-        far_path: Path,
-        state: State,
-        scratch: Scratch,
-        group: int,
-        kick: real,
-    ):
-        """Velocities, spins and positions after all forces but the change of tension.
+    def accelerate(model: Model, state: State, scratch: Scratch, group: int, kick: real):
+        """Velocities that elasticity, gravity and damping lead to, in place of the forces.
 
-        It goes from the far end to the grip, with the forces one node ahead, since what the table
-        does to a node also depends on how hard its neighbours press.
+        The forces come halfway through the filter; its back substitution goes from the far end.
+        """
+        last = model.node_count - 1
+        velocity = state.velocity[group]
+        force = scratch.force[group]
+        inverse_mass = model.inverse_mass[group]
+        diagonal = model.filter_diagonal[group]
+        filter1 = model.filter_lower1[group]
+        filter2 = model.filter_lower2[group]
+        one = lane(real(1.0))
+        damping = model.linear_damping[group] * (real(0.5) * kick)
+        keep = one - damping
+        slow_down = f.div(one, one + damping)
+        viscosity = model.rotation_viscosity[group] * kick
+        fall = lane(model.gravity * kick)
+        a1 = vec3()
+        a2 = vec3()
+        lower1 = lane()
+        lower2 = lane()
+        lower2_next = lane()
+        v_here = velocity[last]
+        v_after = v_here
+        for back in range(last):
+            i = last - back
+            v_before = velocity[i - 1]
+            acceleration = scale(diagonal[i], force[i]) - scale(lower1, a1) - scale(lower2, a2)
+            a2 = a1
+            a1 = acceleration
+            lower1 = filter1[i]
+            lower2 = lower2_next
+            lower2_next = filter2[i]
+            # Damped rotation of the segments is a viscous exchange between neighbours.
+            turning = scale(
+                mul(inverse_mass[i], viscosity), v_before - v_here * real(2.0) + v_after
+            )
+            free = scale(keep, v_here) + acceleration * kick + turning
+            free[2] = free[2] - fall
+            force[i] = scale(slow_down, free)
+            v_after = v_here
+            v_here = v_before
+
+    @wp.func
+    def meet_table(
+        model: Model, path: Path, far_path: Path, state: State, scratch: Scratch, group: int
+    ):
+        """What the table does to velocities and spins, and the positions that they lead to.
+
+        It goes from the far end to the grip, with the normal impulse one node ahead, since what the
+        table does to a node also depends on how hard its neighbours press.
         """
         last = model.node_count - 1
         dt = model.dt
@@ -57,139 +96,106 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         half = real(0.5)
         one = lane(real(1.0))
         per_edge = real(1.0) / model.segment_length
-        damping = model.linear_damping[group] * (half * kick)
-        keep = one - damping
-        slow_down = f.div(one, one + damping)
-        viscosity = model.rotation_viscosity[group] * kick
+        height = model.contact_height
         friction = model.friction[group]
         rolling = model.rolling[group]
         roll_share = model.roll_share[group]
-        end_weight = model.end_weight[group]
-        scratch.predicted[group, 0] = path.position[group]
-        # Nodes i + 2, i + 1 and i.
-        x_after = vec3()
-        x_here = state.position[group, last]
-        x_ahead = x_here
-        v_here = state.velocity[group, last]
-        v_ahead = v_here
-        free_here = vec3()
-        tension_here = vec3()
-        inverse_mass = lane()
-        push_here = lane()
+        position = state.position[group]
+        velocity = state.velocity[group]
+        tension = state.tension[group]
+        spins = state.spin[group]
+        turned_spins = scratch.spin[group]
+        free_velocity = scratch.force[group]
+        predicted = scratch.predicted[group]
+        inverse_mass = model.inverse_mass[group]
+        spin_gain = model.spin_gain[group]
+        predicted[0] = path.position[group]
+        x_here = position[last]
+        x_after = x_here
+        v_here = velocity[last]
+        push_here = contact.normal_push(model, x_here[2], free_velocity[last][2])
         pull = vec3()
-        # The segment after node i + 1.
+        # All that the endpoint loses rolls the last segment.
+        weight = model.end_weight[group]
+        per_chord = per_edge
+        # Of the segment after the node.
         turn = vec3()
-        spin = lane()
+        roll = lane()
+        free_roll = lane()
         free_spin = lane()
         slack = lane()
         lost = lane()
-        # The second half of the filter of the bending force: back substitution.
-        a1 = vec3()
-        a2 = vec3()
-        lower1 = lane()
-        lower2 = lane()
-        lower2_next = lane()
-        for back in range(last + 1):
-            i = last - back
-            x_before = x_ahead
-            v_before = v_ahead
-            free_ahead = vec3()
-            tension_ahead = vec3()
-            inverse_mass_ahead = lane()
+        for back in range(last):
+            j = last - back
+            i = j - 1
+            x_ahead = position[i]
+            v_ahead = velocity[i]
             # The gripped node feels no table; the first segment rolls by its other node.
             push_ahead = push_here
             if i > 0:
-                x_before = state.position[group, i - 1]
-                v_before = state.velocity[group, i - 1]
-                pull_before = scale(state.tension[group, i - 1], x_ahead - x_before)
-                inverse_mass_ahead = model.inverse_mass[group, i]
-                acceleration = (
-                    scale(model.filter_diagonal[group, i], scratch.force[group, i])
-                    - scale(lower1, a1)
-                    - scale(lower2, a2)
-                )
-                a2 = a1
-                a1 = acceleration
-                lower1 = model.filter_lower1[group, i]
-                lower2 = lower2_next
-                lower2_next = model.filter_lower2[group, i]
-                acceleration[2] = acceleration[2] - lane(model.gravity)
-                # Damped rotation of the segments is a viscous exchange between neighbours.
-                turning = scale(
-                    mul(inverse_mass_ahead, viscosity), v_before - v_ahead * real(2.0) + v_here
-                )
-                free_ahead = scale(slow_down, scale(keep, v_ahead) + acceleration * kick + turning)
-                # The table feels the tension of the step before; the length solve starts without
-                # it, since a stale tension after a jerk would throw it far from the solution.
-                tension_ahead = scale(inverse_mass_ahead, pull - pull_before) * rate
-                push_ahead = contact.normal_push(model, x_ahead[2], free_ahead[2])
-                pull = pull_before
-            if i < last:
-                # Node j has all its neighbours now, and so has the segment before it.
-                j = i + 1
-                load = push_ahead + push_here
-                weight = one
-                per_chord = half * per_edge
-                if j == last:
-                    # All that the endpoint loses rolls the last segment.
-                    weight = end_weight
-                    load = push_ahead + mul(weight, push_here)
-                    x_after = x_here
-                    per_chord = per_edge
-                turned = scratch.spin[group, i]
-                spin_before = state.spin[group, i]
-                slack_before = mul(rolling, mul(model.spin_gain[group, i], load))
-                free_spin_before = contact.roll_friction(turned, slack_before)
-                slack_before = slack_before - f.absolute(turned - free_spin_before)
-                turn_before = contact.spinning_impulse(
-                    model, load * half, group, (x_here - x_ahead) * per_edge, v_here - v_ahead
-                )
-                if j == last:
-                    spin = spin_before
-                    free_spin = free_spin_before
-                    slack = slack_before
-                axis = (x_after - x_ahead) * per_chord
-                roll = (spin_before + spin) * (-half * model.contact_height)
-                free_roll = (free_spin_before + free_spin) * (-half * model.contact_height)
-                free = free_here + scale(inverse_mass, turn - turn_before)
-                loss = contact.friction_loss(
-                    mul(friction, push_here),
-                    roll_share,
-                    (slack_before + slack) * (half * model.contact_height),
-                    axis,
-                    contact.add_normal(v_here, roll, axis),
-                    contact.add_normal(free + tension_here, free_roll, axis),
-                )
-                sideways = contact.along_normal(loss, axis)
-                if j < last:
-                    # Rolling friction resists what friction spins up with what is left of it.
-                    gained = mul(model.spin_gain[group, j], lost + sideways)
-                    state.spin[group, j] = contact.roll_friction(free_spin + gained, slack)
-                lost = mul(weight, sideways)
-                after = free - loss
-                after[2] = after[2] + push_here
-                predicted = x_here + after * dt
-                if j == last and model.far_is_held == 1:
-                    predicted = far_path.position[group]
-                    after = (predicted - x_here) * rate
-                scratch.predicted[group, j] = predicted
-                scratch.force[group, j] = predicted
-                state.velocity[group, j] = after
-                turn = turn_before
-                spin = spin_before
+                push_ahead = contact.normal_push(model, x_ahead[2], free_velocity[i][2])
+            load = push_ahead + mul(weight, push_here)
+            # The segment before the node.
+            spin_before = spins[i]
+            turned = turned_spins[i]
+            slack_before = mul(rolling, mul(spin_gain[i], load))
+            free_spin_before = contact.roll_friction(turned, slack_before)
+            slack_before = slack_before - f.absolute(turned - free_spin_before)
+            edge = x_here - x_ahead
+            turn_before = contact.spinning_impulse(
+                model, load * half, group, edge * per_edge, v_here - v_ahead
+            )
+            roll_before = spin_before * (-half * height)
+            free_roll_before = free_spin_before * (-half * height)
+            if j == last:
+                roll = roll_before
+                free_roll = free_roll_before
                 free_spin = free_spin_before
                 slack = slack_before
+            # The table feels the tension of the step before; the length solve starts without it,
+            # since a stale tension after a jerk would throw it far from the solution.
+            pull_before = scale(tension[i], edge)
+            lightness = inverse_mass[j]
+            tug = scale(lightness, pull - pull_before) * rate
+            free = free_velocity[j] + scale(lightness, turn - turn_before)
+            axis = (x_after - x_ahead) * per_chord
+            loss = contact.friction_loss(
+                mul(friction, push_here),
+                roll_share,
+                (slack_before + slack) * (half * height),
+                axis,
+                contact.add_normal(v_here, roll_before + roll, axis),
+                contact.add_normal(free + tug, free_roll_before + free_roll, axis),
+            )
+            sideways = contact.along_normal(loss, axis)
+            if j < last:
+                # Rolling friction resists what friction spins up with what is left of it.
+                gained = mul(spin_gain[j], lost + sideways)
+                spins[j] = contact.roll_friction(free_spin + gained, slack)
+            lost = mul(weight, sideways)
+            after = free - loss
+            after[2] = after[2] + push_here
+            moved = x_here + after * dt
+            if j == last and model.far_is_held == 1:
+                moved = far_path.position[group]
+                after = (moved - x_here) * rate
+            predicted[j] = moved
+            free_velocity[j] = moved
+            velocity[j] = after
+            turn = turn_before
+            roll = roll_before
+            free_roll = free_roll_before
+            free_spin = free_spin_before
+            slack = slack_before
+            pull = pull_before
+            push_here = push_ahead
             x_after = x_here
             x_here = x_ahead
-            x_ahead = x_before
             v_here = v_ahead
-            v_ahead = v_before
-            free_here = free_ahead
-            tension_here = tension_ahead
-            inverse_mass = inverse_mass_ahead
-            push_here = push_ahead
-        gained = mul(model.spin_gain[group, 0], lost * real(2.0))
-        state.spin[group, 0] = contact.roll_friction(free_spin + gained, slack)
+            weight = one
+            per_chord = half * per_edge
+        gained = mul(spin_gain[0], lost * real(2.0))
+        spins[0] = contact.roll_friction(free_spin + gained, slack)
 
     @wp.func
     def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
@@ -236,7 +242,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         """
         elastic.measure_curvature(model, path, far_path, state, scratch, group, active * elapsed)
         elastic.elastic_forces(model, path, state, scratch, group, kick)
-        predict(model, path, far_path, state, scratch, group, kick)
+        accelerate(model, state, scratch, group, kick)
+        meet_table(model, path, far_path, state, scratch, group)
         length.hold_lengths(model, state, scratch, group, active)
         return move(model, state, scratch, group, active)
 
