@@ -52,8 +52,17 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         torsion = model.torsion[group]
         coupling = torsion * (dt * dt)
         quarter = real(0.25) / (model.segment_length * model.segment_length)
-        x_here = state.position[group, last]
-        v_here = state.velocity[group, last]
+        per_edge = real(0.25) / model.segment_length
+        position = state.position[group]
+        velocity = state.velocity[group]
+        spins = state.spin[group]
+        twists = state.twist[group]
+        binormals = state.binormal[group]
+        pivots = model.spin_pivot[group]
+        moments = scratch.moment[group]
+        eliminated = scratch.spin[group]
+        x_here = position[last]
+        v_here = velocity[last]
         edge_after = far_path.direction[group] * model.segment_length
         rate_after = far_path.turn[group] * model.segment_length
         spin_after = lane()
@@ -67,11 +76,11 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
             spin = path.spin_before[group]
             spin_ahead = path.spin[group]
             if i > 0:
-                x_before = state.position[group, i - 1]
-                v_before = state.velocity[group, i - 1]
+                x_before = position[i - 1]
+                v_before = velocity[i - 1]
                 edge = x_here - x_before
                 rate = v_here - v_before
-                spin = state.spin[group, i - 1]
+                spin = spins[i - 1]
                 spin_ahead = spin
                 x_here = x_before
                 v_here = v_before
@@ -79,9 +88,11 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
                 bend = edge_after - edge
                 sine_squared = dot(bend, bend) * quarter
                 curvature = twist.binormal(model, sine_squared, edge, edge_after)
-                turned = twist.turn_twist(
-                    model, state, group, i, spin_after - spin, rate + rate_after, curvature, elapsed
-                )
+                # The binormal halfway through the last step is the mean of those at its ends.
+                holonomy = dot(binormals[i] + curvature, rate + rate_after) * per_edge
+                turned = twists[i] + mul(elapsed, spin_after - spin + holonomy)
+                twists[i] = turned
+                binormals[i] = curvature
                 # The torque that the present spins lead to by the end of the step.
                 torque = mul(torsion, turned + (spin_after - spin_ahead) * dt)
                 moment = vec3()
@@ -91,11 +102,11 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
                     torque = torque * real(2.0)
                 else:
                     moment = node_moment(bending, sine_squared, bend)
-                scratch.moment[group, i] = moment
+                moments[i] = moment
                 if i < last:
-                    pivot = model.spin_pivot[group, wp.min(i + 1, last - 1)]
+                    pivot = pivots[wp.min(i + 1, last - 1)]
                     y = torque_after - torque + mul(mul(coupling, pivot), y)
-                    scratch.spin[group, i] = y
+                    eliminated[i] = y
                 torque_after = torque
             spin_after = spin
             edge_after = edge
@@ -114,7 +125,19 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         dt = model.dt
         coupling = model.torsion[group] * (dt * dt)
         shape_torsion = model.shape_torsion[group]
+        one = lane(real(1.0))
         damping = model.angular_damping[group] * (real(0.5) * kick)
+        keep = one - damping
+        slow_down = f.div(one, one + damping)
+        spins = state.spin[group]
+        twists = state.twist[group]
+        binormals = state.binormal[group]
+        pivots = model.spin_pivot[group]
+        filter1 = model.filter_lower1[group]
+        filter2 = model.filter_lower2[group]
+        moments = scratch.moment[group]
+        turned = scratch.spin[group]
+        forces = scratch.force[group]
         acceleration = lane()
         spin = path.spin[group]
         # Moments and torques of the two nodes before the one whose torque becomes known.
@@ -127,34 +150,23 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         for node in range(last + 2):
             spin_after = lane()
             if node < last:
-                acceleration = mul(
-                    model.spin_pivot[group, node],
-                    scratch.spin[group, node] + mul(coupling, acceleration),
-                )
-                spin_after = twist.settle_spin(
-                    state.spin[group, node], acceleration * kick, damping
-                )
-                scratch.spin[group, node] = spin_after
+                acceleration = mul(pivots[node], turned[node] + mul(coupling, acceleration))
+                spin_after = mul(slow_down, mul(keep, spins[node]) + acceleration * kick)
+                turned[node] = spin_after
             w_after = vec3()
             q_after = vec3()
             if node < last + model.far_is_held:
-                w_after = scratch.moment[group, node]
-                ahead = state.twist[group, node] + (spin_after - spin) * dt
-                q_after = twist.shape_force(
-                    model, shape_torsion, ahead, state.binormal[group, node]
-                )
+                w_after = moments[node]
+                ahead = twists[node] + (spin_after - spin) * dt
+                q_after = twist.shape_force(model, shape_torsion, ahead, binormals[node])
                 if node == 0 or node == last:
                     q_after = q_after * real(2.0)
             if node > 1:
                 # The node before has all its neighbours now.
                 i = node - 1
                 force = w_here * real(2.0) - w_before - w_after + q_after - q_before
-                y = (
-                    force
-                    - scale(model.filter_lower1[group, i], y1)
-                    - scale(model.filter_lower2[group, i], y2)
-                )
-                scratch.force[group, i] = y
+                y = force - scale(filter1[i], y1) - scale(filter2[i], y2)
+                forces[i] = y
                 y2 = y1
                 y1 = y
             w_before = w_here
