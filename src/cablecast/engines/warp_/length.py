@@ -72,11 +72,10 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             p_after = prediction[e + 1]
             predicted = p_after - p_here
             w_after = inverse_mass[e + 1]
-            d_after = vec3()
-            if e + 1 < last:
-                x_next = directions[e + 2]
-                d_after = x_next - x_after
-                x_after = x_next
+            # Nothing lies beyond the last edge.
+            x_next = directions[wp.min(e + 2, last)]
+            d_after = x_next - x_after
+            x_after = x_next
             below = -mul(w, dot(predicted, d_before))
             above = -mul(w_after, dot(predicted, d_after))
             diagonal = mul(w + w_after, dot(predicted, d)) * real(slack)
@@ -135,9 +134,10 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             prediction[i] = p_here
             velocity[i] = velocity[i] + shift * rate
             tension[i - 1] = mul(share, change) + tension[i - 1] * keep
-            if back > 0:
-                edge = p_after - p_here
-                worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
+            edge = p_after - p_here
+            # There is no edge after the last node.
+            error = absolute(dot(edge, edge) - squared_length) * real(wp.min(back, 1))
+            worst = wp.max(worst, error)
             p_after = p_here
             pull_after = pull
             x_here = x_before

@@ -115,15 +115,17 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         v_here = velocity[last]
         push_here = contact.normal_push(model, x_here[2], free_velocity[last][2])
         pull = vec3()
-        # All that the endpoint loses rolls the last segment.
+        # All that the endpoint loses rolls the last segment, the only one that it has.
         weight = model.end_weight[group]
         per_chord = per_edge
+        sides = real(2.0)
         # Of the segment after the node.
         turn = vec3()
         roll = lane()
         free_roll = lane()
         free_spin = lane()
         slack = lane()
+        gain = lane()
         lost = lane()
         for back in range(last):
             j = last - back
@@ -131,14 +133,15 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             x_ahead = position[i]
             v_ahead = velocity[i]
             # The gripped node feels no table; the first segment rolls by its other node.
-            push_ahead = push_here
-            if i > 0:
-                push_ahead = contact.normal_push(model, x_ahead[2], free_velocity[i][2])
+            inner = real(wp.min(i, 1))
+            push_ahead = contact.normal_push(model, x_ahead[2], free_velocity[i][2])
+            push_ahead = push_here + (push_ahead - push_here) * inner
             load = push_ahead + mul(weight, push_here)
             # The segment before the node.
             spin_before = spins[i]
             turned = turned_spins[i]
-            slack_before = mul(rolling, mul(spin_gain[i], load))
+            gain_before = spin_gain[i]
+            slack_before = mul(rolling, mul(gain_before, load))
             free_spin_before = contact.roll_friction(turned, slack_before)
             slack_before = slack_before - f.absolute(turned - free_spin_before)
             edge = x_here - x_ahead
@@ -147,11 +150,6 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             )
             roll_before = spin_before * (-half * height)
             free_roll_before = free_spin_before * (-half * height)
-            if j == last:
-                roll = roll_before
-                free_roll = free_roll_before
-                free_spin = free_spin_before
-                slack = slack_before
             # The table feels the tension of the step before; the length solve starts without it,
             # since a stale tension after a jerk would throw it far from the solution.
             pull_before = scale(tension[i], edge)
@@ -162,23 +160,19 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             loss = contact.friction_loss(
                 mul(friction, push_here),
                 roll_share,
-                (slack_before + slack) * (half * height),
+                (slack_before * sides + slack) * (half * height),
                 axis,
-                contact.add_normal(v_here, roll_before + roll, axis),
-                contact.add_normal(free + tug, free_roll_before + free_roll, axis),
+                contact.add_normal(v_here, roll_before * sides + roll, axis),
+                contact.add_normal(free + tug, free_roll_before * sides + free_roll, axis),
             )
             sideways = contact.along_normal(loss, axis)
-            if j < last:
-                # Rolling friction resists what friction spins up with what is left of it.
-                gained = mul(spin_gain[j], lost + sideways)
-                spins[j] = contact.roll_friction(free_spin + gained, slack)
+            # Rolling friction resists what friction spins up with what is left of it.
+            gained = mul(gain, lost + sideways)
+            turned_spins[j] = contact.roll_friction(free_spin + gained, slack)
             lost = mul(weight, sideways)
             after = free - loss
             after[2] = after[2] + push_here
             moved = x_here + after * dt
-            if j == last and model.far_is_held == 1:
-                moved = far_path.position[group]
-                after = (moved - x_here) * rate
             predicted[j] = moved
             free_velocity[j] = moved
             velocity[j] = after
@@ -187,6 +181,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             free_roll = free_roll_before
             free_spin = free_spin_before
             slack = slack_before
+            gain = gain_before
             pull = pull_before
             push_here = push_ahead
             x_after = x_here
@@ -194,8 +189,14 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             v_here = v_ahead
             weight = one
             per_chord = half * per_edge
-        gained = mul(spin_gain[0], lost * real(2.0))
-        spins[0] = contact.roll_friction(free_spin + gained, slack)
+            sides = real(1.0)
+        gained = mul(gain, lost * real(2.0))
+        turned_spins[0] = contact.roll_friction(free_spin + gained, slack)
+        if model.far_is_held == 1:
+            held = far_path.position[group]
+            predicted[last] = held
+            free_velocity[last] = held
+            velocity[last] = (held - position[last]) * rate
 
     @wp.func
     def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
@@ -205,19 +206,22 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         """
         last = model.node_count - 1
         rate = real(1.0) / model.dt
-        state.velocity[group, 0] = (scratch.predicted[group, 0] - state.position[group, 0]) * rate
-        lifted = wp.max(
-            state.position[group, last][2] - lane(model.contact_height * real(1.5)), lane()
-        )
+        position = state.position[group]
+        velocity = state.velocity[group]
+        spins = state.spin[group]
+        predicted = scratch.predicted[group]
+        turned_spins = scratch.spin[group]
+        velocity[0] = (predicted[0] - position[0]) * rate
+        lifted = wp.max(position[last][2] - lane(model.contact_height * real(1.5)), lane())
         fastest = lifted * real(airborne)
         for i in range(last + 1):
-            x = state.position[group, i]
-            v = scale(active, state.velocity[group, i])
-            state.velocity[group, i] = v
-            state.position[group, i] = x + scale(active, scratch.predicted[group, i] - x)
-            if i < last:
-                state.spin[group, i] = mul(active, state.spin[group, i])
+            x = position[i]
+            v = scale(active, velocity[i])
+            velocity[i] = v
+            position[i] = x + scale(active, predicted[i] - x)
             fastest = wp.max(fastest, mul(v[0], v[0]) + mul(v[1], v[1]))
+        for i in range(last):
+            spins[i] = mul(active, turned_spins[i])
         return fastest
 
     @wp.func
