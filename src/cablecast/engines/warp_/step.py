@@ -45,6 +45,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         last = model.node_count - 1
         velocity = state.velocity[group]
         force = scratch.force[group]
+        accelerations = scratch.moment[group]
         inverse_mass = model.inverse_mass[group]
         diagonal = model.filter_diagonal[group]
         filter1 = model.filter_lower1[group]
@@ -54,32 +55,24 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         keep = one - damping
         slow_down = f.div(one, one + damping)
         viscosity = model.rotation_viscosity[group] * kick
-        fall = lane(model.gravity * kick)
-        a1 = vec3()
-        a2 = vec3()
-        lower1 = lane()
-        lower2 = lane()
-        lower2_next = lane()
-        v_here = velocity[last]
-        v_after = v_here
+        fall = wp.matrix_from_rows(lane(), lane(), lane(model.gravity * kick))
         for back in range(last):
             i = last - back
-            v_before = velocity[i - 1]
-            acceleration = scale(diagonal[i], force[i]) - scale(lower1, a1) - scale(lower2, a2)
-            a2 = a1
-            a1 = acceleration
-            lower1 = filter1[i]
-            lower2 = lower2_next
-            lower2_next = filter2[i]
-            # Damped rotation of the segments is a viscous exchange between neighbours.
-            turning = scale(
-                mul(inverse_mass[i], viscosity), v_before - v_here * real(2.0) + v_after
+            after = wp.min(i + 1, last)
+            # Both arrays have two zeros beyond the last node.
+            acceleration = (
+                scale(diagonal[i], force[i])
+                - scale(filter1[i + 1], accelerations[i + 1])
+                - scale(filter2[i + 2], accelerations[i + 2])
             )
-            free = scale(keep, v_here) + acceleration * kick + turning
-            free[2] = free[2] - fall
+            accelerations[i] = acceleration
+            # Damped rotation of the segments is a viscous exchange between neighbours.
+            v = velocity[i]
+            turning = scale(
+                mul(inverse_mass[i], viscosity), velocity[i - 1] - v * real(2.0) + velocity[after]
+            )
+            free = scale(keep, v) + acceleration * kick + turning - fall
             force[i] = scale(slow_down, free)
-            v_after = v_here
-            v_here = v_before
 
     @wp.func
     def meet_table(
