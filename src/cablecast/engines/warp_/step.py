@@ -15,9 +15,7 @@ from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.length import length_functions
 from cablecast.engines.warp_.world import world_structs
 
-CPU_COMPILER_FLAGS = (
-    "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
-)
+CPU_COMPILER_FLAGS = "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
 """Warp's own flags but for the depth to which LLVM looks for vector instructions: its shallow
 default leaves half of the lane arithmetic scalar."""
 
