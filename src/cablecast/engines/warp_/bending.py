@@ -36,7 +36,8 @@ def filter_factors(bending: np.ndarray, mass: np.ndarray, dt: float) -> tuple[np
         dt: Step [s].
 
     Returns:
-        1 / D [1/kg], and the first and second lower diagonals of L [-], each [world, node].
+        1 / D [1/kg], shape [world, node], and the first and second lower diagonals of L [-], with
+        two zeros beyond the last node, shape [world, node + 2].
     """
     world_count, node_count = mass.shape
     k = FILTER * dt**2 * bending
@@ -70,7 +71,8 @@ def filter_factors(bending: np.ndarray, mass: np.ndarray, dt: float) -> tuple[np
                 coupling -= lower2[:, i] * d[:, i - 2] * lower1[:, i - 1]
             lower1[:, i] = coupling / d[:, i - 1]
             d[:, i] -= lower1[:, i] ** 2 * d[:, i - 1]
-    return np.where(free, 1.0 / d, 0.0), lower1, lower2
+    beyond = [(0, 0), (0, 2)]
+    return np.where(free, 1.0 / d, 0.0), np.pad(lower1, beyond), np.pad(lower2, beyond)
 
 
 @functools.cache

@@ -52,54 +52,69 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         torsion = model.torsion[group]
         coupling = torsion * (dt * dt)
         quarter = real(0.25) / (model.segment_length * model.segment_length)
-        x_here = state.position[group, last]
-        v_here = state.velocity[group, last]
-        edge_after = far_path.direction[group] * model.segment_length
-        rate_after = far_path.turn[group] * model.segment_length
-        spin_after = lane()
+        position = state.position[group]
+        velocity = state.velocity[group]
+        spins = state.spin[group]
+        twists = state.twist[group]
+        binormals = state.binormal[group]
+        pivots = model.spin_pivot[group]
+        moments = scratch.moment[group]
+        eliminated = scratch.spin[group]
+        x_here = position[last - 1]
+        v_here = velocity[last - 1]
+        edge_after = position[last] - x_here
+        rate_after = velocity[last] - v_here
+        spin_after = spins[last - 1]
         torque_after = lane()
-        y = lane()
-        for back in range(last + 1):
+        if model.far_is_held == 1:
+            # Half a cell at a gripper, whose bending is linear in the angle to it.
+            held = far_path.direction[group] * model.segment_length
+            bend = held - edge_after
+            curvature = twist.binormal(model, dot(bend, bend) * quarter, edge_after, held)
+            turning = rate_after + far_path.turn[group] * model.segment_length
+            turned = twist.turn_twist(
+                model, twists, binormals, last, -spin_after, turning, curvature, elapsed
+            )
+            torque_after = mul(torsion, turned - spin_after * dt) * real(2.0)
+            moments[last] = scale(bending * real(2.0), bend)
+        passed_on = lane()
+        for back in range(1, last):
             i = last - back
-            # The segment before the node, or the gripper.
-            edge = path.direction[group] * model.segment_length
-            rate = path.turn[group] * model.segment_length
-            spin = path.spin_before[group]
-            spin_ahead = path.spin[group]
-            if i > 0:
-                x_before = state.position[group, i - 1]
-                v_before = state.velocity[group, i - 1]
-                edge = x_here - x_before
-                rate = v_here - v_before
-                spin = state.spin[group, i - 1]
-                spin_ahead = spin
-                x_here = x_before
-                v_here = v_before
-            if i < last or model.far_is_held == 1:
-                bend = edge_after - edge
-                sine_squared = dot(bend, bend) * quarter
-                curvature = twist.binormal(model, sine_squared, edge, edge_after)
-                turned = twist.turn_twist(
-                    model, state, group, i, spin_after - spin, rate + rate_after, curvature, elapsed
-                )
-                # The torque that the present spins lead to by the end of the step.
-                torque = mul(torsion, turned + (spin_after - spin_ahead) * dt)
-                moment = vec3()
-                if i == 0 or i == last:
-                    # Half a cell at a gripper, whose bending is linear in the angle to it.
-                    moment = scale(bending * real(2.0), bend)
-                    torque = torque * real(2.0)
-                else:
-                    moment = node_moment(bending, sine_squared, bend)
-                scratch.moment[group, i] = moment
-                if i < last:
-                    pivot = model.spin_pivot[group, wp.min(i + 1, last - 1)]
-                    y = torque_after - torque + mul(mul(coupling, pivot), y)
-                    scratch.spin[group, i] = y
-                torque_after = torque
+            x_before = position[i - 1]
+            v_before = velocity[i - 1]
+            edge = x_here - x_before
+            rate = v_here - v_before
+            spin = spins[i - 1]
+            bend = edge_after - edge
+            sine_squared = dot(bend, bend) * quarter
+            curvature = twist.binormal(model, sine_squared, edge, edge_after)
+            difference = spin_after - spin
+            turned = twist.turn_twist(
+                model, twists, binormals, i, difference, rate + rate_after, curvature, elapsed
+            )
+            # The torque that the present spins lead to by the end of the step.
+            torque = mul(torsion, turned + difference * dt)
+            moments[i] = node_moment(bending, sine_squared, bend)
+            y = torque_after - torque + passed_on
+            eliminated[i] = y
+            passed_on = mul(mul(coupling, pivots[i]), y)
+            torque_after = torque
             spin_after = spin
             edge_after = edge
             rate_after = rate
+            x_here = x_before
+            v_here = v_before
+        edge = path.direction[group] * model.segment_length
+        bend = edge_after - edge
+        curvature = twist.binormal(model, dot(bend, bend) * quarter, edge, edge_after)
+        turning = rate_after + path.turn[group] * model.segment_length
+        difference = spin_after - path.spin_before[group]
+        turned = twist.turn_twist(
+            model, twists, binormals, 0, difference, turning, curvature, elapsed
+        )
+        torque = mul(torsion, turned + (spin_after - path.spin[group]) * dt) * real(2.0)
+        moments[0] = scale(bending * real(2.0), bend)
+        eliminated[0] = torque_after - torque + passed_on
 
     @wp.func
     def elastic_forces(
@@ -114,53 +129,69 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         dt = model.dt
         coupling = model.torsion[group] * (dt * dt)
         shape_torsion = model.shape_torsion[group]
+        one = lane(real(1.0))
         damping = model.angular_damping[group] * (real(0.5) * kick)
+        keep = one - damping
+        slow_down = f.div(one, one + damping)
+        spins = state.spin[group]
+        twists = state.twist[group]
+        binormals = state.binormal[group]
+        pivots = model.spin_pivot[group]
+        filter1 = model.filter_lower1[group]
+        filter2 = model.filter_lower2[group]
+        moments = scratch.moment[group]
+        turned = scratch.spin[group]
+        forces = scratch.force[group]
         acceleration = lane()
         spin = path.spin[group]
-        # Moments and torques of the two nodes before the one whose torque becomes known.
+        # Moments and torques of the two nodes before the one whose torque becomes known. Those of
+        # a held end count twice, and so does the torque at it below.
         w_before = vec3()
         q_before = vec3()
         w_here = vec3()
         q_here = vec3()
         y1 = vec3()
         y2 = vec3()
-        for node in range(last + 2):
-            spin_after = lane()
-            if node < last:
-                acceleration = mul(
-                    model.spin_pivot[group, node],
-                    scratch.spin[group, node] + mul(coupling, acceleration),
-                )
-                spin_after = twist.settle_spin(
-                    state.spin[group, node], acceleration * kick, damping
-                )
-                scratch.spin[group, node] = spin_after
-            w_after = vec3()
-            q_after = vec3()
-            if node < last + model.far_is_held:
-                w_after = scratch.moment[group, node]
-                ahead = state.twist[group, node] + (spin_after - spin) * dt
-                q_after = twist.shape_force(
-                    model, shape_torsion, ahead, state.binormal[group, node]
-                )
-                if node == 0 or node == last:
-                    q_after = q_after * real(2.0)
-            if node > 1:
-                # The node before has all its neighbours now.
-                i = node - 1
-                force = w_here * real(2.0) - w_before - w_after + q_after - q_before
-                y = (
-                    force
-                    - scale(model.filter_lower1[group, i], y1)
-                    - scale(model.filter_lower2[group, i], y2)
-                )
-                scratch.force[group, i] = y
-                y2 = y1
-                y1 = y
+        cells = real(2.0)
+        for node in range(last):
+            acceleration = mul(pivots[node], turned[node] + mul(coupling, acceleration))
+            spin_after = mul(slow_down, mul(keep, spins[node]) + acceleration * kick)
+            turned[node] = spin_after
+            w_after = moments[node]
+            ahead = twists[node] + (spin_after - spin) * dt
+            q_after = twist.shape_force(model, shape_torsion, ahead, binormals[node]) * cells
+            # The node before has all its neighbours now; before the first lies a dummy.
+            i = wp.max(node - 1, 0)
+            y = (
+                (w_here * real(2.0) - w_before - w_after + q_after - q_before)
+                - scale(filter1[i], y1)
+                - scale(filter2[i], y2)
+            )
+            forces[i] = y
+            y2 = y1
+            y1 = y
             w_before = w_here
             q_before = q_here
             w_here = w_after
             q_here = q_after
             spin = spin_after
+            cells = real(1.0)
+        w_after = vec3()
+        q_after = vec3()
+        if model.far_is_held == 1:
+            w_after = moments[last]
+            ahead = twists[last] - spin * dt
+            q_after = twist.shape_force(model, shape_torsion, ahead, binormals[last]) * real(2.0)
+        y = (
+            (w_here * real(2.0) - w_before - w_after + q_after - q_before)
+            - scale(filter1[last - 1], y1)
+            - scale(filter2[last - 1], y2)
+        )
+        forces[last - 1] = y
+        forces[last] = (
+            (w_after * real(2.0) - w_here - q_here)
+            - scale(filter1[last], y)
+            - scale(filter2[last], y1)
+        )
 
     return SimpleNamespace(measure_curvature=measure_curvature, elastic_forces=elastic_forces)

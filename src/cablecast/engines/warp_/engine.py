@@ -331,7 +331,7 @@ class _Batch:
     def scratch(self):
         build, shape = self.build, (self.group_count, self.node_count)
         scratch = build.Scratch()
-        scratch.moment = self.empty(*shape, dtype=build.vec3)
+        scratch.moment = self.empty(self.group_count, self.node_count + 2, dtype=build.vec3)
         scratch.force = self.empty(*shape, dtype=build.vec3)
         scratch.spin = self.empty(*shape, dtype=build.lane)
         scratch.predicted = self.empty(*shape, dtype=build.vec3)

@@ -51,28 +51,31 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def eliminate_tensions(
-        model: Model, directions: wp.array2d(dtype=vec3), scratch: Scratch, group: int
+        model: Model, directions: wp.array(dtype=vec3), scratch: Scratch, group: int
     ):
         """Forward elimination from the grip to the free end."""
         last = model.node_count - 1
         squared_length = lane(model.segment_length * model.segment_length)
-        x_here = directions[group, 0]
-        x_after = directions[group, 1]
-        p_here = scratch.predicted[group, 0]
+        prediction = scratch.predicted[group]
+        inverse_mass = model.inverse_mass[group]
+        uppers = scratch.upper[group]
+        sides = scratch.rhs[group]
+        x_here = directions[0]
+        x_after = directions[1]
+        p_here = prediction[0]
         d_before = vec3()
         d = x_after - x_here
-        w = model.inverse_mass[group, 0]
+        w = inverse_mass[0]
         upper = lane()
         rhs = lane()
         for e in range(last):
-            p_after = scratch.predicted[group, e + 1]
+            p_after = prediction[e + 1]
             predicted = p_after - p_here
-            w_after = model.inverse_mass[group, e + 1]
-            d_after = vec3()
-            if e + 1 < last:
-                x_next = directions[group, e + 2]
-                d_after = x_next - x_after
-                x_after = x_next
+            w_after = inverse_mass[e + 1]
+            # Nothing lies beyond the last edge.
+            x_next = directions[wp.min(e + 2, last)]
+            d_after = x_next - x_after
+            x_after = x_next
             below = -mul(w, dot(predicted, d_before))
             above = -mul(w_after, dot(predicted, d_after))
             diagonal = mul(w + w_after, dot(predicted, d)) * real(slack)
@@ -80,8 +83,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             pivot = f.div(lane(real(1.0)), diagonal - mul(below, upper))
             rhs = mul(error - mul(below, rhs), pivot)
             upper = mul(above, pivot)
-            scratch.upper[group, e] = upper
-            scratch.rhs[group, e] = rhs
+            uppers[e] = upper
+            sides[e] = rhs
             p_here = p_after
             d_before = d
             d = d_after
@@ -90,7 +93,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def apply_tensions(
         model: Model,
-        directions: wp.array2d(dtype=vec3),
+        directions: wp.array(dtype=vec3),
         state: State,
         scratch: Scratch,
         group: int,
@@ -110,28 +113,35 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         rate = real(1.0) / model.dt
         relative = real(1.0) / (model.segment_length * model.segment_length)
         squared_length = lane(model.segment_length * model.segment_length)
+        prediction = scratch.predicted[group]
+        inverse_mass = model.inverse_mass[group]
+        uppers = scratch.upper[group]
+        sides = scratch.rhs[group]
+        velocity = state.velocity[group]
+        tension = state.tension[group]
         change = lane()
         pull_after = vec3()
         worst = lane()
-        x_here = directions[group, last]
+        x_here = directions[last]
         p_after = vec3()
         for back in range(last):
             i = last - back
-            x_before = directions[group, i - 1]
-            change = scratch.rhs[group, i - 1] - mul(scratch.upper[group, i - 1], change)
+            x_before = directions[i - 1]
+            change = sides[i - 1] - mul(uppers[i - 1], change)
             pull = scale(mul(share, change), x_here - x_before)
-            shift = scale(model.inverse_mass[group, i], pull_after - pull)
-            p_here = scratch.predicted[group, i] + shift
-            scratch.predicted[group, i] = p_here
-            state.velocity[group, i] = state.velocity[group, i] + shift * rate
-            state.tension[group, i - 1] = mul(share, change) + state.tension[group, i - 1] * keep
-            if back > 0:
-                edge = p_after - p_here
-                worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
+            shift = scale(inverse_mass[i], pull_after - pull)
+            p_here = prediction[i] + shift
+            prediction[i] = p_here
+            velocity[i] = velocity[i] + shift * rate
+            tension[i - 1] = mul(share, change) + tension[i - 1] * keep
+            edge = p_after - p_here
+            # There is no edge after the last node.
+            error = absolute(dot(edge, edge) - squared_length) * real(wp.min(back, 1))
+            worst = wp.max(worst, error)
             p_after = p_here
             pull_after = pull
             x_here = x_before
-        edge = p_after - scratch.predicted[group, 0]
+        edge = p_after - prediction[0]
         worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
         return worst * relative
 
@@ -177,14 +187,14 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         while iteration < max_iterations:
             # A jerk that one iteration cannot take up acts along the edges as they have turned.
             if iteration == 0:
-                eliminate_tensions(model, state.position, scratch, group)
+                eliminate_tensions(model, state.position[group], scratch, group)
                 worst = apply_tensions(
-                    model, state.position, state, scratch, group, share, real(0.0)
+                    model, state.position[group], state, scratch, group, share, real(0.0)
                 )
             else:
-                eliminate_tensions(model, scratch.predicted, scratch, group)
+                eliminate_tensions(model, scratch.predicted[group], scratch, group)
                 worst = apply_tensions(
-                    model, scratch.predicted, state, scratch, group, share, real(1.0)
+                    model, scratch.predicted[group], state, scratch, group, share, real(1.0)
                 )
             iteration += 1
             again = 0

@@ -15,9 +15,7 @@ from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.length import length_functions
 from cablecast.engines.warp_.world import world_structs
 
-CPU_COMPILER_FLAGS = (
-    "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
-)
+CPU_COMPILER_FLAGS = "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
 """Warp's own flags but for the depth to which LLVM looks for vector instructions: its shallow
 default leaves half of the lane arithmetic scalar."""
 
@@ -37,19 +35,51 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     airborne = wp.constant(1.0e6)
 
     @wp.func
-    def predict(
-        model: Model,
-        path: Path,
-        far_path: Path,
-        state: State,
-        scratch: Scratch,
-        group: int,
-        kick: real,
-    ):
-        """Velocities, spins and positions after all forces but the change of tension.
+    def accelerate(model: Model, state: State, scratch: Scratch, group: int, kick: real):
+        """Velocities that elasticity, gravity and damping lead to, in place of the forces.
 
-        It goes from the far end to the grip, with the forces one node ahead, since what the table
-        does to a node also depends on how hard its neighbours press.
+        The forces come halfway through the filter; its back substitution goes from the far end.
+        """
+        last = model.node_count - 1
+        velocity = state.velocity[group]
+        force = scratch.force[group]
+        accelerations = scratch.moment[group]
+        inverse_mass = model.inverse_mass[group]
+        diagonal = model.filter_diagonal[group]
+        filter1 = model.filter_lower1[group]
+        filter2 = model.filter_lower2[group]
+        one = lane(real(1.0))
+        damping = model.linear_damping[group] * (real(0.5) * kick)
+        keep = one - damping
+        slow_down = f.div(one, one + damping)
+        viscosity = model.rotation_viscosity[group] * kick
+        fall = wp.matrix_from_rows(lane(), lane(), lane(model.gravity * kick))
+        for back in range(last):
+            i = last - back
+            after = wp.min(i + 1, last)
+            # Both arrays have two zeros beyond the last node.
+            acceleration = (
+                scale(diagonal[i], force[i])
+                - scale(filter1[i + 1], accelerations[i + 1])
+                - scale(filter2[i + 2], accelerations[i + 2])
+            )
+            accelerations[i] = acceleration
+            # Damped rotation of the segments is a viscous exchange between neighbours.
+            v = velocity[i]
+            turning = scale(
+                mul(inverse_mass[i], viscosity), velocity[i - 1] - v * real(2.0) + velocity[after]
+            )
+            free = scale(keep, v) + acceleration * kick + turning - fall
+            force[i] = scale(slow_down, free)
+
+    @wp.func
+    def meet_table(
+        model: Model, path: Path, far_path: Path, state: State, scratch: Scratch, group: int
+    ):
+        """What the table does to velocities and spins, and the positions that they lead to.
+
+        It goes from the far end to the grip, with the normal impulse one node ahead, since what the
+        table does to a node also depends on how hard its neighbours press.
         """
         last = model.node_count - 1
         dt = model.dt
@@ -57,139 +87,107 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         half = real(0.5)
         one = lane(real(1.0))
         per_edge = real(1.0) / model.segment_length
-        damping = model.linear_damping[group] * (half * kick)
-        keep = one - damping
-        slow_down = f.div(one, one + damping)
-        viscosity = model.rotation_viscosity[group] * kick
+        height = model.contact_height
         friction = model.friction[group]
         rolling = model.rolling[group]
         roll_share = model.roll_share[group]
-        end_weight = model.end_weight[group]
-        scratch.predicted[group, 0] = path.position[group]
-        # Nodes i + 2, i + 1 and i.
-        x_after = vec3()
-        x_here = state.position[group, last]
-        x_ahead = x_here
-        v_here = state.velocity[group, last]
-        v_ahead = v_here
-        free_here = vec3()
-        tension_here = vec3()
-        inverse_mass = lane()
-        push_here = lane()
+        position = state.position[group]
+        velocity = state.velocity[group]
+        tension = state.tension[group]
+        spins = state.spin[group]
+        turned_spins = scratch.spin[group]
+        free_velocity = scratch.force[group]
+        predicted = scratch.predicted[group]
+        inverse_mass = model.inverse_mass[group]
+        spin_gain = model.spin_gain[group]
+        predicted[0] = path.position[group]
+        x_here = position[last]
+        x_after = x_here
+        v_here = velocity[last]
+        push_here = contact.normal_push(model, x_here[2], free_velocity[last][2])
         pull = vec3()
-        # The segment after node i + 1.
+        # All that the endpoint loses rolls the last segment, the only one that it has.
+        weight = model.end_weight[group]
+        per_chord = per_edge
+        sides = real(2.0)
+        # Of the segment after the node.
         turn = vec3()
-        spin = lane()
+        roll = lane()
+        free_roll = lane()
         free_spin = lane()
         slack = lane()
+        gain = lane()
         lost = lane()
-        # The second half of the filter of the bending force: back substitution.
-        a1 = vec3()
-        a2 = vec3()
-        lower1 = lane()
-        lower2 = lane()
-        lower2_next = lane()
-        for back in range(last + 1):
-            i = last - back
-            x_before = x_ahead
-            v_before = v_ahead
-            free_ahead = vec3()
-            tension_ahead = vec3()
-            inverse_mass_ahead = lane()
+        for back in range(last):
+            j = last - back
+            i = j - 1
+            x_ahead = position[i]
+            v_ahead = velocity[i]
             # The gripped node feels no table; the first segment rolls by its other node.
-            push_ahead = push_here
-            if i > 0:
-                x_before = state.position[group, i - 1]
-                v_before = state.velocity[group, i - 1]
-                pull_before = scale(state.tension[group, i - 1], x_ahead - x_before)
-                inverse_mass_ahead = model.inverse_mass[group, i]
-                acceleration = (
-                    scale(model.filter_diagonal[group, i], scratch.force[group, i])
-                    - scale(lower1, a1)
-                    - scale(lower2, a2)
-                )
-                a2 = a1
-                a1 = acceleration
-                lower1 = model.filter_lower1[group, i]
-                lower2 = lower2_next
-                lower2_next = model.filter_lower2[group, i]
-                acceleration[2] = acceleration[2] - lane(model.gravity)
-                # Damped rotation of the segments is a viscous exchange between neighbours.
-                turning = scale(
-                    mul(inverse_mass_ahead, viscosity), v_before - v_ahead * real(2.0) + v_here
-                )
-                free_ahead = scale(slow_down, scale(keep, v_ahead) + acceleration * kick + turning)
-                # The table feels the tension of the step before; the length solve starts without
-                # it, since a stale tension after a jerk would throw it far from the solution.
-                tension_ahead = scale(inverse_mass_ahead, pull - pull_before) * rate
-                push_ahead = contact.normal_push(model, x_ahead[2], free_ahead[2])
-                pull = pull_before
-            if i < last:
-                # Node j has all its neighbours now, and so has the segment before it.
-                j = i + 1
-                load = push_ahead + push_here
-                weight = one
-                per_chord = half * per_edge
-                if j == last:
-                    # All that the endpoint loses rolls the last segment.
-                    weight = end_weight
-                    load = push_ahead + mul(weight, push_here)
-                    x_after = x_here
-                    per_chord = per_edge
-                turned = scratch.spin[group, i]
-                spin_before = state.spin[group, i]
-                slack_before = mul(rolling, mul(model.spin_gain[group, i], load))
-                free_spin_before = contact.roll_friction(turned, slack_before)
-                slack_before = slack_before - f.absolute(turned - free_spin_before)
-                turn_before = contact.spinning_impulse(
-                    model, load * half, group, (x_here - x_ahead) * per_edge, v_here - v_ahead
-                )
-                if j == last:
-                    spin = spin_before
-                    free_spin = free_spin_before
-                    slack = slack_before
-                axis = (x_after - x_ahead) * per_chord
-                roll = (spin_before + spin) * (-half * model.contact_height)
-                free_roll = (free_spin_before + free_spin) * (-half * model.contact_height)
-                free = free_here + scale(inverse_mass, turn - turn_before)
-                loss = contact.friction_loss(
-                    mul(friction, push_here),
-                    roll_share,
-                    (slack_before + slack) * (half * model.contact_height),
-                    axis,
-                    contact.add_normal(v_here, roll, axis),
-                    contact.add_normal(free + tension_here, free_roll, axis),
-                )
-                sideways = contact.along_normal(loss, axis)
-                if j < last:
-                    # Rolling friction resists what friction spins up with what is left of it.
-                    gained = mul(model.spin_gain[group, j], lost + sideways)
-                    state.spin[group, j] = contact.roll_friction(free_spin + gained, slack)
-                lost = mul(weight, sideways)
-                after = free - loss
-                after[2] = after[2] + push_here
-                predicted = x_here + after * dt
-                if j == last and model.far_is_held == 1:
-                    predicted = far_path.position[group]
-                    after = (predicted - x_here) * rate
-                scratch.predicted[group, j] = predicted
-                scratch.force[group, j] = predicted
-                state.velocity[group, j] = after
-                turn = turn_before
-                spin = spin_before
-                free_spin = free_spin_before
-                slack = slack_before
+            inner = real(wp.min(i, 1))
+            push_ahead = contact.normal_push(model, x_ahead[2], free_velocity[i][2])
+            push_ahead = push_here + (push_ahead - push_here) * inner
+            load = push_ahead + mul(weight, push_here)
+            # The segment before the node.
+            spin_before = spins[i]
+            turned = turned_spins[i]
+            gain_before = spin_gain[i]
+            slack_before = mul(rolling, mul(gain_before, load))
+            free_spin_before = contact.roll_friction(turned, slack_before)
+            slack_before = slack_before - f.absolute(turned - free_spin_before)
+            edge = x_here - x_ahead
+            turn_before = contact.spinning_impulse(
+                model, load * half, group, edge * per_edge, v_here - v_ahead
+            )
+            roll_before = spin_before * (-half * height)
+            free_roll_before = free_spin_before * (-half * height)
+            # The table feels the tension of the step before; the length solve starts without it,
+            # since a stale tension after a jerk would throw it far from the solution.
+            pull_before = scale(tension[i], edge)
+            lightness = inverse_mass[j]
+            tug = scale(lightness, pull - pull_before) * rate
+            free = free_velocity[j] + scale(lightness, turn - turn_before)
+            axis = (x_after - x_ahead) * per_chord
+            loss = contact.friction_loss(
+                mul(friction, push_here),
+                roll_share,
+                (slack_before * sides + slack) * (half * height),
+                axis,
+                contact.add_normal(v_here, roll_before * sides + roll, axis),
+                contact.add_normal(free + tug, free_roll_before * sides + free_roll, axis),
+            )
+            sideways = contact.along_normal(loss, axis)
+            # Rolling friction resists what friction spins up with what is left of it.
+            gained = mul(gain, lost + sideways)
+            turned_spins[j] = contact.roll_friction(free_spin + gained, slack)
+            lost = mul(weight, sideways)
+            after = free - loss
+            after[2] = after[2] + push_here
+            moved = x_here + after * dt
+            predicted[j] = moved
+            free_velocity[j] = moved
+            velocity[j] = after
+            turn = turn_before
+            roll = roll_before
+            free_roll = free_roll_before
+            free_spin = free_spin_before
+            slack = slack_before
+            gain = gain_before
+            pull = pull_before
+            push_here = push_ahead
             x_after = x_here
             x_here = x_ahead
-            x_ahead = x_before
             v_here = v_ahead
-            v_ahead = v_before
-            free_here = free_ahead
-            tension_here = tension_ahead
-            inverse_mass = inverse_mass_ahead
-            push_here = push_ahead
-        gained = mul(model.spin_gain[group, 0], lost * real(2.0))
-        state.spin[group, 0] = contact.roll_friction(free_spin + gained, slack)
+            weight = one
+            per_chord = half * per_edge
+            sides = real(1.0)
+        gained = mul(gain, lost * real(2.0))
+        turned_spins[0] = contact.roll_friction(free_spin + gained, slack)
+        if model.far_is_held == 1:
+            held = far_path.position[group]
+            predicted[last] = held
+            free_velocity[last] = held
+            velocity[last] = (held - position[last]) * rate
 
     @wp.func
     def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
@@ -199,19 +197,22 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         """
         last = model.node_count - 1
         rate = real(1.0) / model.dt
-        state.velocity[group, 0] = (scratch.predicted[group, 0] - state.position[group, 0]) * rate
-        lifted = wp.max(
-            state.position[group, last][2] - lane(model.contact_height * real(1.5)), lane()
-        )
+        position = state.position[group]
+        velocity = state.velocity[group]
+        spins = state.spin[group]
+        predicted = scratch.predicted[group]
+        turned_spins = scratch.spin[group]
+        velocity[0] = (predicted[0] - position[0]) * rate
+        lifted = wp.max(position[last][2] - lane(model.contact_height * real(1.5)), lane())
         fastest = lifted * real(airborne)
         for i in range(last + 1):
-            x = state.position[group, i]
-            v = scale(active, state.velocity[group, i])
-            state.velocity[group, i] = v
-            state.position[group, i] = x + scale(active, scratch.predicted[group, i] - x)
-            if i < last:
-                state.spin[group, i] = mul(active, state.spin[group, i])
+            x = position[i]
+            v = scale(active, velocity[i])
+            velocity[i] = v
+            position[i] = x + scale(active, predicted[i] - x)
             fastest = wp.max(fastest, mul(v[0], v[0]) + mul(v[1], v[1]))
+        for i in range(last):
+            spins[i] = mul(active, turned_spins[i])
         return fastest
 
     @wp.func
@@ -236,7 +237,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         """
         elastic.measure_curvature(model, path, far_path, state, scratch, group, active * elapsed)
         elastic.elastic_forces(model, path, state, scratch, group, kick)
-        predict(model, path, far_path, state, scratch, group, kick)
+        accelerate(model, state, scratch, group, kick)
+        meet_table(model, path, far_path, state, scratch, group)
         length.hold_lengths(model, state, scratch, group, active)
         return move(model, state, scratch, group, active)
 

@@ -72,8 +72,8 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
-    dot, scale, mul, div = f.dot, f.scale, f.mul, f.div
-    Model, State = s.Model, s.State
+    dot, scale, mul = f.dot, f.scale, f.mul
+    Model = s.Model
     most_twist = wp.constant(MOST_TWIST)
 
     @wp.func
@@ -102,8 +102,8 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def turn_twist(
         model: Model,
-        state: State,
-        group: int,
+        twists: wp.array(dtype=lane),
+        binormals: wp.array(dtype=vec3),
         node: int,
         spins: lane,
         turning: vec3,
@@ -119,11 +119,11 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
             elapsed: What the last step took [s]; 0 for worlds at rest.
         """
         # The binormal halfway through the step is the mean of those at its ends.
-        middle = state.binormal[group, node] + curvature
+        middle = binormals[node] + curvature
         holonomy = dot(middle, turning) * (real(0.25) / model.segment_length)
-        twist = state.twist[group, node] + mul(elapsed, spins + holonomy)
-        state.twist[group, node] = twist
-        state.binormal[group, node] = curvature
+        twist = twists[node] + mul(elapsed, spins + holonomy)
+        twists[node] = twist
+        binormals[node] = curvature
         return twist
 
     @wp.func
@@ -133,15 +133,8 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
         torque = mul(shape_torsion, bounded)
         return scale(torque * (real(0.5) / model.segment_length), curvature)
 
-    @wp.func
-    def settle_spin(spin: lane, change: lane, damping: lane):
-        """Spin after torsion and damping."""
-        one = lane(real(1.0))
-        return div(mul(one - damping, spin) + change, one + damping)
-
     return SimpleNamespace(
         binormal=binormal,
         turn_twist=turn_twist,
         shape_force=shape_force,
-        settle_spin=settle_spin,
     )

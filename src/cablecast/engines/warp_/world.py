@@ -91,8 +91,11 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
     class Scratch:
         """Memory within a step."""
 
-        moment: wp.array2d(dtype=vec3)  # gradient of the bending energy at each node [N]
-        force: wp.array2d(dtype=vec3)  # elastic force, halfway through the filter [N]
+        # Gradient of the bending energy at each node [N]; then the acceleration by elasticity.
+        moment: wp.array2d(dtype=vec3)
+        # Elastic force, halfway through the filter [N]; then the velocity before the table acts;
+        # then the position before lengths are held.
+        force: wp.array2d(dtype=vec3)
         spin: wp.array2d(dtype=lane)
         predicted: wp.array2d(dtype=vec3)
         upper: wp.array2d(dtype=lane)
