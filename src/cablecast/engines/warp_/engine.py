@@ -32,6 +32,10 @@ convergence`, docs/engine.md."""
 
 REST_DURATION = 0.05
 
+MODEL_VERSION = 2
+"""Counts the changes that move landings by more than rounding does. It is among the settings of a
+dataset, so that casts of one model are never continued with those of another."""
+
 
 class EngineWarp:
     """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
@@ -71,6 +75,7 @@ class EngineWarp:
             raise InputError(f"dt = {dt} s is outside [1e-7, 1e-2]")
         if precision not in LANE_COUNT_CPU:
             raise InputError(f"precision {precision!r}: one of {', '.join(LANE_COUNT_CPU)}")
+        self.model_version = MODEL_VERSION
         self.segment_count = segment_count
         self.dt = dt
         self.precision = precision
