@@ -7,6 +7,9 @@ from benchmarks.validation import CASES, THEMES
 from benchmarks.validation.case import make_warp
 from benchmarks.validation.page import Result, anchor, plot, write
 
+from cablecast.cable import CableParams
+from cablecast.engines.base import GRAVITY
+
 MOST_BYTES = 60_000
 """A page with some thirty plots should load at once."""
 
@@ -50,3 +53,24 @@ def test_the_page_shows_each_case_with_its_plot(tmp_path):
         assert f"({image.relative_to(tmp_path)})" in text
         assert 1000 < image.stat().st_size < MOST_BYTES
         assert plot(result) == image.read_bytes()
+
+
+@pytest.mark.parametrize("name", CableParams.names())
+def test_each_parameter_alone_decides_a_known_outcome(name):
+    # With the right value the case is met (above). A value of seven tenths of it must miss
+    # it: nothing else in the scene makes up for that.
+    case = next(case for case in CASES if name in case.parameters)
+
+    def make_mistaken(segment_count, dt, gravity=GRAVITY):
+        engine = make_warp(segment_count, dt, gravity)
+        rollout = engine.rollout
+
+        def mistaken(cable, params, *args, **kwargs):
+            wrong = dataclasses.replace(params, **{name: 0.7 * getattr(params, name)})
+            return rollout(cable, wrong, *args, **kwargs)
+
+        engine.rollout = mistaken
+        return engine
+
+    errors = [outcome.error for outcome in case.run(make_mistaken).outcomes]
+    assert max(errors) > 5 * case.tolerance
