@@ -37,9 +37,9 @@ class TrialNoise:
     angle: float = 0.005
     tip_roll: float = 0.2
     curl: float = 0.15
-    friction: float = 0.006
+    friction: float = 0.010
     servo: float = 0.006
-    torque: float = 0.028
+    torque: float = 0.022
     latency: float = 0.0005
     encoder: float = 5e-5
 
