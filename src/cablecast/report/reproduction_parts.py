@@ -1,6 +1,6 @@
 """The sections of a reproduction's report: what each experiment found, beside the paper."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,12 @@ from cablecast.report.reproduction import (
 )
 from cablecast.report.style import svg_uri
 from cablecast.report.tables import (
+    Table,
     cable_table,
     coverage_table,
+    measured_table,
     method_table,
+    split_table,
     tuning_table,
 )
 from cablecast.workspace import Workspace
@@ -30,7 +33,7 @@ from cablecast.workspace import Workspace
 
 def all_parts(results: Reproduction, workspace: Workspace) -> list[Part]:
     """Every section whose stages have been run, in the order of the paper."""
-    makers = (tuning_part, selection_part, model_part, method_part, cable_part)
+    makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
     parts = (maker(results, workspace) for maker in makers)
     return [part for part in parts if part is not None]
 
@@ -99,8 +102,11 @@ def model_part(results: Reproduction, workspace: Workspace) -> Part | None:
         metrics = results.metrics(cable, f"model-{BEST_METHOD}")
         if metrics is None:
             continue
-        caption = f"How the model of {cable} learned from simulated casts."
-        figures += results.picture(cable, f"model-{BEST_METHOD}", "learning_curve.png", caption)
+        caption = f"How the model of {cable} learned from simulated casts"
+        # Fine-tuning begins with the same curve; it was done on the first cable only.
+        figures += results.picture(
+            cable, "model-fine-tuning", "learning_curve.png", f"{caption}, then from real ones."
+        ) or results.picture(cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}.")
         told.append(
             f"{cable}: on simulated casts that it had not seen the median error is "
             f"{metrics['held_out_median_pct']:.1f} % of the cable's length; on casts of the rig "
@@ -110,10 +116,6 @@ def model_part(results: Reproduction, workspace: Workspace) -> Part | None:
         )
     if not told:
         return None
-    caption = f"How fine-tuning went on with the casts of the rig, {results.cables[0]}."
-    figures += results.picture(
-        results.cables[0], "model-fine-tuning", "learning_curve.png", caption
-    )
     return Part(
         title="Learning where casts land",
         paragraphs=[
@@ -152,6 +154,7 @@ def method_part(results: Reproduction, workspace: Workspace) -> Part | None:
                 f"Errors on {cable}, casts without a landing counted as misses",
                 published=False,
             ),
+            measured_table(evaluations, METHOD_NAMES, cable),
         ],
         figures=[
             Figure(
@@ -175,10 +178,10 @@ def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
         figures.append(
             Figure(
                 uri=svg_uri(figure),
-                caption=f"{cable}: targets (numbers), landings (dots), 95 % ellipses of the five "
-                "casts as the paper draws them, and dashed lines from each target to the mean of "
-                "its landings. A triangle marks a target with a cast that did not land. After "
-                "figure 8 of the paper.",
+                caption=f"{cable}: targets (numbers), landings (dots), 95 % ellipses of equal "
+                "casts as the paper draws them, where there are enough, and dashed lines from each "
+                "target to the mean of its landings. A triangle marks a target with a cast that "
+                "did not land. After figure 8 of the paper.",
             )
         )
     return Part(
@@ -193,6 +196,40 @@ def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
             ),
         ],
         figures=figures,
+    )
+
+
+def split_part(results: Reproduction, workspace: Workspace) -> Part | None:
+    """Where the errors come from: of the best method on every cable, and of each on the first."""
+    lead = results.cables[0]
+    best = {
+        f"{METHOD_NAMES[BEST_METHOD]}, {cable}": metrics
+        for cable, metrics in results.best_evaluations().items()
+    }
+    others = {
+        f"{METHOD_NAMES[method]}, {lead}": metrics
+        for method, metrics in results.evaluations(lead).items()
+        if method != BEST_METHOD
+    }
+    tables: list[Table] = []
+    for evaluations, title in (
+        (best, "Errors of the best method, split"),
+        (others, f"Errors of the other methods on {lead}, split"),
+    ):
+        if (table := split_table(evaluations, title)) is not None:
+            tables.append(table)
+    if not tables:
+        return None
+    return Part(
+        title="Where the errors come from",
+        paragraphs=[
+            "Each planned cast was also played in the tuned simulator and asked of the network "
+            "alone. The way from a target to a landing is so cut into steps, each with a cause of "
+            "its own: what the plan leaves, what the correction adds, how the network differs from "
+            "the simulator it learned from, how the simulator differs from the rig, and how far "
+            "equal casts land from each other.",
+        ],
+        tables=tables,
     )
 
 
@@ -212,43 +249,44 @@ def order_of_methods(results: Reproduction) -> list[str]:
     theirs = sorted(medians, key=lambda method: paper[METHOD_NAMES[method]])
     listed = ", ".join(f"{METHOD_NAMES[method]} ({medians[method]:.1f} %)" for method in ours)
     sentences = [f"By their medians, from best to worst: {listed}."]
-    turned = [
-        (better, worse)
+    turned = {
+        better: [
+            worse
+            for worse in ours[place + 1 :]
+            if theirs.index(better) > theirs.index(worse)
+            # The paper prints whole percents; two methods with the same one have no order there.
+            and paper[METHOD_NAMES[better]] != paper[METHOD_NAMES[worse]]
+        ]
         for place, better in enumerate(ours)
-        for worse in ours[place + 1 :]
-        if theirs.index(better) > theirs.index(worse)
-        # The paper prints whole percents; two methods with the same one have no order there.
-        and paper[METHOD_NAMES[better]] != paper[METHOD_NAMES[worse]]
-    ]
+    }
+    turned = {better: worse for better, worse in turned.items() if worse}
     if not turned:
         return [*sentences, "This is the paper's order."]
-    for better, worse in turned:
-        sentences.append(
-            f"Other than in the paper, {METHOD_NAMES[better]} is better than {METHOD_NAMES[worse]} "
-            f"({medians[better]:.1f} % against {medians[worse]:.1f} %; there "
-            f"{paper[METHOD_NAMES[better]]:.0f} % and {paper[METHOD_NAMES[worse]]:.0f} %). "
-            + _why(results, better, worse)
-        )
-    return sentences
+    return sentences + [
+        f"Other than in the paper, {_with_median(results, better, paper)} is better than "
+        + " and than ".join(_with_median(results, method, paper) for method in worse)
+        + f". {_why(results, better, worse)}"
+        for better, worse in turned.items()
+    ]
 
 
-def _why(results: Reproduction, better: str, worse: str) -> str:
-    """What was measured of two methods that tells where their difference comes from."""
-    cable = results.cables[0]
+def _with_median(results: Reproduction, method: str, paper: Mapping[str, float]) -> str:
+    name = METHOD_NAMES[method]
+    ours = results.evaluations(results.cables[0])[method]["errors_pct"]["median_pct"]
+    return f"{name} ({ours:.1f} %, there {paper[name]:.0f} %)"
+
+
+def _why(results: Reproduction, better: str, worse: Sequence[str]) -> str:
+    """What was measured of some methods that tells where their difference comes from."""
+    evaluations = results.evaluations(results.cables[0])
     told = []
-    for method in (better, worse):
-        metrics = results.evaluations(cable)[method]
-        inside = metrics["errors_inside_coverage_pct"]
-        parts = []
-        if inside["count"] and inside["median_pct"] is not None:
-            parts.append(
-                f"{metrics['targets_inside_coverage']} of {metrics['target_count']} targets lie "
-                f"where it can land, with a median of {inside['median_pct']:.1f} % there"
-            )
+    for method in (better, *worse):
+        metrics = evaluations[method]
+        parts = [f"{metrics['targets_inside_coverage']} targets in its coverage"]
         prediction = metrics["prediction_errors_pct"]["median_pct"]
         if prediction is not None:
-            parts.append(f"casts land {prediction:.1f} % from where it expects them")
-        told.append(f"{METHOD_NAMES[method]}: " + ", ".join(parts))
+            parts.append(f"casts {prediction:.1f} % from where it expects them")
+        told.append(f"{METHOD_NAMES[method]} has " + ", ".join(parts))
     return "Measured: " + "; ".join(told) + "."
 
 

@@ -69,8 +69,13 @@ def pct(value: float | None, digits: int = 1) -> str:
 
 
 def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
-    """The five numbers of a summary of errors, as metrics.json holds them."""
-    return tuple(pct(summary[name]) for name in FIVE_NUMBERS)
+    """The five numbers of a summary of errors, as metrics.json holds them.
+
+    JSON has no infinity: where there are errors but a number is missing, a miss decides it.
+    """
+    missing = math.inf if summary["count"] else math.nan
+    values = (summary[name] for name in FIVE_NUMBERS)
+    return tuple(pct(missing if value is None else value) for value in values)
 
 
 def published_cells(row: PublishedRow) -> tuple[str, ...]:
@@ -139,6 +144,102 @@ def cable_table(
 
 
 BEST_METHOD_PUBLISHED = "forward model, D_sim + D_real"
+
+SPLIT_PARTS = {
+    "repeatability": "equal casts land apart",
+    "mismatch": "the simulator is not the rig",
+    "network": "the network is not the simulator",
+    "correction": "what was learned from casts of the rig",
+    "mismatch_left": "simulator and correction together",
+    "plan": "no cast is expected to land on the target",
+}
+"""What each part of an error is, in words; see `cablecast.evaluation.split`."""
+
+
+def measured_table(
+    evaluations: Mapping[str, Mapping[str, Any]], names: Mapping[str, str], cable: str
+) -> Table:
+    """What was measured of each method that tells where its errors come from.
+
+    Args:
+        evaluations: metrics.json of `cablecast evaluate` by method.
+        names: What to call each method.
+        cable: Which cable was cast.
+    """
+    rows = [
+        Row(
+            cells=(
+                names.get(method, method),
+                f"{metrics['targets_inside_coverage']} of {metrics['target_count']}",
+                pct(metrics["errors_inside_coverage_pct"]["median_pct"]),
+                pct(metrics["prediction_errors_pct"]["median_pct"]),
+            )
+        )
+        for method, metrics in evaluations.items()
+    ]
+    return Table(
+        title=f"Where the errors on {cable} begin",
+        heads=("method", "targets in its coverage", "median error there", "from the expected"),
+        rows=tuple(rows),
+        note="A target is in the coverage of a method that expects one of its casts to land there. "
+        "From the expected: median distance from where a cast was expected to land to where it "
+        "did, whatever the target. In % of cable length.",
+    )
+
+
+def split_table(evaluations: Mapping[str, Mapping[str, Any]], title: str) -> Table | None:
+    """The errors of some evaluations cut into their causes; None where none was split.
+
+    Args:
+        evaluations: metrics.json of `cablecast evaluate` by the name of their row.
+        title: Of the table.
+    """
+    splits = {
+        name: metrics["error_split"]
+        for name, metrics in evaluations.items()
+        if metrics.get("error_split")
+    }
+    if not splits:
+        return None
+    rows = []
+    for name, split in splits.items():
+        # A part that was not measured is not there, and nothing was corrected without casts.
+        parts = [part for part in SPLIT_PARTS if split["parts"].get(part, {}).get("rms_pct")]
+        if "correction" not in parts:
+            parts = [part for part in parts if part != "mismatch_left"]
+        for part in parts:
+            values = split["parts"][part]
+            cells = (pct(values["median_pct"]), pct(values["rms_pct"]), pct(values["share_pct"], 0))
+            rows.append(Row(cells=(name, SPLIT_PARTS[part], *cells)))
+        outside = split["outside_coverage"]
+        count = f"{outside['cast_count']} of {split['cast_count']} casts"
+        rows.append(
+            Row(
+                cells=(
+                    name,
+                    f"of all this, at targets outside the coverage ({count})",
+                    "",
+                    "",
+                    pct(outside["share_pct"], 0),
+                )
+            )
+        )
+        rows.append(
+            Row(cells=(name, "the whole error", "", pct(split["rms_pct"]), "100"), kind="ours")
+        )
+    note = (
+        "Median and root mean square of the length of each part, in % of cable length, over the "
+        "casts that landed; and its share in the mean square of the whole error. The parts are "
+        "vectors that add up to the whole: one that pulls others back has a negative share."
+    )
+    if any(split["repeats"] == 1 for split in splits.values()):
+        note += (
+            " With one cast at each target, how equal casts scatter cannot be told from how the "
+            "simulator differs."
+        )
+    return Table(
+        title=title, heads=("", "part", "median", "rms", "share [%]"), rows=tuple(rows), note=note
+    )
 
 
 def coverage_table(selection: Mapping[str, Any]) -> Table:
