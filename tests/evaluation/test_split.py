@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from typing import cast
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation, Trial
 from cablecast.evaluation.split import PART_NAMES, split_errors
+from cablecast.models.base import LandingModel
 from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.track import EndpointTrack, TrialStatus
@@ -97,6 +99,8 @@ def evaluation_of(trajectories, landed, predicted, status=None, repeats=REPEATS)
 # What the model without a correction answers: mirrored for the target on the left.
 NETWORK = np.array([[0.41, 0.88], [-0.41, 0.88], [0.41, 0.88]])
 
+MODEL = cast(LandingModel, OneAnswer(NETWORK[0]))
+
 
 def planted(trajectories, **errors):
     """The split of an evaluation in which each step of the way is off by what is given [m].
@@ -110,7 +114,7 @@ def planted(trajectories, **errors):
     means = engine + errors.get("mismatch", zero)
     landed = means[:, None] + scatter
     evaluation = evaluation_of(trajectories, landed, predicted)
-    split = split_errors(evaluation, OneAnswer(NETWORK[0]), EnginePlaysTargets(engine))
+    split = split_errors(evaluation, MODEL, EnginePlaysTargets(engine))
     assert split is not None
     return evaluation, split
 
@@ -170,19 +174,19 @@ def test_a_correction_that_undoes_the_mismatch_leaves_nothing_of_both(trajectori
 def test_casts_that_did_not_land_are_left_out(trajectories):
     landed = np.repeat(TARGETS[:, None], REPEATS, axis=1) + 0.02
     evaluation = evaluation_of(trajectories, landed, TARGETS, {1: TrialStatus.OFF_TABLE})
-    split = split_errors(evaluation, OneAnswer(NETWORK[0]), EnginePlaysTargets(TARGETS))
+    split = split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
     assert split is not None
     assert split.to_dict()["cast_count"] == 2 * REPEATS
     nowhere = dict.fromkeys(range(3), TrialStatus.OCCLUDED)
     evaluation = evaluation_of(trajectories, landed, TARGETS, nowhere)
-    assert split_errors(evaluation, OneAnswer(NETWORK[0]), EnginePlaysTargets(TARGETS)) is None
+    assert split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS)) is None
 
 
 def test_the_share_outside_the_coverage_is_that_of_its_squared_errors(trajectories):
     offsets = np.array([[0.03, 0.0], [0.03, 0.0], [0.06, 0.0]])
     landed = np.repeat((TARGETS + offsets)[:, None], REPEATS, axis=1)
     evaluation = evaluation_of(trajectories, landed, TARGETS)
-    split = split_errors(evaluation, OneAnswer(NETWORK[0]), EnginePlaysTargets(TARGETS))
+    split = split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
     assert split is not None
     values = split.to_dict()
     assert values["outside_coverage"]["cast_count"] == REPEATS
@@ -193,7 +197,7 @@ def test_the_share_outside_the_coverage_is_that_of_its_squared_errors(trajectori
 def test_one_cast_at_each_target_leaves_no_repeatability(trajectories):
     landed = (TARGETS + 0.05)[:, None]
     evaluation = evaluation_of(trajectories, landed, TARGETS, repeats=1)
-    split = split_errors(evaluation, OneAnswer(NETWORK[0]), EnginePlaysTargets(TARGETS))
+    split = split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
     assert split is not None
     assert split.repeats == 1
     np.testing.assert_allclose(split.parts["repeatability"], 0.0, atol=CLOSE)
@@ -205,4 +209,4 @@ def test_casts_that_no_model_planned_are_refused(trajectories):
     trials = tuple(dataclasses.replace(trial, action=None) for trial in evaluation.trials)
     evaluation = dataclasses.replace(evaluation, trials=trials)
     with pytest.raises(InputError, match="a model planned"):
-        split_errors(evaluation, OneAnswer(NETWORK[0]), EnginePlaysTargets(TARGETS))
+        split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))

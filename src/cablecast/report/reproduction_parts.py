@@ -226,8 +226,8 @@ def split_part(results: Reproduction, workspace: Workspace) -> Part | None:
             "Each planned cast was also played in the tuned simulator and asked of the network "
             "alone. The way from a target to a landing is so cut into steps, each with a cause of "
             "its own: what the plan leaves, what the correction adds, how the network differs from "
-            "the simulator it learned from, how the simulator differs from the rig, and how far "
-            "equal casts land from each other.",
+            "the simulator it learned from (fine-tuning makes it differ on purpose), how the "
+            "simulator differs from the rig, and how far equal casts land from each other.",
         ],
         tables=tables,
     )

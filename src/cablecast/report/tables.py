@@ -207,26 +207,16 @@ def split_table(evaluations: Mapping[str, Mapping[str, Any]], title: str) -> Tab
         parts = [part for part in SPLIT_PARTS if split["parts"].get(part, {}).get("rms_pct")]
         if "correction" not in parts:
             parts = [part for part in parts if part != "mismatch_left"]
+        whole = ("", pct(split["rms_pct"]), "100")
+        rows.append(Row(cells=(name, *whole), kind="ours"))
         for part in parts:
             values = split["parts"][part]
             cells = (pct(values["median_pct"]), pct(values["rms_pct"]), pct(values["share_pct"], 0))
-            rows.append(Row(cells=(name, SPLIT_PARTS[part], *cells)))
+            rows.append(Row(cells=(SPLIT_PARTS[part], *cells)))
         outside = split["outside_coverage"]
         count = f"{outside['cast_count']} of {split['cast_count']} casts"
-        rows.append(
-            Row(
-                cells=(
-                    name,
-                    f"of all this, at targets outside the coverage ({count})",
-                    "",
-                    "",
-                    pct(outside["share_pct"], 0),
-                )
-            )
-        )
-        rows.append(
-            Row(cells=(name, "the whole error", "", pct(split["rms_pct"]), "100"), kind="ours")
-        )
+        share = pct(outside["share_pct"], 0)
+        rows.append(Row(cells=(f"at targets outside the coverage: {count}", "", "", share)))
     note = (
         "Median and root mean square of the length of each part, in % of cable length, over the "
         "casts that landed; and its share in the mean square of the whole error. The parts are "
@@ -237,9 +227,7 @@ def split_table(evaluations: Mapping[str, Mapping[str, Any]], title: str) -> Tab
             " With one cast at each target, how equal casts scatter cannot be told from how the "
             "simulator differs."
         )
-    return Table(
-        title=title, heads=("", "part", "median", "rms", "share [%]"), rows=tuple(rows), note=note
-    )
+    return Table(title=title, heads=("", "median", "rms", "share [%]"), rows=tuple(rows), note=note)
 
 
 def coverage_table(selection: Mapping[str, Any]) -> Table:
