@@ -15,9 +15,9 @@ camera, or that camera itself, frame by rendered frame."""
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    The defaults make repeated landings scatter about as they did on the real table (paper, section
-    VI-B); `python -m benchmarks laboratory` measures it. What makes fast motions scatter most is
-    the arm: near its limits a small change of what its motors can give changes the whole motion.
+    Repeated landings scatter about as on the real table (paper, section VI-B) up to v_max 1.5 m/s,
+    and not at 1.8 m/s, where some casts fold and magnify any small difference;
+    `python -m benchmarks laboratory` measures it.
 
     Attributes:
         bow: Sideways bow of the cable after a reset, at its middle [m].
