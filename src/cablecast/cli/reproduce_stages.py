@@ -55,7 +55,7 @@ class Budget:
     grid: int = 15
     grid_psi: int = 10
     coarse_generations: int = 60
-    fine_generations: int = 20
+    fine_generations: int = 35
     repeat_actions: int = 30
     repeat_casts: int = 5
     casts: int = 36_000
@@ -71,8 +71,8 @@ QUICK = Budget(
     real_trials=40,
     grid=7,
     grid_psi=6,
-    coarse_generations=25,
-    fine_generations=6,
+    coarse_generations=30,
+    fine_generations=15,
     repeat_actions=8,
     repeat_casts=3,
     casts=12_000,
@@ -179,7 +179,7 @@ class _StageMaker:
 
         share = self.budget.coarse_generations / FULL.coarse_generations
         trials = self.budget.tune_trials / FULL.tune_trials
-        return self._stage(cable, "tune", "tune the simulator", 160.0 * share * trials, work)
+        return self._stage(cable, "tune", "tune the simulator", 150.0 * share * trials, work)
 
     def _repeat(self, cable: str) -> Stage:
         count = self.budget.repeat_actions * len(REPEATED) * self.budget.repeat_casts

@@ -24,9 +24,10 @@ COARSE, FINE = "coarse", "fine"
 class TuneConfig:
     """How the parameters are searched.
 
-    Most generations are simulated coarsely, which is about eight times cheaper; the best of the
-    population then go on at the resolution at which the parameters will be used, because a coarse
-    cable fits the same tracks with slightly different parameters.
+    Most generations are simulated coarsely, which is between two and three times cheaper; the best
+    of the population then go on at the resolution at which the parameters will be used, because a
+    coarse cable fits the same tracks with slightly different parameters. How coarse, matters: the
+    coarser, the farther are the best parameters from those at full resolution.
 
     Attributes:
         method: "de" (Differential Evolution, as in the paper) or "cmaes".
@@ -44,8 +45,8 @@ class TuneConfig:
     population_size: int = 48
     coarse_generations: int = 60
     fine_population_size: int = 24
-    fine_generations: int = 20
-    coarse_segment_count: int = 20
+    fine_generations: int = 35
+    coarse_segment_count: int = 30
     coarse_dt: float = 1e-3
     seed: int = 0
 
