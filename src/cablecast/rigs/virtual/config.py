@@ -16,7 +16,7 @@ class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
     Repeated landings scatter about as on the real table (paper, section VI-B) up to v_max 1.5 m/s,
-    and not at 1.8 m/s, where some casts fold and magnify any small difference;
+    and not at 1.8 m/s, where some casts magnify any small difference;
     `python -m benchmarks laboratory` measures it.
 
     Attributes:
