@@ -25,6 +25,9 @@ from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 
+GRAVITY = 9.81
+"""Acceleration of free fall [m/s²]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Swing:
@@ -34,9 +37,11 @@ class Swing:
     that flies out, and sets it down. Heights run from 0 where the gripper comes down to 1 where the
     cable hangs, radii likewise, so that one swing serves every cable and every landing.
 
-    The points were searched with the fast engine over the three presets, two landing radii and two
-    sideways motions of the hanging cable, for the free end to come down a cable's length in front
-    of the gripper (docs/reset.md).
+    The points were searched with the fast engine over the three presets, with cables of other mass,
+    stiffness and friction than believed, with servos that lag behind and with swings up to 4 %
+    faster or slower, from the states in which lifts left the cable swinging a little: for the cable
+    to come down taut and straight. A cable that lands slack folds to one side, and magnifies how it
+    swung aside before.
 
     Attributes:
         durations: From each point to the next [s]; the first from the hanging cable to the first
@@ -47,11 +52,11 @@ class Swing:
         pitches: Pitch of the gripper at the three points [rad]; it is level at both ends.
     """
 
-    durations: tuple[float, float, float, float] = (0.761, 0.296, 0.491, 0.609)
-    draw_back: float = 0.206
-    radii: tuple[float, float] = (0.332, 0.997)
-    heights: tuple[float, float, float] = (1.006, 1.044, 0.838)
-    pitches: tuple[float, float, float] = (-0.002, 0.492, 0.704)
+    durations: tuple[float, float, float, float] = (0.809, 0.213, 0.497, 0.569)
+    draw_back: float = 0.072
+    radii: tuple[float, float] = (0.371, 1.129)
+    heights: tuple[float, float, float] = (1.207, 0.996, 0.929)
+    pitches: tuple[float, float, float] = (0.560, 0.511, 0.996)
 
     @property
     def duration(self) -> float:
@@ -66,51 +71,62 @@ class PolarCastConfig:
     The lift keeps the free end on the table for as long as it can (section V-A), for a cable that
     comes off the table aslant swings like a pendulum, which three seconds do not still: the gripper
     drags the cable near the base, rises until the free end must be where the cable shall hang,
-    follows an arc about it, a little inside the cable's length, and goes straight up from there,
-    slowly.
+    follows an arc about it, a little inside the cable's length, and goes straight up from there.
+    The last rise is slow where the free end leaves the table: the lower the speed, the nearer to
+    the plumb line the table has let it slide by then. The defaults were searched with the fast
+    engine after 10 casts, with cables of other mass, stiffness and friction than believed, for the
+    hanging cable to swing the least.
 
     Attributes:
         hang_radius: Where the cable hangs, from the base axis [m].
-        clearance: How far the hanging cable's lowest point keeps above the table [m].
+        clearance: How far the hanging cable's lowest point would keep above the table if it hung
+            straight [m]; its bend at the gripper lifts it by some 10 mm more.
         hang_height_max: How high the arm lifts at most [m]; a longer cable keeps its end on the
             table.
         carry_height: Height at which the cable is carried in front of the base [m].
         carry_radius: Where it is carried to [m].
         carry_speed: Mean speed of that [m/s].
+        carry_time_min: It takes at least this long, and so does the rise before it: a faster rise
+            near the base asks too much of the wrist [s].
         draw_radius: Where it is dragged to at that height [m].
         rise_radius: Where the gripper is while it rises [m].
         arc_share: Share of the cable's length at which the arc about the free end closes [-].
+        bend_out_share, bend_up_share: Shares of `bend_offsets` that the place of the free end and
+            the cable's length allow for [-].
         draw_time, rise_time, arc_time, lift_time: How long these moves and the last, straight lift
             take [s].
         hang_time: How long the cable hangs to come to rest [s] (section V-A).
-        turn_time: How long the arm takes, instead, to turn to a target's azimuth with the hanging
-            cable [s]: two periods of its swing, so that the turn adds little to it.
         swing: The casting motion.
-        cast_radius: Where the gripper comes down at most [m]: just short of r_max, at which the
-            elbow is stretched and could not move on smoothly.
+        cast_radius: Where the gripper comes down at most [m]: so far short of r_max that it can
+            swing out beyond, and that the elbow is not stretched.
+        reach_margin: The swing's outermost point keeps this far within r_max [m]: the spline
+            through it goes on by a little less.
         table_margin: How far inside the table's edges the cable's endpoint lands at least [m].
         settle_time: From the end of the swing to the pull [s].
         pull_speed: Mean speed of the slow pull [m/s].
         pull_time_min: It takes at least this long [s].
     """
 
-    hang_radius: float = 0.50
-    clearance: float = 0.03
+    hang_radius: float = 0.483
+    clearance: float = 0.005
     hang_height_max: float = 0.73
-    carry_height: float = 0.10
-    carry_radius: float = 0.60
+    carry_height: float = 0.19
+    carry_radius: float = 0.784
     carry_speed: float = 0.50
-    draw_radius: float = 0.36
-    rise_radius: float = 0.27
-    arc_share: float = 0.975
-    draw_time: float = 1.0
-    rise_time: float = 1.3
-    arc_time: float = 1.3
-    lift_time: float = 2.2
+    carry_time_min: float = 0.7
+    draw_radius: float = 0.359
+    rise_radius: float = 0.265
+    arc_share: float = 0.981
+    bend_out_share: float = 0.379
+    bend_up_share: float = 0.593
+    draw_time: float = 0.919
+    rise_time: float = 1.293
+    arc_time: float = 1.505
+    lift_time: float = 3.727
     hang_time: float = 3.0
-    turn_time: float = 3.2
     swing: Swing = dataclasses.field(default_factory=Swing)
-    cast_radius: float = 0.92
+    cast_radius: float = 0.88
+    reach_margin: float = 0.01
     table_margin: float = 0.01
     settle_time: float = 0.5
     pull_speed: float = 0.12
@@ -123,17 +139,20 @@ class PolarCastConfig:
             ("draw_radius", 0.2, 0.9),
             ("rise_radius", 0.1, 0.9),
             ("arc_share", 0.5, 1.0),
+            ("bend_out_share", 0.0, 2.0),
+            ("bend_up_share", 0.0, 2.0),
             ("draw_time", 0.2, 30.0),
             ("rise_time", 0.2, 30.0),
             ("arc_time", 0.2, 30.0),
-            ("turn_time", 0.2, 30.0),
             ("clearance", 0.0, 0.3),
             ("hang_height_max", 0.1, 2.0),
             ("carry_height", 0.02, 0.5),
             ("carry_speed", 0.01, 1.0),
+            ("carry_time_min", 0.1, 10.0),
             ("lift_time", 0.2, 30.0),
             ("hang_time", 0.1, 30.0),
             ("cast_radius", 0.3, 1.5),
+            ("reach_margin", 0.0, 0.3),
             ("table_margin", 0.0, 0.5),
             ("settle_time", 0.0, 10.0),
             ("pull_speed", 0.01, 1.0),
@@ -149,33 +168,63 @@ class PolarCastConfig:
         return min(height, self.hang_height_max)
 
 
-def lift(path: PlanePath, cable: Cable, config: PolarCastConfig) -> PlanePath:
-    """Append: from anywhere low to the cable hanging straight ahead of the base."""
+def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float = 0.0) -> PlanePath:
+    """Append: from anywhere low to the cable hanging in the plane at an azimuth [rad]."""
     place = path.place
     rise = abs(config.carry_height - place["height"])
-    path.move(max(0.5, rise / config.carry_speed), height=config.carry_height)
-    turned = config.carry_radius * (abs(place["azimuth"]) + abs(place["turn"]) / 2)
+    path.move(max(config.carry_time_min, rise / config.carry_speed), height=config.carry_height)
+    turned = config.carry_radius * (abs(azimuth - place["azimuth"]) + abs(place["turn"]) / 2)
     way = float(np.hypot(config.carry_radius - place["radius"], turned))
-    path.move(max(0.5, way / config.carry_speed), azimuth=0.0, radius=config.carry_radius, turn=0.0)
+    path.move(
+        max(config.carry_time_min, way / config.carry_speed),
+        azimuth=azimuth,
+        radius=config.carry_radius,
+        turn=0.0,
+    )
     path.move(config.draw_time, radius=config.draw_radius)
     hang_height = config.hang_height(cable)
-    # The free end is dragged to below the place where the cable shall hang.
-    length = min(cable.length, hang_height / config.arc_share)
-    aside = config.hang_radius - config.rise_radius
+    # The free end is dragged to below the place where it shall hang, and there it stays.
+    bend_out, bend_up = bend_offsets(cable)
+    end_radius = config.hang_radius + config.bend_out_share * bend_out
+    length = cable.length + cable.attachment_length - config.bend_up_share * bend_up
+    length = min(length, hang_height / config.arc_share)
+    aside = end_radius - config.rise_radius
     path.move(
         config.rise_time,
         radius=config.rise_radius,
         height=float(np.sqrt(max(length**2 - aside**2, config.carry_height**2))),
     )
     share = np.linspace(0.0, 1.0, 7)[1:]
-    angle = np.arcsin(min(aside / length, 1.0)) * (1.0 - share)
+    first, last = (
+        float(np.arcsin(min(way / length, 1.0))) for way in (aside, end_radius - config.hang_radius)
+    )
+    angle = first + (last - first) * share
     reach = length * (1.0 - (1.0 - config.arc_share) * share)
     path.through(
         (config.arc_time * share).tolist(),
-        radius=(config.hang_radius - reach * np.sin(angle)).tolist(),
+        radius=(end_radius - reach * np.sin(angle)).tolist(),
         height=(reach * np.cos(angle)).tolist(),
     )
-    return path.move(config.lift_time, height=hang_height)
+    return path.move(config.lift_time, radius=config.hang_radius, height=hang_height)
+
+
+def bend_offsets(cable: Cable) -> tuple[float, float]:
+    """How far a cable that leaves the gripper level hangs in front of it, and how much higher.
+
+    The elastica that turns from level to straight down under a tension T, which is the weight of
+    the cable and its attachment at the bend: with b = sqrt(E I / T) it ends sqrt(2) b in front of
+    its clamp, and (2 - sqrt(2)) b less far down than its length.
+
+    Args:
+        cable: Its parameters are what is believed of it.
+
+    Returns:
+        Both lengths [m].
+    """
+    params = cable.params
+    tension = GRAVITY * (float(params.mass) + float(params.endpoint_mass))
+    bend = float(np.sqrt(float(params.bend_stiffness) / tension))
+    return float(np.sqrt(2.0)) * bend, (2.0 - float(np.sqrt(2.0))) * bend
 
 
 def swing_out(
@@ -184,9 +233,13 @@ def swing_out(
     """Append the swing: the gripper comes down at a radius [m], then the cable settles."""
     swing, place = config.swing, path.place
     low, near = workspace.grip_height, place["radius"]
+    # The gripper swings out beyond where it comes down, so that the cable lands taut; but not
+    # beyond the arm's reach.
+    farthest = max(radius, workspace.r_max - config.reach_margin)
+    outer = [min(near + share * (radius - near), farthest) for share in swing.radii]
     path.through(
         np.cumsum(swing.durations).tolist(),
-        radius=[near - swing.draw_back, *(near + s * (radius - near) for s in (*swing.radii, 1.0))],
+        radius=[near - swing.draw_back, *outer, radius],
         height=[low + s * (place["height"] - low) for s in (*swing.heights, 0.0)],
         pitch=[*swing.pitches, 0.0],
     )
@@ -373,11 +426,7 @@ def polar_cast_path(
         )
     r, theta = xy_to_polar(endpoint_xy).tolist()
     path = PlanePath(reset_pose(workspace) if start is None else start)
-    lift(path, cable, config)
-    if abs(theta) > 1e-9:
-        path.move(config.turn_time, azimuth=theta)
-    else:
-        path.hold(config.hang_time)
+    lift(path, cable, config, theta).hold(config.hang_time)
     swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
     return pull_back(path, r - cable.length, config).grip_path()
 

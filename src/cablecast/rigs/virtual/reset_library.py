@@ -9,8 +9,10 @@ A trial then starts from one of these states. Only the presets in the default la
 any other cable starts from a drawn bow (trials.py).
 """
 
+import contextvars
 import dataclasses
 import functools
+import hashlib
 import importlib.resources
 import io
 import json
@@ -29,8 +31,10 @@ from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.joint_path import joint_path
+from cablecast.motion.polar_cast import PolarCastConfig
 from cablecast.motion.reset import reset_path
 from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.virtual._hidden import hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
@@ -47,6 +51,9 @@ REST_TIME = 1.0
 
 BATCH_SIZE = 8
 """Resets that are simulated, and saved, at a time."""
+
+_MAKING: contextvars.ContextVar[bool] = contextvars.ContextVar("making a library", default=False)
+"""While a library is made none is drawn from, so that it does not depend on the one before it."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -184,7 +191,7 @@ def find_library(cable: Cable, lab_seed: int = 0) -> ResetLibrary | None:
         cable: A preset; a user's own has none, nor has a preset whose geometry was changed.
         lab_seed: Which laboratory; only the default one has any.
     """
-    if lab_seed != 0 or cable.name not in CABLE_NAMES:
+    if lab_seed != 0 or cable.name not in CABLE_NAMES or _MAKING.get():
         return None
     preset = load_cable(cable.name)
     names = ("length", "diameter", "attachment", "attachment_length")
@@ -267,8 +274,12 @@ def simulate_resets(
         raise InputError(f"count = {count} resets must be at least 1")
     rig = RigVirtual(cable, workspace, seed, config)
     trajectories, begins = cast_and_reset(cable, workspace, count, seed, motion)
-    tracks = rig.execute_many(trajectories)
-    rig.close()
+    making = _MAKING.set(True)
+    try:
+        tracks = rig.execute_many(trajectories)
+    finally:
+        _MAKING.reset(making)
+        rig.close()
     arc_lengths = np.linspace(0.0, cable.length, round(cable.length / NODE_SPACING) + 1)
     positions, before = [], []
     for begin, track in zip(begins, tracks, strict=True):
@@ -347,7 +358,10 @@ class MakeLibrary:
             "batch_size": BATCH_SIZE,
             "lab": dataclasses.asdict(config),
             "motion": dataclasses.asdict(motion),
+            "reset": dataclasses.asdict(PolarCastConfig()),
             "workspace": dataclasses.asdict(workspace),
+            # Tells another true cable from this one without telling its values.
+            "truth": hidden_digest(cable, config.lab_seed),
         }
         library = None
         if path.is_file():
@@ -367,6 +381,17 @@ class MakeLibrary:
             done += BATCH_SIZE
             left = (time.monotonic() - start) / (done - begun) * max(self.count - done, 0)
             print(f"{self.cable}: {done} resets, about {left:.0f} s to go", file=sys.stderr)
+
+
+def hidden_digest(cable: Cable, lab_seed: int) -> str:
+    """A short name for all that is hidden about a cable, the arm and the table of a laboratory.
+
+    Args:
+        cable: The cable.
+        lab_seed: Which laboratory.
+    """
+    truth = (hidden_cable(cable, lab_seed), hidden_arm(lab_seed), hidden_table(lab_seed))
+    return hashlib.sha256(repr(truth).encode()).hexdigest()[:16]
 
 
 def main() -> None:

@@ -1,0 +1,153 @@
+"""Polar casting: where it reaches, and that it puts the endpoint there."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import CABLE_NAMES, load_cable
+from cablecast.conventions import polar_to_xy
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError, JointLimitError
+from cablecast.motion.feasibility import check_grip_paths
+from cablecast.motion.grip_path import GripPath
+from cablecast.motion.polar_cast import (
+    PolarCastConfig,
+    PolarReach,
+    Swing,
+    plan_polar_cast,
+    polar_cast_path,
+    reset_pose,
+)
+from cablecast.workspace import Workspace, load_targets
+
+WORKSPACE = Workspace()
+CABLE = load_cable("cable_1")
+REACH = PolarReach.of(CABLE, WORKSPACE)
+
+# Shares of the cable's length. Along the azimuth only slack and the descent from the gripper are
+# left, but a light cable that is not pulled after it has landed keeps some more slack; across it,
+# the cable still swings a little when it is cast.
+RADIAL = 0.02
+RADIAL_LANDED = 0.10
+ASTRAY_MEDIAN = 0.04
+ASTRAY_LARGEST = 0.12
+
+
+def places(cable, count=5):
+    """Far, middle and near places at several azimuths, shape [place, 2]."""
+    reach = PolarReach.of(cable, WORKSPACE)
+    polar = []
+    for theta in np.linspace(-0.9, 0.9, count) * reach.theta_max:
+        near, far = reach.pulled_radius(theta), reach.landing_radius(theta)
+        polar += [[near + share * (far - near), theta] for share in (0.05, 0.5, 1.0)]
+    return polar_to_xy(polar)
+
+
+def test_straight_ahead_the_endpoint_comes_no_nearer_than_the_limit_of_the_paper():
+    limit = 0.466 + CABLE.length
+    assert REACH.contains([0.0, limit + 1e-6])
+    assert not REACH.contains([0.0, limit - 1e-3])
+
+
+def test_the_far_bound_is_the_stretched_arm_with_the_cable_or_the_edge_of_the_table():
+    theta = np.radians(40.0)
+    assert REACH.landing_radius(theta) == pytest.approx(0.88 + CABLE.length)
+    assert 0.88 == PolarCastConfig().cast_radius < WORKSPACE.r_max
+    assert REACH.landing_radius(0.0) == pytest.approx(WORKSPACE.table_depth - 0.01)
+
+
+def test_the_outline_holds_what_the_region_contains():
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-1.4, 0.0], [1.4, 1.5], (100_000, 2))
+    share = np.mean(REACH.contains(points)) * 2.8 * 1.5
+    # The spread of a share of about a fifth of 100,000 draws is 0.13 % of all.
+    assert REACH.area == pytest.approx(share, abs=0.02)
+    far, near = np.split(REACH.outline(50), 2)
+    just_inside = np.concatenate([0.999 * far, 1.001 * near])
+    assert REACH.contains(just_inside).mean() > 0.95
+
+
+def test_the_nearest_point_lies_on_the_region_and_no_other_is_nearer():
+    rng = np.random.default_rng(1)
+    targets = load_targets()
+    near = REACH.nearest(targets)
+    outline = REACH.outline(4000)
+    others = rng.uniform([-1.4, 0.0], [1.4, 1.5], (20_000, 2))
+    others = np.concatenate([others[REACH.contains(others)], outline])
+    for target, point in zip(targets, near, strict=True):
+        assert np.linalg.norm(outline - point, axis=1).min() < 1e-3 or REACH.contains(point)
+        best = np.linalg.norm(others - target, axis=1).min()
+        assert np.linalg.norm(point - target) <= best + 1e-6
+
+
+def test_the_region_explains_the_errors_of_polar_casting_in_the_paper():
+    # The paper: median 43 %, third quartile 76 %, largest 106 % (table I), on cable 1.
+    targets = load_targets()
+    errors = np.linalg.norm(REACH.nearest(targets) - targets, axis=1) / CABLE.length * 100
+    published = [43.0, 76.0, 106.0]
+    np.testing.assert_allclose(np.percentile(errors, [50, 75, 100]), published, atol=2.5)
+
+
+def test_a_cable_too_long_for_the_table_is_refused():
+    with pytest.raises(InputError, match=r"reaches nothing with a cable of 1\.2 m"):
+        PolarReach.of(dataclasses.replace(CABLE, length=1.2), WORKSPACE)
+
+
+@pytest.mark.parametrize("name", CABLE_NAMES)
+def test_the_arm_can_follow_every_polar_cast(name):
+    cable = load_cable(name)
+    paths = [polar_cast_path(xy, cable, WORKSPACE) for xy in places(cable)]
+    feasibility = check_grip_paths(GripPath.stack(paths), WORKSPACE)
+    assert feasibility.mask.all(), feasibility.reasons
+
+
+def test_the_gripper_stays_beyond_the_edge_of_the_robots_own_table_while_it_pulls():
+    for xy in places(CABLE):
+        path = polar_cast_path(xy, CABLE, WORKSPACE)
+        poses = path.evaluate(np.linspace(0.0, path.duration[0], 3000))[0]
+        low = poses[:, 2] < WORKSPACE.grip_height + 0.01
+        assert np.min(poses[low, 1]) >= WORKSPACE.support_depth - 1e-6
+
+
+def test_the_motion_starts_at_the_reset_pose_and_ends_a_cable_length_before_the_place():
+    xy = polar_to_xy([1.2, 0.5])
+    path = polar_cast_path(xy, CABLE, WORKSPACE)
+    first, last = path.evaluate([0.0, path.duration[0]])[0]
+    np.testing.assert_allclose(first, reset_pose(WORKSPACE), atol=1e-12)
+    np.testing.assert_allclose(last[:2], polar_to_xy([1.2 - CABLE.length, 0.5]), atol=1e-9)
+    assert last[3] == pytest.approx(0.5)
+
+
+def test_a_place_beyond_reach_is_refused_by_its_bounds():
+    with pytest.raises(InputError, match=r"does not reach \(0\.000, 0\.700\) m: r must be at most"):
+        polar_cast_path([0.0, 0.7], CABLE, WORKSPACE)
+
+
+def test_a_swing_that_is_too_fast_for_the_arm_is_refused_by_the_limit_it_breaks():
+    swing = Swing(durations=(0.2, 0.1, 0.15, 0.2))
+    with pytest.raises(JointLimitError, match=r"polar casting: .*velocity .* is above"):
+        plan_polar_cast([0.0, 1.2], CABLE, WORKSPACE, PolarCastConfig(swing=swing))
+
+
+@pytest.mark.parametrize("name", CABLE_NAMES)
+def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
+    cable = load_cable(name)
+    # With its attachment the engine's cable is as long as the real one; its endpoint lies before.
+    whole = dataclasses.replace(
+        cable, length=cable.length + cable.attachment_length, attachment_length=0.0
+    )
+    xy = places(cable, 3)
+    paths = GripPath.stack([polar_cast_path(p, cable, WORKSPACE) for p in xy])
+    engine = EngineWarp(segment_count=30, dt=1e-3)
+    nodes = engine.rollout(whole, cable.params, paths).final_state.positions[..., :2]
+    along = nodes[:, -1] - nodes[:, -2]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    endpoint = nodes[:, -1] - cable.attachment_length * along
+    radius = np.linalg.norm(endpoint - nodes[:, 0], axis=1)
+    slack = 1.0 - radius.reshape(-1, 3) / cable.length
+    assert np.max(np.abs(slack[:, :2])) < RADIAL, "what was pulled lies straight"
+    assert np.max(np.abs(slack[:, 2])) < RADIAL_LANDED
+    astray = np.linalg.norm(endpoint - xy, axis=1) / cable.length
+    assert np.median(astray) < ASTRAY_MEDIAN
+    assert np.max(astray) < ASTRAY_LARGEST
