@@ -15,6 +15,8 @@ BUDGETS = {
     "02_simulate_casts.py": {"count": 16},
     "03_make_a_dataset.py": {"count": 100},
     "04_train_and_plan.py": {"epochs": 2, "candidate_count": 300},
+    "06_tune_a_simulator.py": {"count": 3, "generations": 1, "population_size": 8},
+    "07_learn_from_real_casts.py": {"count": 32, "candidate_count": 300},
 }
 # What only a finished run prints in its last line.
 LAST_WORDS = {
@@ -23,6 +25,8 @@ LAST_WORDS = {
     "03_make_a_dataset.py": "Parquet",
     "04_train_and_plan.py": "target (+0.00, 1.00) m",
     "05_your_own_rig.py": "casts",
+    "06_tune_a_simulator.py": "after tuning",
+    "07_learn_from_real_casts.py": "with real casts",
 }
 
 

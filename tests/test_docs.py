@@ -1,0 +1,159 @@
+"""What README and docs promise exists: links, pictures, verbs, options, modules, names."""
+
+import ast
+import dataclasses
+import importlib
+import importlib.util
+import pathlib
+import re
+import shlex
+import typing
+
+import pytest
+from benchmarks.__main__ import NAMES
+
+from cablecast.cli import main as run_command
+from cablecast.cli.main import _Command
+
+ROOT = pathlib.Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+VERBS = {
+    verb.__name__.lower(): verb
+    for verb, *_ in (typing.get_args(command) for command in typing.get_args(_Command))
+}
+HELP = {"--help", "--version"}
+
+
+def by_name(page: pathlib.Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Language and content of each fenced block."""
+    return re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def commands(page: pathlib.Path) -> list[list[str]]:
+    """The commands in the fenced blocks of a page, split as a shell splits them."""
+    found = []
+    for language, content in blocks(page.read_text()):
+        if language in ("", "sh", "bash"):
+            lines = content.replace("\\\n", " ").splitlines()
+            found += [shlex.split(line, comments=True) for line in lines]
+    return [words for words in found if words]
+
+
+def inline_commands(page: pathlib.Path) -> list[list[str]]:
+    """What stands between backticks in the text, where it looks like a command or an option."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    spans = (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", text))
+    return [
+        span.split() for span in spans if re.match(r"(\S*/)?(cablecast|python|make) |--\w", span)
+    ]
+
+
+def options_of(verb: str) -> set[str]:
+    fields = dataclasses.fields(VERBS[verb])
+    return {f"--{field.name.replace('_', '-')}" for field in fields} | HELP
+
+
+def options_in(words: list[str]) -> list[str]:
+    return [word.partition("=")[0] for word in words if word.startswith("--")]
+
+
+@pytest.fixture(scope="module")
+def every_option() -> set[str]:
+    """Options of any verb, and of the modules that the pages tell to run."""
+    known = set().union(*map(options_of, VERBS))
+    for page in PAGES:
+        for words in [*commands(page), *inline_commands(page)]:
+            if "-m" in words[:-1]:
+                known |= set(re.findall(r'"(--[\w-]+)"', module_source(words)))
+    return known
+
+
+def module_source(words: list[str]) -> str:
+    """Source of the module that `python -m MODULE` runs."""
+    name = words[words.index("-m") + 1]
+    spec = importlib.util.find_spec(name)
+    assert spec is not None, f"there is no module {name}"
+    assert spec.origin
+    return pathlib.Path(spec.origin).read_text()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_every_relative_link_and_picture_leads_to_a_file(page):
+    text = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    for target in re.findall(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"", text):
+        link, _, heading = "".join(target).partition("#")
+        if re.match(r"\w+:", link):
+            continue
+        file = page.parent / link if link else page
+        assert file.exists(), f"{by_name(page)} links to {link}"
+        if heading:
+            headings = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)
+            slugs = {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}
+            assert heading in slugs, f"{by_name(page)} links to #{heading}"
+
+
+def test_every_page_is_listed():
+    listed = (ROOT / "docs" / "README.md").read_text()
+    for page in PAGES[1:]:
+        assert page.name == "README.md" or f"({page.name})" in listed
+
+
+def test_every_verb_is_listed():
+    listed = (ROOT / "docs" / "README.md").read_text()
+    assert {verb for verb in VERBS if f"`{verb}`" not in listed} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_every_command_in_a_block_is_understood(page, monkeypatch):
+    for verb in VERBS.values():
+        monkeypatch.setattr(verb, "run", lambda self: None)
+    for words in commands(page):
+        if pathlib.Path(words[0]).name == "cablecast":
+            assert run_command(words[1:]) == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_every_verb_and_option_in_the_text_exists(page, every_option):
+    for words in inline_commands(page):
+        known = every_option
+        if pathlib.Path(words[0]).name == "cablecast":
+            verb = next((word for word in words[1:] if not word.startswith("--")), None)
+            assert verb is None or verb in VERBS, " ".join(words)
+            known = options_of(verb) if verb else HELP
+        assert set(options_in(words)) <= known, " ".join(words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_every_module_and_target_that_is_run_exists(page):
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    for words in [*commands(page), *inline_commands(page)]:
+        if words[0] == "make":
+            assert next(word for word in words[1:] if "=" not in word) in targets
+        if words[0].endswith("python") and words[1].endswith(".py"):
+            assert (ROOT / words[1]).is_file(), " ".join(words)
+        if "-m" not in words[:-1] or words[words.index("-m") + 1] in ("pytest", "venv", "pip"):
+            continue
+        source = module_source(words)
+        after = words[words.index("-m") + 2 :]
+        if words[words.index("-m") + 1] == "benchmarks":
+            assert not after or after[0] in NAMES, " ".join(words)
+            continue
+        for option in options_in(after):
+            field = option[2:].replace("-", "_")
+            assert f'"{option}"' in source or re.search(rf"^    {field}: ", source, re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_every_name_that_a_block_imports_exists(page):
+    for language, content in blocks(page.read_text()):
+        if language != "python":
+            continue
+        for node in ast.walk(ast.parse(content)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cablecast"):
+                module = importlib.import_module(node.module or "")
+                for alias in node.names:
+                    assert hasattr(module, alias.name), f"{node.module}.{alias.name}"
