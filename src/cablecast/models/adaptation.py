@@ -5,7 +5,7 @@ Two ways, and the network that has only the real casts:
 - `fine_tune` goes on training the network on D_real, as the paper does (section V-F).
 - `correct_model` leaves the network as it is and adds a `LandingCorrection`, which also knows how
   far it may be trusted where; a policy can then choose casts that are likely to land where they
-  should. docs/learning.md compares them.
+  should. `cablecast reproduce` compares them.
 
 Each is cross-validated on D_real: every real cast is predicted once by a model that has not seen
 it. Casts that left the table or were not seen have no endpoint and teach nothing here.
@@ -52,8 +52,7 @@ Predict = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 class FineTuningConfig:
     """How the network goes on learning from real casts.
 
-    The defaults were chosen by cross-validation on D_real; `python -m benchmarks fine_tuning`
-    repeats the comparison.
+    `cablecast reproduce` compares it with the correction on the same casts.
 
     Attributes:
         epochs: Passes over the training rows.

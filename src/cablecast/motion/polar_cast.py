@@ -264,7 +264,7 @@ class PolarReach:
     states. Aside of that the cable lies aslant, and its endpoint may be nearer: the paper's errors
     of polar casting (median 43 %, third quartile 76 %, largest 106 % of the cable's length) are the
     distances of its targets from this region (44, 76, 105 %), not from the half plane beyond
-    0.466 m + r_c (64, 98, 119 %).
+    0.466 m + r_c (63, 97, 118 %).
 
     Attributes:
         cable_length: r_c [m].

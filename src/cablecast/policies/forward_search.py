@@ -96,8 +96,7 @@ class ForwardSearchPolicy:
 
     A model that has learned from real casts knows how far they scatter about its predictions. The
     policy then takes, of all candidates within `REACH_PCT`, the one with the least expected miss:
-    what remains to the target and the spread together. On the virtual rig that is worth more than
-    anything else about the search; docs/learning.md has the measurement.
+    what remains to the target and the spread together (docs/learning.md).
 
     Attributes:
         actions: Candidates that stay on the table, shape [candidate, 4].
