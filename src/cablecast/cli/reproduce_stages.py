@@ -278,8 +278,15 @@ class _StageMaker:
                 **sources[method],
             ).run()
 
-        training = 70.0 * self.budget.casts / FULL.casts * self.budget.epochs / FULL.epochs
-        expected = {"real": 15.0, "fine-tuning": 30.0, "correction": 20.0 if is_first else training}
+        share = self.budget.casts / FULL.casts
+        training = 90.0 * share * self.budget.epochs / FULL.epochs
+        expected = {
+            # Each of its steps multiplies with a matrix of all pairs of casts.
+            "gaussian-process": 300.0 * share**2,
+            "real": 15.0,
+            "fine-tuning": 30.0,
+            "correction": 20.0 if is_first else training,
+        }
         return self._stage(
             cable,
             f"model-{method}",
