@@ -52,6 +52,10 @@ REST_TIME = 1.0
 BATCH_SIZE = 8
 """Resets that are simulated, and saved, at a time."""
 
+ASIDE_MAX = 0.01
+"""A reset whose endpoint lies farther aside of straight ahead is seen by the camera and done again
+[m]."""
+
 _MAKING: contextvars.ContextVar[bool] = contextvars.ContextVar("making a library", default=False)
 """While a library is made none is drawn from, so that it does not depend on the one before it."""
 
@@ -104,6 +108,11 @@ class ResetLibrary:
             "heading_scatter_deg": float(np.std(heading)),
             "bow_mean_pct": float(np.mean(np.max(np.abs(aside), axis=1))) / length * 100,
         }
+
+    def accepted(self) -> NDArray[np.intp]:
+        """States that a trial may begin with, of those that resets left: all where none is near."""
+        near = np.flatnonzero(np.abs(self.positions[:, -1, 0]) <= ASIDE_MAX)
+        return near if len(near) else np.arange(len(self))
 
     def resample(self, index: int, arc_lengths: ArrayLike) -> NDArray[np.float64]:
         """One state at other nodes.

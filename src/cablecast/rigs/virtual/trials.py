@@ -106,8 +106,9 @@ def reset_shape(
     else:
         # A laboratory whose resets are all alike begins from the same one.
         alike = trial.noise.bow == trial.noise.sway == trial.noise.angle == 0.0
-        state = 0 if alike else int(trial.rng(4).integers(len(library)))
-        local = library.resample(state, arc_lengths)
+        accepted = library.accepted()
+        state = int(accepted[0] if alike else trial.rng(4).choice(accepted))
+        local = library.resample(state, arc_lengths) + [0.0, 0.0, pose[2]]
     cos, sin = np.cos(pose[3]), np.sin(pose[3])
     positions = np.empty_like(local)
     positions[:, 0] = pose[0] + cos * local[:, 0] + sin * local[:, 1]
