@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 _SENSING_STREAM = 7
 """Keeps what the camera draws by chance apart from what the trial draws."""
 
+LABORATORY_VERSION = 1
+"""Counts the changes after which equal trials end elsewhere. It is part of the description that
+datasets keep, so that casts in one laboratory are never continued in another."""
+
 
 class RigVirtual(RigLifecycle):
     """A robot, a table and a cable that exist in MuJoCo only.
@@ -57,6 +61,7 @@ class RigVirtual(RigLifecycle):
         self._lab: Laboratory | None = Laboratory(cable, workspace, recorded)
         self.description: dict[str, Any] = {
             "rig": "virtual",
+            "laboratory_version": LABORATORY_VERSION,
             "cable": cable.name,
             "seed": int(seed),
             "config": dataclasses.asdict(self.config),
