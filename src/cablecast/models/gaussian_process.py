@@ -2,7 +2,7 @@
 
 Its weights solve (K + noise^2) w = y over all 36,000 casts, exactly up to a stated tolerance, by
 conjugate gradients. Half of the symmetric kernel matrix is kept in single precision, 2.6 GB; a
-Nystrom approximation preconditions the solve, so that a hundred products go a long way.
+Nystrom approximation preconditions the solve, so that some dozens of products suffice.
 """
 
 import dataclasses
@@ -50,9 +50,9 @@ class GaussianProcessConfig:
 
     likelihood_count: int = 1500
     likelihood_steps: int = 30
-    inducing_count: int = 1500
+    inducing_count: int = 4000
     tolerance: float = 1e-3
-    iterations: int = 120
+    iterations: int = 200
     held_out_fraction: float = 0.1
 
     def __post_init__(self):
