@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import cablecast
-from cablecast.errors import MissingExtraError
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.metrics import ErrorSummary, summarise_errors
 from cablecast.evaluation.published import published_rows
@@ -16,6 +15,7 @@ from cablecast.report.casts import cast_frames, chosen_casts
 from cablecast.report.curves import error_boxes, learning_curve, target_errors
 from cablecast.report.landings import landing_map
 from cablecast.report.style import svg_uri
+from cablecast.report.template import template_environment
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
@@ -44,17 +44,7 @@ def report_page(
         simulated_xy: See `landing_map`.
         simulated_radius: See `landing_map`.
     """
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "report", "writing the report") from None
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cablecast", "report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = template_environment()
     chosen = chosen_casts(evaluation)
     published = published_rows(evaluation.cable.name)
     rig_name = _RIG_NAMES.get(evaluation.rig.get("rig", ""), config["settings"].get("rig", "rig"))

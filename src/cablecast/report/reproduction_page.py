@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cablecast
-from cablecast.errors import MissingExtraError
 from cablecast.evaluation.published import PUBLISHED_ROWS, published_repeatability
 from cablecast.report.page import flatten_settings
 from cablecast.report.reproduction import BEST_METHOD, Reproduction
@@ -17,6 +16,7 @@ from cablecast.report.tables import (
     pct,
     time_table,
 )
+from cablecast.report.template import template_environment
 from cablecast.tuning.published import published_tuning
 from cablecast.workspace import Workspace
 
@@ -34,17 +34,7 @@ def reproduction_page(
     Returns:
         The page, and its tables in their order.
     """
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "report", "writing the report") from None
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cablecast", "report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = template_environment()
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
     parts = all_parts(results, Workspace())
     difficulty, took = difficulty_table(results), time_table(times)
