@@ -1,4 +1,4 @@
-"""Frames, polar coordinates, and the mirror about the workspace axis.
+"""Frames, polar coordinates, the mirror about the workspace axis, and gravity.
 
 The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
 the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise
@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""Acceleration of free fall [m/s²]."""
 
 
 def polar_to_xy(polar: ArrayLike) -> Array:

@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
+from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
-
-GRAVITY = 9.81
-"""Acceleration of free fall [m/s²]."""
 
 REFERENCE_SEGMENT_COUNT = 18
 """Number of capsules of the paper's simulator (its sibling names 18). Angular damping slows the

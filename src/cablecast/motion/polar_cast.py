@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur5 import ArmUR5
 from cablecast.cable import Cable
-from cablecast.conventions import polar_to_xy, xy_to_polar
+from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.action import MotionConfig
 from cablecast.motion.feasibility import check_grip_paths
@@ -24,9 +24,6 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
-
-GRAVITY = 9.81
-"""Acceleration of free fall [m/s²]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable
+from cablecast.conventions import GRAVITY
 from cablecast.rigs.virtual._hidden import HiddenCable
 from cablecast.rigs.virtual.table import FrictionMap
 
 AIR_DENSITY = 1.2
-GRAVITY = 9.81
 _SLIP_SPEED = 0.01
 """Below this sliding speed the correction of the friction fades out [m/s]: at rest MuJoCo's own
 contact holds the cable."""

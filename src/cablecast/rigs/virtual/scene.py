@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Attachment, Cable
+from cablecast.conventions import GRAVITY
 from cablecast.errors import MissingExtraError
 from cablecast.rigs.virtual._hidden import HiddenCable
 from cablecast.workspace import Workspace
@@ -314,7 +315,7 @@ def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
         f'<inertial pos="0 0 0" mass="{clamp:.9g}" diaginertia="{held}"/>'
         f'<body name="disc" pos="0 {thickness / 2:.9g} 0">'
         f'<joint name="disc" type="hinge" axis="0 1 0" '
-        f'frictionloss="{_DISC_BEARING * disc * 9.81:.9g}"/>'
+        f'frictionloss="{_DISC_BEARING * disc * GRAVITY:.9g}"/>'
         f'<inertial pos="0 0 0" mass="{disc:.9g}" diaginertia="{turning}"/>'
         f'<geom name="tip" type="cylinder" size="{radius:.9g} {thickness / 2:.9g}" '
         f'euler="90 0 0" {contact}/></body>'
