@@ -2,6 +2,9 @@
 
 Springs for edges, a spring for the table, friction regularised at 1 mm/s, symplectic Euler. It
 shares nothing with the engines but the equations and the CableState, and is far too slow for use.
+
+Where it rolls, each edge carries a director that turns with its material, so that the twist at a
+node is measured as an angle, and not accumulated from rates as in EngineWarp.
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -38,6 +41,34 @@ class Rod:
     slip_speed: wp.float64  # [m/s]
     cross_share: wp.float64  # 1 for Coulomb's law
     tangent_law: int
+    rolls: int
+    roll_inertia: wp.float64  # of an edge about its axis [kg·m²]
+    end_roll_inertia: wp.float64
+    torsion: wp.float64  # GJ / l [N·m]
+    spin_damping: wp.float64  # [1/s]
+    rolling_friction: wp.float64  # lever arm [m]
+
+
+@wp.func
+def carried(director: wp.vec3d, old: wp.vec3d, new: wp.vec3d):
+    """A director of the tangent `old`, carried to the tangent `new` without turning about it."""
+    axis = wp.cross(old, new)
+    moved = wp.cross(axis, director)
+    return director + moved + wp.cross(axis, moved) / (wp.float64(1.0) + wp.dot(old, new))
+
+
+@wp.func
+def turned(director: wp.vec3d, along: wp.vec3d, angle: wp.float64):
+    """A director after a small turn about its tangent, of unit length and at right angles to it."""
+    out = director + wp.cross(along, director) * angle
+    return wp.normalize(out - along * wp.dot(out, along))
+
+
+@wp.func
+def unwrapped(angle: wp.float64, before: wp.float64):
+    """The angle that differs from the one before by less than half a turn."""
+    turn = wp.float64(2.0) * wp.float64(wp.pi)
+    return angle + turn * wp.round((before - angle) / turn)
 
 
 @wp.func
@@ -64,6 +95,11 @@ def advance(
     x: wp.array2d(dtype=wp.vec3d),
     v: wp.array2d(dtype=wp.vec3d),
     f: wp.array2d(dtype=wp.vec3d),
+    director: wp.array2d(dtype=wp.vec3d),
+    old_along: wp.array2d(dtype=wp.vec3d),
+    spin: wp.array2d(dtype=wp.float64),
+    torque: wp.array2d(dtype=wp.float64),
+    twist: wp.array2d(dtype=wp.float64),
 ):
     world = wp.tid()
     last = x.shape[1] - 1
@@ -77,6 +113,8 @@ def advance(
         held = wp.normalize(direction[world, k] * (one - part) + direction[world, k + 1] * part)
         for i in range(last + 1):
             f[world, i] = wp.vec3d()
+        for e in range(last):
+            torque[world, e] = zero
         for e in range(last):
             edge = x[world, e + 1] - x[world, e]
             length = wp.length(edge)
@@ -110,6 +148,29 @@ def advance(
                     f[world, e - 1] = f[world, e - 1] - before_force
             f[world, e] = f[world, e] + pull
             f[world, e + 1] = f[world, e + 1] - pull
+            if rod.rolls == 1:
+                own = carried(director[world, e], old_along[world, e], along)
+                own = turned(own, along, spin[world, e] * dt)
+                director[world, e] = own
+                old_along[world, e] = along
+                # The gripper keeps its own director upright.
+                neighbour = wp.vec3d(zero, zero, one)
+                if e > 0:
+                    neighbour = director[world, e - 1]
+                brought = carried(neighbour, before, along)
+                angle = wp.atan2(wp.dot(along, wp.cross(brought, own)), wp.dot(brought, own))
+                angle = unwrapped(angle, twist[world, e])
+                twist[world, e] = angle
+                moment = rod.torsion * angle / cell
+                torque[world, e] = torque[world, e] - moment
+                binormal = wp.cross(before, along) * (wp.float64(2.0) / (one + cosine))
+                half_moment = binormal * (wp.float64(0.5) * moment)
+                f[world, e + 1] = f[world, e + 1] - half_moment / length
+                f[world, e] = f[world, e] + half_moment / length
+                if e > 0:
+                    torque[world, e - 1] = torque[world, e - 1] + moment
+                    f[world, e] = f[world, e] - half_moment / length_before
+                    f[world, e - 1] = f[world, e - 1] + half_moment / length_before
         for i in range(1, last + 1):
             mass = rod.node_mass
             if i == last:
@@ -126,14 +187,36 @@ def advance(
                 flat = flat * rod.cross_share + along * (
                     wp.dot(flat, along) * (one - rod.cross_share)
                 )
+                after = wp.min(i, last - 1)
+                # To the side to which a positive spin rolls the cable.
+                side = wp.vec3d(along[1], -along[0], zero)
+                if rod.rolls == 1:
+                    roll_rate = (spin[world, i - 1] + spin[world, after]) * wp.float64(0.5)
+                    flat = flat - side * (rod.radius * roll_rate)
                 speed = wp.sqrt(wp.dot(flat, flat) + rod.slip_speed * rod.slip_speed)
-                a = a + wp.vec3d(zero, zero, push) - flat * (rod.friction * push / speed)
+                pull = flat * (rod.friction * push / speed)
+                a = a + wp.vec3d(zero, zero, push) - pull
+                if rod.rolls == 1:
+                    slow = rod.slip_speed / rod.radius
+                    size = wp.sqrt(roll_rate * roll_rate + slow * slow)
+                    resisted = rod.rolling_friction * roll_rate / size
+                    gained = (rod.radius * wp.dot(pull, side) - resisted * push) * mass
+                    gained = gained * wp.float64(0.5)
+                    torque[world, i - 1] = torque[world, i - 1] + gained
+                    torque[world, after] = torque[world, after] + gained
             v[world, i] = vi + a * dt
             x[world, i] = x[world, i] + v[world, i] * dt
+        if rod.rolls == 1:
+            for e in range(last):
+                inertia = rod.roll_inertia
+                if e == last - 1:
+                    inertia = rod.end_roll_inertia
+                old = spin[world, e]
+                spin[world, e] = old + (torque[world, e] / inertia - old * rod.spin_damping) * dt
 
 
 def simulate(
-    cable, params, grip_path, segment_count, dt, duration, sample_dt=0.1, *, like_mujoco=False
+    cable, params, grip_path, segment_count, dt, duration, sample_dt=0.1, *, like_mujoco=False, rolls=False
 ):
     """Cable shapes from the reset state on [m], shape [world, step, node, 3].
 
@@ -143,6 +226,8 @@ def simulate(
     only and with so much larger forces; their part along the cable is shared by all nodes, the part
     across it stops the node within the contact. Measured on its contact forces: 0.86 for mu = 0.4
     and 0.6 for mu = 0.8, whatever the step and the softness of the contact.
+
+    `rolls` lets segments turn about their axis and roll on the table; without it they only slide.
     """
     x = reset_state(cable, params, grip_path, segment_count).positions
     segment_length = cable.length / segment_count
@@ -165,6 +250,12 @@ def simulate(
         "slip_speed": 1e-3,
         "tangent_law": int(like_mujoco),
         "cross_share": 1.0 / (1.0 + params.friction**2) if like_mujoco else 1.0,
+        "rolls": int(rolls),
+        "roll_inertia": mass * cable.radius**2 / 2,
+        "end_roll_inertia": (mass + params.endpoint_mass) * cable.radius**2 / 2,
+        "torsion": params.twist_stiffness / segment_length,
+        "spin_damping": params.angular_damping,
+        "rolling_friction": params.rolling_friction,
     }
     for name, value in values.items():
         setattr(rod, name, value)
@@ -177,7 +268,14 @@ def simulate(
     def device_array(values):
         return wp.array(np.ascontiguousarray(values), dtype=wp.vec3d, device="cpu")
 
+    def device_zeros():
+        return wp.zeros((len(x), segment_count), dtype=wp.float64, device="cpu")
+
     state = [device_array(x), device_array(np.zeros_like(x)), device_array(np.zeros_like(x))]
+    along = np.diff(x, axis=1) / segment_length
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    state += [device_array(upright_directors(along, directions[:, 0])), device_array(along)]
+    state += [device_zeros() for _ in range(3)]
     shapes = [x]
     for sample in range(sample_count):
         ticks = slice(sample * ticks_per_sample, (sample + 1) * ticks_per_sample + 1)
@@ -197,6 +295,26 @@ def simulate(
         )
         shapes.append(state[0].numpy().copy())
     return np.stack(shapes, axis=1)
+
+
+def upright_directors(along, held):
+    """Directors of edges without twist: the gripper's, which points up, carried from edge to edge.
+
+    `along` are the tangents, shape [world, edge, 3], `held` those of the gripper, [world, 3].
+    """
+    directors = np.empty_like(along)
+    director = np.zeros_like(held)
+    director[:, 2] = 1.0
+    before = held
+    for e in range(along.shape[1]):
+        after = along[:, e]
+        axis = np.cross(before, after)
+        moved = np.cross(axis, director)
+        cosine = np.sum(before * after, axis=-1, keepdims=True)
+        director = director + moved + np.cross(axis, moved) / (1.0 + cosine)
+        directors[:, e] = director
+        before = after
+    return directors
 
 
 def with_friction(params, friction):
