@@ -68,6 +68,97 @@ def slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
 
 
+OBLIQUE_FRICTION = 0.4
+
+
+def oblique_slip(duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s] and distances along and across the cable [m] that a cylinder slides obliquely.
+
+    With slip s along and q across the cable, friction makes s' = -mu g s / |(s, q)| and
+    q' = -3 mu g q / |(s, q)|, since a cylinder yields and turns. So q = SPEED (s / SPEED)^3, and
+    the slip along the cable tells the time by a quadrature.
+    """
+    along = np.linspace(SPEED, 0.0, 4001)
+    across = SPEED * (along / SPEED) ** 3
+    # |(s, q)| / s without the quotient of zeros at the end.
+    slowness = np.sqrt(1.0 + (along / SPEED) ** 4) / (OBLIQUE_FRICTION * GRAVITY)
+    sideways = SPEED - (SPEED - across) / 3.0
+
+    def integral(values):
+        pieces = 0.5 * (values[1:] + values[:-1]) * -np.diff(along)
+        return np.concatenate([[0.0], np.cumsum(pieces)])
+
+    times = integral(slowness)
+    rest = np.linspace(times[-1], duration, 100)[1:]
+    slid = integral(slowness * along)
+    rolled = integral(slowness * sideways)
+    return (
+        np.concatenate([times, rest]),
+        np.concatenate([slid, np.full(len(rest), slid[-1])]),
+        np.concatenate([rolled, rolled[-1] + sideways[-1] * (rest - times[-1])]),
+    )
+
+
+def oblique_slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
+    duration = 0.2
+    law_times, law_along, law_across = oblique_slip(2.0 * duration)
+
+    def position(times):
+        return np.stack(
+            [
+                np.interp(times, law_times, law_across),
+                np.interp(times, law_times, law_along),
+                np.full_like(times, RADIUS),
+            ],
+            axis=-1,
+        )
+
+    cable = scenes.make_cable(lateral_friction=OBLIQUE_FRICTION)
+    state = scenes.straight(segment_count, (0, 0, RADIUS), (0, 1, 0), (SPEED, SPEED, 0))
+    rollout = make(segment_count, dt).rollout(
+        cable,
+        cable.params,
+        scenes.fitted(position, 1.5 * duration),
+        state,
+        duration=duration,
+        sample_dt=0.01,
+        record_nodes=True,
+    )
+    assert rollout.nodes is not None
+    node = watched(segment_count)
+    moved = rollout.nodes[0, :, node] - rollout.nodes[0, 0, node]
+    exact = position(rollout.times)
+    t = np.linspace(0.0, duration, 200)
+    outcomes, curves = [], []
+    for axis, label in ((0, "across the cable"), (1, "along the cable")):
+        outcomes.append(
+            Outcome(
+                quantity=f"distance after {duration:g} s, {label}",
+                unit="m",
+                exact=float(exact[-1, axis]),
+                computed=float(moved[-1, axis]),
+            )
+        )
+        curves.append(
+            Curve(
+                label=label,
+                x=t,
+                exact=position(t)[:, axis],
+                x_computed=rollout.times,
+                computed=moved[:, axis],
+            )
+        )
+    outcomes.append(
+        Outcome(
+            quantity="rate of roll then",
+            unit="rad/s",
+            exact=2 / 3 * SPEED / RADIUS,
+            computed=float(rollout.final_state.roll_rate[0, node]),
+        )
+    )
+    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+
+
 def roll_to_stop(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     outcomes, curves = [], []
     for lever in (5e-4, 1e-3):
@@ -178,6 +269,24 @@ CASES = (
         tolerance=1e-2,
         reason="the end of slipping falls between two steps",
         measure=slip_to_roll,
+        segment_count=16,
+        dt=2.5e-4,
+        x_label="time [s]",
+        y_label="distance [m]",
+    ),
+    Case(
+        name="oblique_slip_to_roll",
+        title="A cable pushed obliquely slides along itself while it begins to roll",
+        theory=(
+            "A solid cylinder is thrown at 45 deg to its axis. Friction opposes the velocity of "
+            "its contact, s along and q across, and slows q three times as much, as it yields "
+            "and turns. So q falls as s³, and the time is ∫ √(1 + (s / v)⁴) ds / (μ g). It ends "
+            "rolling at two thirds of its speed across."
+        ),
+        parameters=("lateral_friction",),
+        tolerance=1e-2,
+        reason="as for the cable that is pushed sideways",
+        measure=oblique_slip_to_roll,
         segment_count=16,
         dt=2.5e-4,
         x_label="time [s]",

@@ -216,7 +216,16 @@ def advance(
 
 
 def simulate(
-    cable, params, grip_path, segment_count, dt, duration, sample_dt=0.1, *, like_mujoco=False, rolls=False
+    cable,
+    params,
+    grip_path,
+    segment_count,
+    dt,
+    duration,
+    sample_dt=0.1,
+    *,
+    like_mujoco=False,
+    rolls=False,
 ):
     """Cable shapes from the reset state on [m], shape [world, step, node, 3].
 
@@ -233,6 +242,8 @@ def simulate(
     segment_length = cable.length / segment_count
     mass = params.mass / segment_count
     diffusivity = params.angular_damping * (cable.length / REFERENCE_SEGMENT_COUNT) ** 2 / 12
+    # How easily a contact moves a node's surface across the cable: a cylinder yields and turns.
+    lightness = 3.0 if rolls else 1.0
     rod = Rod()
     values = {
         "segment_length": segment_length,
@@ -249,7 +260,7 @@ def simulate(
         "table_damping": 2e3,
         "slip_speed": 1e-3,
         "tangent_law": int(like_mujoco),
-        "cross_share": 1.0 / (1.0 + params.friction**2) if like_mujoco else 1.0,
+        "cross_share": 1.0 / (1.0 + lightness * params.friction**2) if like_mujoco else 1.0,
         "rolls": int(rolls),
         "roll_inertia": mass * cable.radius**2 / 2,
         "end_roll_inertia": (mass + params.endpoint_mass) * cable.radius**2 / 2,

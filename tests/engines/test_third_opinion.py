@@ -20,10 +20,10 @@ explicit_rod = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(explicit_rod)
 
 CABLE = load_cable("cable_1")
-# The plain rod does not roll. A rolling friction of more than the radius keeps an engine from it.
-PARAMS = dataclasses.replace(
-    CABLE.params, twist_stiffness=0.0, rolling_friction=0.1, spinning_friction=0.0
-)
+# The plain rod has no spinning friction.
+ROLLING = dataclasses.replace(CABLE.params, spinning_friction=0.0)
+# A rolling friction of more than the radius keeps an engine from rolling.
+PARAMS = dataclasses.replace(ROLLING, twist_stiffness=0.0, rolling_friction=0.1)
 # Feasible casts, from a narrow slow one to one whose tip whips: theta1, theta2, r2, psi.
 ACTIONS = np.array(
     [
@@ -63,6 +63,23 @@ def test_the_fast_engine_agrees_with_the_plain_rod_along_whole_casts(paths):
     # The plain rod's edges stretch by 1e-3, and it is first order in time. Measured: 0.06 and 0.35.
     assert np.median(difference) < 0.15
     assert difference.max() < 1.0
+
+
+@pytest.mark.parametrize("rolling_friction", [0.0, CABLE.params.rolling_friction])
+@pytest.mark.parametrize("twist_stiffness", [0.0, CABLE.params.twist_stiffness])
+def test_the_fast_engine_agrees_with_the_plain_rod_where_both_roll(
+    paths, rolling_friction, twist_stiffness
+):
+    params = dataclasses.replace(
+        ROLLING, rolling_friction=rolling_friction, twist_stiffness=twist_stiffness
+    )
+    engine = EngineWarp(segment_count=40, dt=2.5e-4, precision="double", rest_speed=0.0)
+    ours = engine.rollout(CABLE, params, paths, duration=DURATION, record_nodes=True).nodes
+    plain = explicit_rod.simulate(CABLE, params, paths, 40, 1e-5, DURATION, rolls=True)
+    difference = difference_pct(ours, plain)
+    print(np.median(difference), difference.max())
+    assert np.median(difference) < 0.15
+    assert difference.max() < 1.5
 
 
 def test_mujocos_rod_is_the_plain_rod_with_another_bending_law_and_another_friction(paths):
