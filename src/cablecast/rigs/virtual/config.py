@@ -39,7 +39,7 @@ class TrialNoise:
     curl: float = 0.15
     friction: float = 0.010
     servo: float = 0.006
-    torque: float = 0.022
+    torque: float = 0.018
     latency: float = 0.0005
     encoder: float = 5e-5
 

@@ -55,7 +55,7 @@ _MAGNET_LENGTH_MIN = 0.006
 _CLAMP_INERTIA = 6e-7
 # A disc turns in its clamp with this torque for each newton of its weight [m], and rolls on foam
 # with this lever arm [m].
-_DISC_BEARING = 0.0008
+_DISC_BEARING = 0.002
 _DISC_ROLLING = 0.0025
 # Contacts: the cable meets the table, so does the attachment, but they do not meet each other.
 _TABLE_BITS, _TIP_BITS = 'contype="3" conaffinity="3"', 'contype="2" conaffinity="2"'
