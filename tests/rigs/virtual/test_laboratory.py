@@ -269,7 +269,8 @@ def test_a_magnet_that_still_turns_rolls_the_end_of_a_cable_at_rest_aside(worksp
     settle(scene, data, 0.5)
     before = end_of_cable(scene, data)
     disc = scene.vertex_slice.stop + 3
-    data.qvel[disc] = 60.0
+    # Its rim is as fast as the end of a cable in the middle of a cast.
+    data.qvel[disc] = 0.54 / truth.endpoint_radius
     settle(scene, data, 0.5)
     moved = end_of_cable(scene, data) - before
     assert abs(moved[0]) > 0.002

@@ -36,8 +36,12 @@ def test_every_preset_has_a_library_of_cables_that_lie_straight_ahead(name):
     assert library is not None
     assert len(library) >= 32
     length = load_cable(name).length
-    assert np.all(library.endpoints[:, 1] > 0.97 * length)
-    assert np.all(np.abs(np.degrees(np.arctan2(*library.endpoints.T))) < 10)
+    ahead = library.endpoints[:, 1] > 0.97 * length
+    ahead &= np.abs(np.degrees(np.arctan2(*library.endpoints.T))) < 10
+    # A reset may fail, rarely; a trial never begins from it.
+    assert ahead.mean() >= 0.95
+    assert np.all(ahead[library.accepted()])
+    assert len(library.accepted()) >= 20
     # Nobody lies below the table, and the grip is the origin.
     heights = library.positions[..., 2] + WORKSPACE.grip_height
     assert np.min(heights) > load_cable(name).radius - 1.5e-3

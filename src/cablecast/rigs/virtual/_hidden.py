@@ -148,7 +148,7 @@ _PRESETS = {
     "cable_3": HiddenCable(
         mass=0.081,
         bend_stiffness=1.05e-3,
-        twist_stiffness=9.5e-4,
+        twist_stiffness=1.05e-3,
         bend_damping=0.005,
         friction=0.36,
         grain=0.05,

@@ -281,14 +281,22 @@ def simulate_resets(
 
     if count < 1:
         raise InputError(f"count = {count} resets must be at least 1")
-    rig = RigVirtual(cable, workspace, seed, config)
+    config = config or VirtualConfig()
+    fine_config = dataclasses.replace(config, dt=config.dt / 2)
+    rig, fine_rig = (RigVirtual(cable, workspace, seed, c) for c in (config, fine_config))
     trajectories, begins = cast_and_reset(cable, workspace, count, seed, motion)
     making = _MAKING.set(True)
     try:
         tracks = rig.execute_many(trajectories)
+        for index, track in enumerate(tracks):
+            # The end of a twisted cable may whip so that the step does not follow it.
+            if track.status is TrialStatus.NON_FINITE:
+                fine_rig.seek(index)
+                tracks[index] = fine_rig.execute_many(trajectories[index : index + 1])[0]
     finally:
         _MAKING.reset(making)
         rig.close()
+        fine_rig.close()
     arc_lengths = np.linspace(0.0, cable.length, round(cable.length / NODE_SPACING) + 1)
     positions, before = [], []
     for begin, track in zip(begins, tracks, strict=True):

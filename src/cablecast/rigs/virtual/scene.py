@@ -48,6 +48,8 @@ _ATTACHMENT_MASS_MIN = 1e-4
 # A body that turns faster than the step can follow is no use: its radius of gyration is at least
 # this [m].
 _GYRATION_MIN = 0.005
+# That of a magnet, whose clamp is light and turned by the whole cable's twist [m].
+_MAGNET_GYRATION_MIN = 0.007
 # The part of a magnet that is clamped to the cable and does not turn.
 _MAGNET_CLAMP_SHARE = 0.1
 _MAGNET_LENGTH_MIN = 0.006
@@ -308,7 +310,8 @@ def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
     disc = (1.0 - _MAGNET_CLAMP_SHARE) * truth.endpoint_mass
     clamp = lumped + truth.endpoint_mass - disc
     gyration = np.array([radius**2 / 4 + thickness**2 / 12, radius**2 / 2] * 2)[:3]
-    held, turning = (_text(mass * np.maximum(gyration, _GYRATION_MIN**2)) for mass in (clamp, disc))
+    least = np.maximum(gyration, _MAGNET_GYRATION_MIN**2)
+    held, turning = (_text(mass * least) for mass in (clamp, disc))
     # The cylinder's axis is its z, the cable's is y.
     return (
         f'<joint name="tip" type="ball" armature="{_CLAMP_INERTIA:.9g}"/>'
