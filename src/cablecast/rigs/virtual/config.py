@@ -32,15 +32,15 @@ class TrialNoise:
         encoder: Error of a reported joint angle [rad].
     """
 
-    bow: float = 0.003
-    sway: float = 0.0015
-    angle: float = 0.005
-    tip_roll: float = 0.2
-    curl: float = 0.15
-    friction: float = 0.010
-    servo: float = 0.006
-    torque: float = 0.018
-    latency: float = 0.0005
+    bow: float = 0.002
+    sway: float = 0.001
+    angle: float = 0.0033
+    tip_roll: float = 0.13
+    curl: float = 0.1
+    friction: float = 0.0065
+    servo: float = 0.004
+    torque: float = 0.012
+    latency: float = 0.00033
     encoder: float = 5e-5
 
     def __post_init__(self):
