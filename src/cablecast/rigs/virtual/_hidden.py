@@ -111,10 +111,10 @@ class HiddenTable:
 _PRESETS = {
     "cable_1": HiddenCable(
         mass=0.056,
-        bend_stiffness=5.2e-4,
-        twist_stiffness=4.5e-4,
+        bend_stiffness=5.9e-4,
+        twist_stiffness=5.2e-4,
         bend_damping=0.012,
-        friction=0.31,
+        friction=0.335,
         grain=0.04,
         curl=0.2,
         yield_curvature=25.0,
@@ -123,7 +123,7 @@ _PRESETS = {
         endpoint_share=0.6,
         endpoint_offset=0.008,
         endpoint_radius=0.0025,
-        endpoint_friction=0.30,
+        endpoint_friction=0.315,
         drag=1.1,
         linear_damping=0.04,
     ),
