@@ -15,8 +15,8 @@ camera, or that camera itself, frame by rendered frame."""
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    Repeated landings scatter about as on the real table (paper, section VI-B) up to v_max 1.5 m/s,
-    and not at 1.8 m/s, where some casts magnify any small difference;
+    Repeated landings scatter about as on the real table (paper, section VI-B), within a factor of
+    1.6, but for casts at 1.8 m/s without psi, some of which magnify any small difference;
     `python -m benchmarks laboratory` measures it.
 
     Attributes:
