@@ -5,6 +5,7 @@ import sys
 
 NAMES = {
     "convergence": "error of the landing by segments and step",
+    "order": "of which order in time EngineWarp is",
     "engines": "rollouts per second of every engine, with the accuracy reached",
     "sensitivity": "whether the error of the landing is the cast's own sensitivity or the method's",
     "validation": "closed forms; writes docs/validation.md",
