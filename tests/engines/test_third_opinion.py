@@ -77,7 +77,6 @@ def test_the_fast_engine_agrees_with_the_plain_rod_where_both_roll(
     ours = engine.rollout(CABLE, params, paths, duration=DURATION, record_nodes=True).nodes
     plain = explicit_rod.simulate(CABLE, params, paths, 40, 1e-5, DURATION, rolls=True)
     difference = difference_pct(ours, plain)
-    print(np.median(difference), difference.max())
     assert np.median(difference) < 0.15
     assert difference.max() < 1.5
 
