@@ -55,6 +55,8 @@ BATCH_SIZE = 8
 ASIDE_MAX = 0.007
 """A reset whose endpoint lies farther aside of straight ahead is seen by the camera and done again
 [m]."""
+AHEAD_MIN = 0.97
+"""So is one whose endpoint lies less far ahead, as a share of the cable's length: it is folded."""
 
 _MAKING: contextvars.ContextVar[bool] = contextvars.ContextVar("making a library", default=False)
 """While a library is made none is drawn from, so that it does not depend on the one before it."""
@@ -111,7 +113,9 @@ class ResetLibrary:
 
     def accepted(self) -> NDArray[np.intp]:
         """States that a trial may begin with, of those that resets left: all where none is near."""
-        near = np.flatnonzero(np.abs(self.positions[:, -1, 0]) <= ASIDE_MAX)
+        aside, ahead = self.endpoints.T
+        stretched = ahead >= AHEAD_MIN * self.arc_lengths[-1]
+        near = np.flatnonzero((np.abs(aside) <= ASIDE_MAX) & stretched)
         return near if len(near) else np.arange(len(self))
 
     def resample(self, index: int, arc_lengths: ArrayLike) -> NDArray[np.float64]:
