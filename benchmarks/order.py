@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, random_actions, write_json
+from benchmarks.validation.scenes import LOCKED
 from cablecast.cable import Cable, CableParams, load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.action import MotionConfig
@@ -22,8 +23,6 @@ from cablecast.workspace import Workspace
 STEPS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
 FINE_DT = 3.125e-5
 DURATION = 0.8
-LOCKED = 0.1
-"""A rolling friction far above the radius: segments slide and do not roll [m]."""
 
 RESISTANCES = {
     "sliding friction": {"rolling_friction": LOCKED, "spinning_friction": 0.0},

@@ -78,6 +78,8 @@ def oblique_slip(duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q' = -3 mu g q / |(s, q)|, since a cylinder yields and turns. So q = SPEED (s / SPEED)^3, and
     the slip along the cable tells the time by a quadrature.
     """
+    from scipy.integrate import cumulative_trapezoid
+
     along = np.linspace(SPEED, 0.0, 4001)
     across = SPEED * (along / SPEED) ** 3
     # |(s, q)| / s without the quotient of zeros at the end.
@@ -85,8 +87,7 @@ def oblique_slip(duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     sideways = SPEED - (SPEED - across) / 3.0
 
     def integral(values):
-        pieces = 0.5 * (values[1:] + values[:-1]) * -np.diff(along)
-        return np.concatenate([[0.0], np.cumsum(pieces)])
+        return -cumulative_trapezoid(values, along, initial=0.0)
 
     times = integral(slowness)
     rest = np.linspace(times[-1], duration, 100)[1:]

@@ -285,7 +285,10 @@ def simulate(
     state = [device_array(x), device_array(np.zeros_like(x)), device_array(np.zeros_like(x))]
     along = np.diff(x, axis=1) / segment_length
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
-    state += [device_array(upright_directors(along, directions[:, 0])), device_array(along)]
+    # The reset cable lies in a vertical plane: without twist, every director points up in it.
+    upright = np.array([0.0, 0.0, 1.0]) - along * along[..., 2:]
+    upright /= np.linalg.norm(upright, axis=-1, keepdims=True)
+    state += [device_array(upright), device_array(along)]
     state += [device_zeros() for _ in range(3)]
     shapes = [x]
     for sample in range(sample_count):
@@ -306,26 +309,6 @@ def simulate(
         )
         shapes.append(state[0].numpy().copy())
     return np.stack(shapes, axis=1)
-
-
-def upright_directors(along, held):
-    """Directors of edges without twist: the gripper's, which points up, carried from edge to edge.
-
-    `along` are the tangents, shape [world, edge, 3], `held` those of the gripper, [world, 3].
-    """
-    directors = np.empty_like(along)
-    director = np.zeros_like(held)
-    director[:, 2] = 1.0
-    before = held
-    for e in range(along.shape[1]):
-        after = along[:, e]
-        axis = np.cross(before, after)
-        moved = np.cross(axis, director)
-        cosine = np.sum(before * after, axis=-1, keepdims=True)
-        director = director + moved + np.cross(axis, moved) / (1.0 + cosine)
-        directors[:, e] = director
-        before = after
-    return directors
 
 
 def with_friction(params, friction):
