@@ -106,6 +106,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
+        couples = state.couple[group]
         spins = state.spin[group]
         turned_spins = scratch.spin[group]
         free_velocity = scratch.force[group]
@@ -148,9 +149,12 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             free_spin_before = contact.roll_friction(turned, slack_before)
             slack_before = slack_before - f.absolute(turned - free_spin_before)
             edge = x_here - x_ahead
-            turn_before = contact.spinning_impulse(
-                model, load * half, group, edge * per_edge, v_here - v_ahead
-            )
+            chord = edge * per_edge
+            swing = contact.along_normal(v_here - v_ahead, chord)
+            couple = contact.hold_turn(model, couples[i], load * half, group, swing)
+            couples[i] = couple
+            against = contact.spinning_impulse(model, couple, load * half, group, swing)
+            turn_before = contact.add_normal(vec3(), against, chord)
             roll_before = spin_before * (-half * height)
             free_roll_before = free_spin_before * (-half * height)
             # The table feels the tension of the step before; the length solve starts without it,
