@@ -68,7 +68,14 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def friction_loss(
-        limit: lane, roll_share: lane, hold: lane, axis: vec3, before: vec3, after: vec3
+        limit: lane,
+        roll_share: lane,
+        hold: lane,
+        used: lane,
+        driven: lane,
+        axis: vec3,
+        before: vec3,
+        after: vec3,
     ):
         """Tangential velocity that Coulomb friction takes from a node.
 
@@ -84,28 +91,30 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
                 hold.
             hold: Velocity of the surface up to which rolling friction keeps it from spinning up
                 [m/s].
+            used: What of it already holds against twist, with the sign of that spin [m/s].
+            driven: What the table's torque of the step before does to the velocity of the contact
+                point in a step [m/s].
             axis: Horizontal direction of the cable, of unit length.
             before: Velocity of the contact point at the start of the step [m/s].
-            after: The same after all other forces [m/s].
+            after: The same after all forces and torques but those of the table [m/s].
         """
         one = lane(real(1.0))
-        mean_x = before[0] + after[0]
-        mean_y = before[1] + after[1]
+        small = lane(real(tiny))
         sideways = along_normal(after, axis)
         size = wp.max(sideways, -sideways)
-        rest = wp.max(size - mul(roll_share, size + hold), lane())
+        hold_left = hold - mul(used, div(sideways, size + small))
+        rest = wp.max(size - mul(roll_share, size + hold_left), lane())
         # What is left to roll has the sign of the sideways velocity.
         stop = add_normal(after, wp.max(wp.min(-sideways, rest), -rest), axis)
-        stop_size = root(mul(stop[0], stop[0]) + mul(stop[1], stop[1]) + lane(real(tiny)))
-        mean_size = root(mul(mean_x, mean_x) + mul(mean_y, mean_y) + lane(real(tiny)))
-        slides = wp.min(
-            wp.max(div(stop_size, limit + lane(real(tiny))) - lane(real(2.0)), lane()), one
-        )
+        stop_size = root(mul(stop[0], stop[0]) + mul(stop[1], stop[1]) + small)
+        slides = wp.min(wp.max(div(stop_size, limit + small) - lane(real(2.0)), lane()), one)
+        twice = add_normal(before + after, driven, axis)
+        mean_size = root(mul(twice[0], twice[0]) + mul(twice[1], twice[1]) + small)
         stops = mul(one - slides, wp.min(div(limit, stop_size), one))
         slides = mul(slides, div(limit, mean_size))
         return wp.matrix_from_rows(
-            mul(stops, stop[0]) + mul(slides, mean_x),
-            mul(stops, stop[1]) + mul(slides, mean_y),
+            mul(stops, stop[0]) + mul(slides, twice[0]),
+            mul(stops, stop[1]) + mul(slides, twice[1]),
             lane(),
         )
 
@@ -117,6 +126,22 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         friction, it stops a spin and never reverses it.
         """
         return wp.max(spin - limit, lane()) + wp.min(spin + limit, lane())
+
+    @wp.func
+    def next_torque(torque: lane, spun: lane, gain: lane, radius: real):
+        """What the table did to a spin, on its way to the torsion solve of the next step.
+
+        There the neighbours' twist answers to it in full; within a step a segment answers to the
+        table as if its neighbours stood still. Only that share of a change is passed on which no
+        mode of twist can answer with more than the change itself.
+
+        Args:
+            torque: Impulse of the torque of the step before, over m r / 2 [m/s].
+            spun: What the table did to the spin in this step [rad/s].
+            gain: Spin per impulse, where the neighbours stand still [1/m].
+            radius: Of the cable [m].
+        """
+        return torque + mul(gain * radius, div(spun, gain + lane(real(tiny))) - torque)
 
     @wp.func
     def hold_turn(model: Model, held: lane, limit: lane, group: int, relative: lane):
@@ -153,6 +178,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         add_normal=add_normal,
         friction_loss=friction_loss,
         roll_friction=roll_friction,
+        next_torque=next_torque,
         hold_turn=hold_turn,
         spinning_impulse=spinning_impulse,
     )

@@ -51,6 +51,8 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         bending = model.bending[group]
         torsion = model.torsion[group]
         coupling = torsion * (dt * dt)
+        per_torque = model.segment_mass[group] * (real(0.5) * model.contact_height / dt)
+        table_torques = state.table_torque[group]
         quarter = real(0.25) / (model.segment_length * model.segment_length)
         position = state.position[group]
         velocity = state.velocity[group]
@@ -95,7 +97,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
             # The torque that the present spins lead to by the end of the step.
             torque = mul(torsion, turned + difference * dt)
             moments[i] = node_moment(bending, sine_squared, bend)
-            y = torque_after - torque + passed_on
+            y = torque_after - torque + passed_on + mul(per_torque, table_torques[i])
             eliminated[i] = y
             passed_on = mul(mul(coupling, pivots[i]), y)
             torque_after = torque
@@ -114,7 +116,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         )
         torque = mul(torsion, turned + (spin_after - path.spin[group]) * dt) * real(2.0)
         moments[0] = scale(bending * real(2.0), bend)
-        eliminated[0] = torque_after - torque + passed_on
+        eliminated[0] = torque_after - torque + passed_on + mul(per_torque, table_torques[0])
 
     @wp.func
     def elastic_forces(

@@ -106,7 +106,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
-        couples = state.couple[group]
+        couples = state.table_couple[group]
+        torques = state.table_torque[group]
         spins = state.spin[group]
         turned_spins = scratch.spin[group]
         free_velocity = scratch.force[group]
@@ -127,8 +128,9 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         turn = vec3()
         roll = lane()
         free_roll = lane()
-        free_spin = lane()
-        slack = lane()
+        hold = lane()
+        used = lane()
+        driven = lane()
         gain = lane()
         lost = lane()
         for back in range(last):
@@ -143,11 +145,14 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             load = push_ahead + mul(weight, push_here)
             # The segment before the node.
             spin_before = spins[i]
-            turned = turned_spins[i]
             gain_before = spin_gain[i]
-            slack_before = mul(rolling, mul(gain_before, load))
-            free_spin_before = contact.roll_friction(turned, slack_before)
-            slack_before = slack_before - f.absolute(turned - free_spin_before)
+            driven_before = turned_spins[i]
+            turned = driven_before - mul(gain_before, torques[i])
+            turned_spins[i] = turned
+            hold_before = mul(rolling, mul(gain_before, load))
+            free_spin_before = contact.roll_friction(turned, hold_before)
+            used_before = turned - free_spin_before
+            driven_before = driven_before - free_spin_before
             edge = x_here - x_ahead
             chord = edge * per_edge
             swing = contact.along_normal(v_here - v_ahead, chord)
@@ -167,7 +172,9 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             loss = contact.friction_loss(
                 mul(friction, push_here),
                 roll_share,
-                (slack_before * sides + slack) * (half * height),
+                (hold_before * sides + hold) * (half * height),
+                (used_before * sides + used) * (half * height),
+                (driven_before * sides + driven) * (-half * height),
                 axis,
                 contact.add_normal(v_here, roll_before * sides + roll, axis),
                 contact.add_normal(free + tug, free_roll_before * sides + free_roll, axis),
@@ -175,7 +182,10 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             sideways = contact.along_normal(loss, axis)
             # Rolling friction resists what friction spins up with what is left of it.
             gained = mul(gain, lost + sideways)
-            turned_spins[j] = contact.roll_friction(free_spin + gained, slack)
+            turned = turned_spins[j]
+            spun = contact.roll_friction(turned + gained, hold)
+            turned_spins[j] = spun
+            torques[j] = contact.next_torque(torques[j], spun - turned, gain, height)
             lost = mul(weight, sideways)
             after = free - loss
             after[2] = after[2] + push_here
@@ -186,8 +196,9 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             turn = turn_before
             roll = roll_before
             free_roll = free_roll_before
-            free_spin = free_spin_before
-            slack = slack_before
+            hold = hold_before
+            used = used_before
+            driven = driven_before
             gain = gain_before
             pull = pull_before
             push_here = push_ahead
@@ -198,7 +209,10 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             per_chord = half * per_edge
             sides = real(1.0)
         gained = mul(gain, lost * real(2.0))
-        turned_spins[0] = contact.roll_friction(free_spin + gained, slack)
+        turned = turned_spins[0]
+        spun = contact.roll_friction(turned + gained, hold)
+        turned_spins[0] = spun
+        torques[0] = contact.next_torque(torques[0], spun - turned, gain, height)
         if model.far_is_held == 1:
             held = far_path.position[group]
             predicted[last] = held

@@ -81,8 +81,11 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         # Force along an edge, as dt^2 times tension over length [kg]; the table feels that of the
         # step before (contact.py).
         tension: wp.array2d(dtype=lane)
-        # Impulse in a step with which the table holds an edge against turning on it [N·s].
-        couple: wp.array2d(dtype=lane)
+        # What the table did to each edge in the step before, so that what it holds stays held:
+        # the impulse on either node against turning on the spot [N·s], and the torque's impulse
+        # about the axis over m r / 2 [m/s].
+        table_couple: wp.array2d(dtype=lane)
+        table_torque: wp.array2d(dtype=lane)
         twist: wp.array2d(dtype=lane)  # of node i, between edges i - 1 and i [rad]
         spin: wp.array2d(dtype=lane)  # of each edge [rad/s]
         binormal: wp.array2d(dtype=vec3)  # of each node, at the start of the last step
