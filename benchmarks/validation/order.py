@@ -19,14 +19,14 @@ DURATION = 1.2
 SEED = 3
 
 
-def track(make: MakeEngine, segment_count: int, dt: float):
+SMOOTH = {"worksurface_friction": 0.0, "rolling_friction": 0.0, "spinning_friction": 0.0}
+SLIDING = {"twist_stiffness": 0.0, "rolling_friction": LOCKED, "spinning_friction": 0.0}
+
+
+def track(make: MakeEngine, segment_count: int, dt: float, changes: dict[str, float]):
     """Endpoints of some random feasible casts of cable_1 [m], shape [action, step, 2]."""
     cable = load_cable("cable_1")
-    # Kinks of the frictions on a spin are of the first order, at a hundredth of a per cent of the
-    # length; they would hide the order of the rest.
-    params = dataclasses.replace(
-        cable.params, twist_stiffness=0.0, rolling_friction=LOCKED, spinning_friction=0.0
-    )
+    params = dataclasses.replace(cable.params, **changes)
     paths = cast_grip_paths(random_actions(CAST_COUNT, SEED), MotionConfig(), Workspace())
     rollout = make(segment_count, dt).rollout(
         cable, params, paths, duration=DURATION, sample_dt=0.1
@@ -34,16 +34,26 @@ def track(make: MakeEngine, segment_count: int, dt: float):
     return rollout.endpoint_xy[:, 1:]
 
 
-def slope(make: MakeEngine, segment_count: int, dt: float, *, in_time: bool) -> Measured:
+def slope(
+    make: MakeEngine,
+    segment_count: int,
+    dt: float,
+    *,
+    in_time: bool,
+    changes: dict[str, float],
+) -> Measured:
     """Slope of the median error against a resolution much finer than the finest."""
     rungs = [(segment_count, dt * 2**k) for k in (2, 1, 0)]
     fine = (segment_count, dt / 8)
     if not in_time:
         rungs = [(segment_count // 2**k, dt) for k in (2, 1, 0)]
         fine = (4 * segment_count, dt)
-    reference = track(make, *fine)
+    reference = track(make, *fine, changes)
     errors = np.array(
-        [np.median(np.linalg.norm(track(make, *rung) - reference, axis=2)) for rung in rungs]
+        [
+            np.median(np.linalg.norm(track(make, *rung, changes) - reference, axis=2))
+            for rung in rungs
+        ]
     )
     counts, steps = np.array(rungs).T
     sizes = 1e3 * steps if in_time else 1e3 * load_cable("cable_1").length / counts
@@ -73,15 +83,30 @@ def slope(make: MakeEngine, segment_count: int, dt: float, *, in_time: bool) -> 
 CASES = (
     Case(
         name="order_in_time",
-        title="Casts converge with the square of the step",
+        title="Casts without friction converge with the square of the step",
         theory=(
-            f"{CAST_COUNT} random feasible casts of cable_1 that slides and does not roll, the "
+            f"{CAST_COUNT} random feasible casts of cable_1 on a table without friction, the "
             f"endpoint every 0.1 s up to {DURATION:g} s, at 2, 1 and 0.5 ms against 1/16 ms. The "
             "line has slope 2."
         ),
-        tolerance=0.4,
-        reason="where friction sets in or lets go between two steps, the order is lower",
-        measure=functools.partial(slope, in_time=True),
+        tolerance=0.2,
+        reason="the coarsest step is at the edge of what resolves the bending waves",
+        measure=functools.partial(slope, in_time=True, changes=SMOOTH),
+        segment_count=20,
+        dt=5e-4,
+        x_label="step [ms]",
+        y_label="median error [mm]",
+    ),
+    Case(
+        name="order_in_time_with_friction",
+        title="Casts with friction converge nearly as fast",
+        theory=(
+            "The same casts with all frictions of cable_1. The line has slope 2, which holds as "
+            "long as nothing starts or stops; each start and stop falls between two steps."
+        ),
+        tolerance=0.6,
+        reason="the kinks of friction leave errors of the first order, of micrometres",
+        measure=functools.partial(slope, in_time=True, changes={}),
         segment_count=20,
         dt=5e-4,
         x_label="step [ms]",
@@ -91,12 +116,12 @@ CASES = (
         name="order_in_space",
         title="Casts converge with the square of the segment",
         theory=(
-            "The same casts with 20, 40 and 80 segments against 320, at 0.125 ms. The line has "
-            "slope 2."
+            "The same casts of a cable that slides and does not roll, with 20, 40 and 80 segments "
+            "against 320, at 0.125 ms. The line has slope 2."
         ),
         tolerance=0.4,
         reason="20 segments hardly resolve a fold, which leaves some scatter",
-        measure=functools.partial(slope, in_time=False),
+        measure=functools.partial(slope, in_time=False, changes=SLIDING),
         segment_count=80,
         dt=1.25e-4,
         x_label="segment [mm]",

@@ -32,7 +32,7 @@ convergence`, docs/engine.md."""
 
 REST_DURATION = 0.05
 
-MODEL_VERSION = 2
+MODEL_VERSION = 3
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 
