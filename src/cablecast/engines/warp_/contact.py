@@ -102,7 +102,8 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         small = lane(real(tiny))
         sideways = along_normal(after, axis)
         size = wp.max(sideways, -sideways)
-        hold_left = hold - mul(used, div(sideways, size + small))
+        sign = wp.min(wp.max(sideways * real(1.0e9), -one), one)
+        hold_left = hold - mul(used, sign)
         rest = wp.max(size - mul(roll_share, size + hold_left), lane())
         # What is left to roll has the sign of the sideways velocity.
         stop = add_normal(after, wp.max(wp.min(-sideways, rest), -rest), axis)
@@ -141,7 +142,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
             gain: Spin per impulse, where the neighbours stand still [1/m].
             radius: Of the cable [m].
         """
-        return torque + mul(gain * radius, div(spun, gain + lane(real(tiny))) - torque)
+        return torque + (spun - mul(gain, torque)) * radius
 
     @wp.func
     def hold_turn(model: Model, held: lane, limit: lane, group: int, relative: lane):
