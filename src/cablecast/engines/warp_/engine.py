@@ -259,6 +259,7 @@ class _Batch:
         # neighbours that torsion ties to it.
         held_inertia = spin_inertia + 2.0 * engine.dt**2 * torsion[:, None]
         roll_share = 1.0 / (1.0 + segment_mass * cable.radius**2 / held_inertia[:, 0])
+        spin_gain = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
         most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / engine.dt**2
         # Torque of angular damping on a segment of the reference length turns into a viscous
         # exchange of velocity with diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
@@ -283,6 +284,8 @@ class _Batch:
             ("torsion", torsion),
             ("shape_torsion", np.minimum(torsion, most_torsion)),
             ("roll_share", roll_share),
+            ("spin_gain", spin_gain[:, 0]),
+            ("end_spin_gain", spin_gain[:, -1]),
             ("end_weight", 1.0 + 2.0 * values["endpoint_mass"] / segment_mass),
             ("rolling", values["rolling_friction"] / cable.radius),
             ("spinning", values["spinning_friction"] * segment_mass / segment_length),
@@ -292,8 +295,6 @@ class _Batch:
         model.filter_diagonal = self.array(self.to_lanes(diagonal), lane)
         model.filter_lower1 = self.array(self.to_lanes(lower1), lane)
         model.filter_lower2 = self.array(self.to_lanes(lower2), lane)
-        spin_gain = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
-        model.spin_gain = self.array(self.to_lanes(spin_gain), lane)
         pivots = spin_pivots(torsion, spin_inertia, engine.dt, held)
         model.spin_pivot = self.array(self.to_lanes(pivots), lane)
         return model

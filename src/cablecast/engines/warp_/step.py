@@ -103,6 +103,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         friction = model.friction[group]
         rolling = model.rolling[group]
         roll_share = model.roll_share[group]
+        spin_gain = model.spin_gain[group]
         position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
@@ -113,7 +114,6 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         free_velocity = scratch.force[group]
         predicted = scratch.predicted[group]
         inverse_mass = model.inverse_mass[group]
-        spin_gain = model.spin_gain[group]
         predicted[0] = path.position[group]
         x_here = position[last]
         x_after = x_here
@@ -132,6 +132,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         used = lane()
         driven = lane()
         gain = lane()
+        gain_before = model.end_spin_gain[group]
         lost = lane()
         for back in range(last):
             j = last - back
@@ -145,7 +146,6 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             load = push_ahead + mul(weight, push_here)
             # The segment before the node.
             spin_before = spins[i]
-            gain_before = spin_gain[i]
             driven_before = turned_spins[i]
             turned = driven_before - mul(gain_before, torques[i])
             turned_spins[i] = turned
@@ -200,6 +200,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             used = used_before
             driven = driven_before
             gain = gain_before
+            gain_before = spin_gain
             pull = pull_before
             push_here = push_ahead
             x_after = x_here

@@ -41,7 +41,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         shape_torsion: wp.array(dtype=lane)  # the same, as far as it acts on the shape [N·m]
         spin_pivot: wp.array2d(dtype=lane)  # of the torsion solve (twist.py) [1/(kg·m²)]
         roll_share: wp.array(dtype=lane)
-        spin_gain: wp.array2d(dtype=lane)  # spin per velocity that a node loses sideways [1/m]
+        # Spin per velocity that a node loses sideways [1/m], of each segment and of the last.
+        spin_gain: wp.array(dtype=lane)
+        end_spin_gain: wp.array(dtype=lane)
         end_weight: wp.array(dtype=lane)  # mass of the last node in halves of a segment [-]
         rolling: wp.array(dtype=lane)  # lever of rolling friction over the radius [-]
         spinning: wp.array(dtype=lane)  # couple's impulse per normal impulse per mass [kg]
