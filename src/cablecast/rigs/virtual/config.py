@@ -15,9 +15,9 @@ camera, or that camera itself, frame by rendered frame."""
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    Repeated landings scatter about as on the real table (paper, section VI-B), within a factor of
-    1.6, but for casts at 1.8 m/s without psi, some of which magnify any small difference;
-    `python -m benchmarks laboratory` measures it.
+    Repeated landings scatter as on the real table (paper, section VI-B) within a factor of 1.5, which
+    `cablecast repeat` measures. Most of it comes from the reset; the rest is kept small, since some
+    fast casts magnify any difference, however small.
 
     Attributes:
         bow: Sideways bow of the cable after a reset, at its middle [m].
@@ -35,12 +35,12 @@ class TrialNoise:
     bow: float = 0.002
     sway: float = 0.001
     angle: float = 0.0033
-    tip_roll: float = 0.13
-    curl: float = 0.1
-    friction: float = 0.0065
-    servo: float = 0.004
-    torque: float = 0.012
-    latency: float = 0.00033
+    tip_roll: float = 0.1
+    curl: float = 0.04
+    friction: float = 0.006
+    servo: float = 0.003
+    torque: float = 0.003
+    latency: float = 0.0002
     encoder: float = 5e-5
 
     def __post_init__(self):

@@ -52,7 +52,7 @@ REST_TIME = 1.0
 BATCH_SIZE = 8
 """Resets that are simulated, and saved, at a time."""
 
-ASIDE_MAX = 0.007
+ASIDE_MAX = 0.012
 """A reset whose endpoint lies farther aside of straight ahead is seen by the camera and done again
 [m]."""
 AHEAD_MIN = 0.97

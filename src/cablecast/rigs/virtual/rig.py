@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _SENSING_STREAM = 7
 """Keeps what the camera draws by chance apart from what the trial draws."""
 
-LABORATORY_VERSION = 2
+LABORATORY_VERSION = 3
 """Counts the changes after which equal trials end elsewhere. It is part of the description that
 datasets keep, so that casts in one laboratory are never continued in another."""
 
