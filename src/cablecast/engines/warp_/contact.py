@@ -92,11 +92,11 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
             hold: Velocity of the surface up to which rolling friction keeps it from spinning up
                 [m/s].
             used: What of it already holds against twist, with the sign of that spin [m/s].
-            driven: What the table's torque of the step before does to the velocity of the contact
-                point in a step [m/s].
+            driven: What the table's torque of the step before, if it acted again, would add to the
+                velocity of the contact point [m/s].
             axis: Horizontal direction of the cable, of unit length.
             before: Velocity of the contact point at the start of the step [m/s].
-            after: The same after all forces and torques but those of the table [m/s].
+            after: The same after all but friction, rolling friction against twist included [m/s].
         """
         one = lane(real(1.0))
         small = lane(real(tiny))

@@ -15,9 +15,9 @@ camera, or that camera itself, frame by rendered frame."""
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    Repeated landings scatter as on the real table (paper, section VI-B) within a factor of 1.5, which
-    `cablecast repeat` measures. Most of it comes from the reset; the rest is kept small, since some
-    fast casts magnify any difference, however small.
+    Repeated landings scatter as on the real table (paper, section VI-B) within a factor of 1.5,
+    which `cablecast repeat` measures. Most of it comes from the reset; the rest is kept small,
+    since some fast casts magnify any difference, however small.
 
     Attributes:
         bow: Sideways bow of the cable after a reset, at its middle [m].
