@@ -119,6 +119,8 @@ def test_the_paper_s_mean_runs_over_actions_not_over_casts():
         actions=(scatter_of(wide), scatter_of(narrow), scatter_of(np.empty((0, 2)), ["off_table"])),
     )
     assert result.scatter_pct == pytest.approx(100 * 0.02 / CABLE.length / 2)
+    # Of two values the standard error of the mean is half their difference.
+    assert result.scatter_standard_error_pct == pytest.approx(result.scatter_pct)
     assert np.isnan(result.scatters_pct[2])
     assert result.to_dict()["scattered_action_count"] == 2
     assert result.to_dict()["growth_with_distance"] is None

@@ -254,6 +254,12 @@ class Repeatability:
         return _mean(self.scatters_pct)
 
     @property
+    def scatter_standard_error_pct(self) -> float:
+        """Standard error of that mean, for the choice of actions [% of cable length]."""
+        known = self.scatters_pct[np.isfinite(self.scatters_pct)]
+        return float(known.std(ddof=1) / math.sqrt(len(known))) if len(known) > 1 else math.nan
+
+    @property
     def scatter_of_distances_pct(self) -> float:
         """Mean over the actions of the deviation of the distances [% of cable length]."""
         values = [100.0 * a.scatter_of_distances / self.cable.length for a in self.actions]
@@ -301,6 +307,7 @@ class Repeatability:
         quartiles = np.quantile(known, [0.25, 0.5, 0.75]) if len(known) else [math.nan] * 3
         values = {
             "scatter_pct": self.scatter_pct,
+            "scatter_standard_error_pct": self.scatter_standard_error_pct,
             "scatter_quartiles_pct": [_plain(value) for value in quartiles],
             "scatter_of_distances_pct": self.scatter_of_distances_pct,
             "off_table_share": self.off_table_share,
