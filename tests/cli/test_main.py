@@ -84,7 +84,7 @@ def test_an_interrupted_run_exits_with_status_130_and_says_so(monkeypatch, capsy
 
 
 def test_ctrl_c_in_the_middle_of_a_simulation_ends_it_without_a_traceback(tmp_path):
-    arguments = ["--count", "9000", "--segment-count", "10", "--dt", "0.002"]
+    arguments = ["--count", "36000", "--segment-count", "20"]
     process = subprocess.Popen(
         [sys.executable, "-m", "cablecast", "simulate", *arguments, "--out", tmp_path / "d"],
         stderr=subprocess.PIPE,
@@ -92,7 +92,7 @@ def test_ctrl_c_in_the_middle_of_a_simulation_ends_it_without_a_traceback(tmp_pa
     )
     assert process.stderr is not None
     for line in process.stderr:
-        if "0 of 9000" in line:
+        if "0 of 36000" in line:
             break
     process.send_signal(signal.SIGINT)
     _, rest = process.communicate(timeout=120)

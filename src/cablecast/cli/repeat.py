@@ -176,7 +176,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     table = Table(title="Scatter of equal casts, in % of cable length", box=box.SIMPLE)
     table.caption = "The paper's figures are those of cable 1 on a real UR5."
     table.add_column("v_max", no_wrap=True)
-    for name in ("casts", "scatter", "", "median", "paper", "off table", "paper", "along arc"):
+    for name in ("casts", "scatter", "paper", "off table", "paper", "along arc"):
         table.add_column(name, justify="right", no_wrap=True)
     for values in combinations:
         published = published_repeatability(values["v_max"], values["with_psi"])
@@ -184,9 +184,8 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
         table.add_row(
             f"{values['v_max']:g}{' with psi' if values['with_psi'] else ''}",
             str(values["cast_count"]),
-            _number(values["scatter_pct"], 2),
-            "± " + _number(values["scatter_standard_error_pct"], 2),
-            _number(values["scatter_quartiles_pct"][1], 2),
+            f"{_number(values['scatter_pct'], 2)} ± "
+            f"{_number(values['scatter_standard_error_pct'], 2)}",
             _number(None if published is None else published.scatter_pct, 2),
             _percent(values["off_table_share"]),
             _percent(off_table),
@@ -197,7 +196,8 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     console.print(
         f"Casts on the {rig} rig. Scatter: standard deviation about the mean landing of an action, "
         "averaged over actions, with the standard error of that average; casts off the table are "
-        "left out. Along arc: its share across the direction from the robot, 50 % where it is round.",
+        "left out. Along arc: its share across the direction from the robot, 50 % where it is "
+        "round.",
         highlight=False,
         soft_wrap=True,
     )
