@@ -180,7 +180,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
                 contact.add_normal(free + tug, free_roll_before * sides + free_roll, axis),
             )
             sideways = contact.along_normal(loss, axis)
-            # Rolling friction resists what friction spins up with what is left of it.
+            # Rolling friction resists what twist and friction spin up together.
             gained = mul(gain, lost + sideways)
             turned = turned_spins[j]
             spun = contact.roll_friction(turned + gained, hold)
