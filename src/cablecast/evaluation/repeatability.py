@@ -249,6 +249,10 @@ class Repeatability:
         return 100.0 * np.array([a.scatter for a in self.actions]) / self.cable.length
 
     @property
+    def _known_scatters_pct(self) -> NDArray[np.float64]:
+        return self.scatters_pct[np.isfinite(self.scatters_pct)]
+
+    @property
     def scatter_pct(self) -> float:
         """Mean scatter over the actions [% of cable length]: the paper's measure."""
         return _mean(self.scatters_pct)
@@ -256,7 +260,7 @@ class Repeatability:
     @property
     def scatter_standard_error_pct(self) -> float:
         """Standard error of that mean, for the choice of actions [% of cable length]."""
-        known = self.scatters_pct[np.isfinite(self.scatters_pct)]
+        known = self._known_scatters_pct
         return float(known.std(ddof=1) / math.sqrt(len(known))) if len(known) > 1 else math.nan
 
     @property
@@ -303,7 +307,7 @@ class Repeatability:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for a JSON file; what is unknown becomes None."""
-        known = self.scatters_pct[np.isfinite(self.scatters_pct)]
+        known = self._known_scatters_pct
         quartiles = np.quantile(known, [0.25, 0.5, 0.75]) if len(known) else [math.nan] * 3
         values = {
             "scatter_pct": self.scatter_pct,

@@ -323,9 +323,8 @@ class _Batch:
             lanes = self.to_lanes(values.reshape(len(values), -1))
             lanes = lanes.reshape(self.group_count, self.node_count, 3, self.lane_count)
             setattr(state, name, self.array(lanes, build.vec3))
-        state.tension = self.empty(self.group_count, self.node_count, dtype=build.lane)
-        state.table_couple = self.empty(self.group_count, self.node_count, dtype=build.lane)
-        state.table_torque = self.empty(self.group_count, self.node_count, dtype=build.lane)
+        for name in ("tension", "table_couple", "table_torque"):
+            setattr(state, name, self.empty(self.group_count, self.node_count, dtype=build.lane))
         twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.roll[:, -1:])
         twist[:, -1] = -initial.roll[:, -1]
         for name, values in (("twist", twist), ("spin", initial.roll_rate)):

@@ -15,8 +15,8 @@ camera, or that camera itself, frame by rendered frame."""
 class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
-    Repeated landings scatter as on the real table (paper, section VI-B) within a factor of 1.5,
-    which `cablecast repeat` measures. Most of it comes from the reset; the rest is kept small,
+    They were set by the scatter of repeated landings on the real table (paper, section VI-B), which
+    `cablecast repeat` prints beside ours. Most of it comes from the reset; the rest is kept small,
     since some fast casts magnify any difference, however small.
 
     Attributes:
