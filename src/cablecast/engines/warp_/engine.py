@@ -341,9 +341,6 @@ class _Batch:
         scratch.moment = self.empty(self.group_count, self.node_count + 2, dtype=build.vec3)
         scratch.force = self.empty(*shape, dtype=build.vec3)
         scratch.spin = self.empty(*shape, dtype=build.lane)
-        scratch.predicted = self.empty(*shape, dtype=build.vec3)
-        scratch.upper = self.empty(*shape, dtype=build.lane)
-        scratch.rhs = self.empty(*shape, dtype=build.lane)
         return scratch
 
     def samples(self, sample_count: int, steps_per_sample: int, record_nodes: bool):

@@ -50,30 +50,42 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     slack = wp.constant(1.0 + COMPLIANCE)
 
     @wp.func
-    def eliminate_tensions(
-        model: Model, directions: wp.array(dtype=vec3), scratch: Scratch, group: int
-    ):
-        """Forward elimination from the grip to the free end."""
+    def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int, lead: real):
+        """Forward elimination from the grip to the free end.
+
+        Args:
+            lead: How far into the step the edges are along which tensions act [s].
+        """
         last = model.node_count - 1
+        dt = model.dt
         squared_length = lane(model.segment_length * model.segment_length)
-        prediction = scratch.predicted[group]
+        position = state.position[group]
+        velocity = state.velocity[group]
         inverse_mass = model.inverse_mass[group]
-        uppers = scratch.upper[group]
-        sides = scratch.rhs[group]
-        x_here = directions[0]
-        x_after = directions[1]
-        p_here = prediction[0]
+        solution = scratch.moment[group]
+        x = position[0]
+        v = velocity[0]
+        p_here = x + v * dt
+        x_here = x + v * lead
+        x = position[1]
+        v = velocity[1]
+        p_after = x + v * dt
+        x_after = x + v * lead
         d_before = vec3()
         d = x_after - x_here
         w = inverse_mass[0]
         upper = lane()
         rhs = lane()
         for e in range(last):
-            p_after = prediction[e + 1]
             predicted = p_after - p_here
+            p_here = p_after
             w_after = inverse_mass[e + 1]
             # Nothing lies beyond the last edge.
-            x_next = directions[wp.min(e + 2, last)]
+            n = wp.min(e + 2, last)
+            x = position[n]
+            v = velocity[n]
+            p_after = x + v * dt
+            x_next = x + v * lead
             d_after = x_next - x_after
             x_after = x_next
             below = -mul(w, dot(predicted, d_before))
@@ -83,9 +95,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             pivot = f.div(lane(real(1.0)), diagonal - mul(below, upper))
             rhs = mul(error - mul(below, rhs), pivot)
             upper = mul(above, pivot)
-            uppers[e] = upper
-            sides[e] = rhs
-            p_here = p_after
+            solution[e] = wp.matrix_from_rows(upper, rhs, rhs)
             d_before = d
             d = d_after
             w = w_after
@@ -93,16 +103,17 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def apply_tensions(
         model: Model,
-        directions: wp.array(dtype=vec3),
         state: State,
         scratch: Scratch,
         group: int,
+        lead: real,
         share: lane,
         keep: real,
     ):
         """Back substitution from the free end, and what the change of tension does to the nodes.
 
         Args:
+            lead: As above.
             share: 1, or 0 for worlds that need no further change.
             keep: 0 in the first iteration, which replaces the tension of the step before; then 1.
 
@@ -110,38 +121,42 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             The largest error of a squared segment length that remains, relative.
         """
         last = model.node_count - 1
-        rate = real(1.0) / model.dt
+        dt = model.dt
+        rate = real(1.0) / dt
         relative = real(1.0) / (model.segment_length * model.segment_length)
         squared_length = lane(model.segment_length * model.segment_length)
-        prediction = scratch.predicted[group]
-        inverse_mass = model.inverse_mass[group]
-        uppers = scratch.upper[group]
-        sides = scratch.rhs[group]
+        position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
+        inverse_mass = model.inverse_mass[group]
+        solution = scratch.moment[group]
         change = lane()
         pull_after = vec3()
         worst = lane()
-        x_here = directions[last]
+        x = position[last]
+        v = velocity[last]
         p_after = vec3()
         for back in range(last):
             i = last - back
-            x_before = directions[i - 1]
-            change = sides[i - 1] - mul(uppers[i - 1], change)
-            pull = scale(mul(share, change), x_here - x_before)
-            shift = scale(inverse_mass[i], pull_after - pull)
-            p_here = prediction[i] + shift
-            prediction[i] = p_here
-            velocity[i] = velocity[i] + shift * rate
-            tension[i - 1] = mul(share, change) + tension[i - 1] * keep
+            x_before = position[i - 1]
+            v_before = velocity[i - 1]
+            row = solution[i - 1]
+            change = row[1] - mul(row[0], change)
+            applied = mul(share, change)
+            pull = scale(applied, (x - x_before) + (v - v_before) * lead)
+            turned = v + scale(inverse_mass[i], pull_after - pull) * rate
+            velocity[i] = turned
+            tension[i - 1] = applied + tension[i - 1] * keep
+            p_here = x + turned * dt
             edge = p_after - p_here
             # There is no edge after the last node.
             error = absolute(dot(edge, edge) - squared_length) * real(wp.min(back, 1))
             worst = wp.max(worst, error)
             p_after = p_here
             pull_after = pull
-            x_here = x_before
-        edge = p_after - prediction[0]
+            x = x_before
+            v = v_before
+        edge = p_after - (x + v * dt)
         worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
         return worst * relative
 
@@ -152,14 +167,14 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         This is what remains to be done where Newton's method does not converge: a weight that
         reaches the end of a thread a thousand times lighter. Lengths hold, and no energy is made.
         """
-        rate = real(1.0) / model.dt
-        end = scratch.predicted[group, 0]
+        dt = model.dt
+        rate = real(1.0) / dt
+        end = state.position[group, 0] + state.velocity[group, 0] * dt
         for i in range(1, model.node_count - model.far_is_held):
-            edge = scratch.force[group, i] - end
+            x = state.position[group, i]
+            edge = x + scratch.force[group, i] * dt - end
             size = f.root(dot(edge, edge) + lane(real(1.0e-20)))
             end = end + scale(f.div(lane(model.segment_length), size), edge)
-            p = scratch.predicted[group, i]
-            x = state.position[group, i]
             v = state.velocity[group, i]
             # A product would keep what is not finite.
             tension = state.tension[group, i - 1]
@@ -167,10 +182,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
                 if failed[k] > real(0.0):
                     tension[k] = real(0.0)
                     for c in range(3):
-                        p[c, k] = end[c, k]
                         v[c, k] = (end[c, k] - x[c, k]) * rate
             state.tension[group, i - 1] = tension
-            scratch.predicted[group, i] = p
             state.velocity[group, i] = v
 
     @wp.func
@@ -184,18 +197,14 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         worst = lane()
         iteration = int(0)
         again = int(0)
+        lead = real(0.0)
+        keep = real(0.0)
         while iteration < max_iterations:
+            eliminate_tensions(model, state, scratch, group, lead)
+            worst = apply_tensions(model, state, scratch, group, lead, share, keep)
             # A jerk that one iteration cannot take up acts along the edges as they have turned.
-            if iteration == 0:
-                eliminate_tensions(model, state.position[group], scratch, group)
-                worst = apply_tensions(
-                    model, state.position[group], state, scratch, group, share, real(0.0)
-                )
-            else:
-                eliminate_tensions(model, scratch.predicted[group], scratch, group)
-                worst = apply_tensions(
-                    model, scratch.predicted[group], state, scratch, group, share, real(1.0)
-                )
+            lead = model.dt
+            keep = real(1.0)
             iteration += 1
             again = 0
             for k in range(count):

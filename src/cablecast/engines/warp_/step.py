@@ -88,7 +88,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     def meet_table(
         model: Model, path: Path, far_path: Path, state: State, scratch: Scratch, group: int
     ):
-        """What the table does to velocities and spins, and the positions that they lead to.
+        """What the table does to velocities and spins.
 
         It goes from the far end to the grip, with the normal impulse one node ahead, since what the
         table does to a node also depends on how hard its neighbours press.
@@ -112,9 +112,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         spins = state.spin[group]
         turned_spins = scratch.spin[group]
         free_velocity = scratch.force[group]
-        predicted = scratch.predicted[group]
         inverse_mass = model.inverse_mass[group]
-        predicted[0] = path.position[group]
         x_here = position[last]
         x_after = x_here
         v_here = velocity[last]
@@ -189,9 +187,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
             lost = mul(weight, sideways)
             after = free - loss
             after[2] = after[2] + push_here
-            moved = x_here + after * dt
-            predicted[j] = moved
-            free_velocity[j] = moved
+            free_velocity[j] = after
             velocity[j] = after
             turn = turn_before
             roll = roll_before
@@ -214,11 +210,9 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         spun = contact.roll_friction(turned + gained, hold)
         turned_spins[0] = spun
         torques[0] = contact.next_torque(torques[0], spun - turned, gain, height)
+        velocity[0] = (path.position[group] - position[0]) * rate
         if model.far_is_held == 1:
-            held = far_path.position[group]
-            predicted[last] = held
-            free_velocity[last] = held
-            velocity[last] = (held - position[last]) * rate
+            velocity[last] = (far_path.position[group] - position[last]) * rate
 
     @wp.func
     def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
@@ -227,20 +221,17 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         A cable whose free end is in the air counts as moving.
         """
         last = model.node_count - 1
-        rate = real(1.0) / model.dt
+        dt = model.dt
         position = state.position[group]
         velocity = state.velocity[group]
         spins = state.spin[group]
-        predicted = scratch.predicted[group]
         turned_spins = scratch.spin[group]
-        velocity[0] = (predicted[0] - position[0]) * rate
         lifted = wp.max(position[last][2] - lane(model.contact_height * real(1.5)), lane())
         fastest = lifted * real(airborne)
         for i in range(last + 1):
-            x = position[i]
             v = scale(active, velocity[i])
             velocity[i] = v
-            position[i] = x + scale(active, predicted[i] - x)
+            position[i] = position[i] + v * dt
             fastest = wp.max(fastest, mul(v[0], v[0]) + mul(v[1], v[1]))
         for i in range(last):
             spins[i] = mul(active, turned_spins[i])

@@ -98,15 +98,12 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
     class Scratch:
         """Memory within a step."""
 
-        # Gradient of the bending energy at each node [N]; then the acceleration by elasticity.
+        # Gradient of the bending energy at each node [N]; then the acceleration by elasticity;
+        # then upper diagonal and right side of the solve for tensions.
         moment: wp.array2d(dtype=vec3)
-        # Elastic force, halfway through the filter [N]; then the velocity before the table acts;
-        # then the position before lengths are held.
+        # Elastic force, halfway through the filter [N]; then the velocity before lengths are held.
         force: wp.array2d(dtype=vec3)
         spin: wp.array2d(dtype=lane)
-        predicted: wp.array2d(dtype=vec3)
-        upper: wp.array2d(dtype=lane)
-        rhs: wp.array2d(dtype=lane)
 
     @wp.struct
     class Samples:
