@@ -71,7 +71,7 @@ class Args:
         json: Also write the figures to this file.
     """
 
-    action_count: int = 24
+    action_count: int = 0
     repeats: int = 5
     untuned_count: int = 20
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")

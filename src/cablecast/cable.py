@@ -33,7 +33,7 @@ PARAM_BOUNDS: dict[str, tuple[float, float]] = {
     "spinning_friction": (0.0, 0.1),
     "rolling_friction": (0.0, 0.1),
     "linear_damping": (0.0, 5.0),
-    "angular_damping": (0.0, 50.0),
+    "angular_damping": (0.0, 200.0),
 }
 
 PARAM_UNITS: dict[str, str] = {

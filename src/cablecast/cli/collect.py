@@ -46,6 +46,8 @@ class Collect:
     """How fast the gripper may move [m/s]."""
     r0: Annotated[float, argument("M")] = 0.6
     """Radius of the arcs that the gripper sweeps, at their start [m]."""
+    psi: bool = True
+    """Whether the wrist turns, too; without it, actions are of the set A1 of the paper."""
 
     def run(self) -> None:
         """Collect, and say what came out."""
@@ -53,7 +55,7 @@ class Collect:
         from cablecast.cli.run_folder import record_run
         from cablecast.datasets.collect import collect_dataset, rig_seed
         from cablecast.datasets.progress import console_progress
-        from cablecast.motion.action import MotionConfig
+        from cablecast.motion.action import ActionRanges, MotionConfig
         from cablecast.rigs.base import make_rig
         from cablecast.workspace import Workspace
 
@@ -74,6 +76,7 @@ class Collect:
                     count=self.count,
                     sampling=self.sampling or ("uniform" if self.purpose == "tune" else "grid"),
                     seed=self.seed,
+                    ranges=ActionRanges.for_config(config, self.psi),
                     progress=progress,
                 )
         finally:

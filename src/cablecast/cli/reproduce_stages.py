@@ -55,7 +55,7 @@ class Budget:
     grid: int = 15
     grid_psi: int = 10
     coarse_generations: int = 60
-    fine_generations: int = 35
+    fine_generations: int = 25
     repeat_actions: int = 30
     repeat_casts: int = 5
     casts: int = 36_000
@@ -132,11 +132,11 @@ class _StageMaker:
             work=work,
         )
 
-    def _chosen(self) -> tuple[float, float]:
-        """r0 and v_max as `cablecast select` chose them with the first cable."""
+    def _chosen(self) -> dict[str, Any]:
+        """r0, v_max and psi as `cablecast select` chose them with the first cable, as options."""
         file = self.out / self.budget.cables[0] / "select" / METRICS_FILE
         choice = json.loads(file.read_text())["choice"]
-        return choice["r0"], choice["v_max"]
+        return {"r0": choice["r0"], "v_max": choice["v_max"], "psi": choice["with_psi"]}
 
     def _collect(self, cable: str, purpose: str) -> Stage:
         is_tune = purpose == "tune"
@@ -144,11 +144,9 @@ class _StageMaker:
 
         def work() -> None:
             from cablecast.cli.collect import Collect
-            from cablecast.motion.action import MotionConfig
 
             # What to tune with is cast before the system parameters are chosen (section V-F).
-            default = MotionConfig()
-            r0, v_max = (default.r0, default.v_max) if is_tune else self._chosen()
+            chosen = {} if is_tune else self._chosen()
             Collect(
                 rig=self.rig,
                 purpose="tune" if is_tune else "real",
@@ -156,8 +154,7 @@ class _StageMaker:
                 count=count,
                 out=self.out / cable / f"{purpose}-data",
                 seed=self.seed,
-                r0=r0,
-                v_max=v_max,
+                **chosen,
             ).run()
 
         title = f"{count} casts on the rig to {'tune' if is_tune else 'learn'} from"
@@ -223,7 +220,6 @@ class _StageMaker:
         def work() -> None:
             from cablecast.cli.simulate import Simulate
 
-            r0, v_max = self._chosen()
             Simulate(
                 cable=cable,
                 params=self.out / cable / "tune",
@@ -231,8 +227,7 @@ class _StageMaker:
                 out=self.out / cable / "dataset",
                 seed=self.seed,
                 device=self.device,
-                r0=r0,
-                v_max=v_max,
+                **self._chosen(),
             ).run()
 
         return self._stage(

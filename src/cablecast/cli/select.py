@@ -216,6 +216,7 @@ def as_candidate(result: dict[str, Any]) -> "Candidate":
         with_psi=with_psi,
         coverage=result["share"],
         scatter_pct=repeated.get("scatter_pct"),
+        scatter_standard_error_pct=repeated.get("scatter_standard_error_pct"),
         off_table_share=repeated.get("off_table_share"),
     )
 

@@ -32,6 +32,8 @@ class Simulate:
     """How fast the gripper may move [m/s]. Faster casts reach farther and scatter more."""
     r0: Annotated[float, argument("M")] = 0.6
     """Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter."""
+    psi: bool = True
+    """Whether the wrist turns, too; without it, actions are of the set A1 of the paper."""
     segment_count: Annotated[int | None, argument("INT", "what the convergence study chose")] = None
     """How many segments the simulated cable has."""
     dt: Annotated[float | None, argument("S", "what the convergence study chose")] = None
@@ -71,7 +73,7 @@ class Simulate:
                 count=self.count,
                 seed=self.seed,
                 progress=progress,
-                ranges=ActionRanges.for_config(config),
+                ranges=ActionRanges.for_config(config, self.psi),
                 servo=servo,
             )
         counts = dataset.info["status_counts"]

@@ -109,7 +109,12 @@ class Train:
             model = self._model(method, casts)
             print(f"Predicting {self.candidate_count} candidate motions", file=sys.stderr)
             policy = ForwardSearchPolicy.build(
-                model, model.motion_config, model.workspace, self.candidate_count, self.seed
+                model,
+                model.motion_config,
+                model.workspace,
+                self.candidate_count,
+                self.seed,
+                ranges=model.action_ranges,
             )
             model.save(out)
             policy.save(out)

@@ -58,7 +58,7 @@ class Tune:
     """How many times, on a coarse cable."""
     fine_population_size: int = 24
     """How many of the best go on at full resolution (Differential Evolution only)."""
-    fine_generations: int = 35
+    fine_generations: int = 25
     """How many times more, at full resolution."""
     validation_count: Annotated[int | None, argument("INT", "a quarter of the casts")] = None
     """How many casts are held out; the paper held out 20 of 80."""

@@ -2,10 +2,12 @@
 
 The paper takes the r0 of the greatest coverage, and then weighs coverage against repeatability by
 eye. Here the second step is a rule, which on the paper's own figures makes the paper's choice: the
-combination whose coverage is greatest for each percent of scatter.
+combination whose coverage is greatest for each percent of scatter; and where the repeated actions
+are too few to tell which that is, the one of those in question that covers most.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,6 +26,8 @@ class Candidate:
         coverage: Share of the reachable half disc [-].
         scatter_pct: Mean over actions of the standard deviation of repeated landings [% of cable
             length]; None where it was not measured.
+        scatter_standard_error_pct: Of that mean, for the choice of actions [% of cable length];
+            None where it is not known, and taken as none at all.
         off_table_share: Share of repeated casts that left the table [-]; None where not measured.
     """
 
@@ -32,6 +36,7 @@ class Candidate:
     with_psi: bool
     coverage: float
     scatter_pct: float | None = None
+    scatter_standard_error_pct: float | None = None
     off_table_share: float | None = None
 
     @property
@@ -49,6 +54,13 @@ class Candidate:
             return None
         # No rig repeats perfectly: below a tenth of a percent the camera decides what is measured.
         return self.coverage * (1.0 - (self.off_table_share or 0.0)) / max(self.scatter_pct, 0.1)
+
+    @property
+    def merit_error(self) -> float:
+        """Standard error of the merit, from that of the scatter."""
+        if not self.merit or not self.scatter_pct:
+            return 0.0
+        return self.merit * (self.scatter_standard_error_pct or 0.0) / self.scatter_pct
 
 
 # Source: arXiv 2405.09581, section VI-B: coverage in simulation tuned to cable 1, r0 = 0.6 m.
@@ -134,15 +146,27 @@ def choose(candidates: Sequence[Candidate]) -> Choice:
             "measured, so that coverage alone decides."
         )
     else:
-        best = max(merits, key=lambda candidate: merits[candidate])
+        first = max(merits, key=lambda candidate: merits[candidate])
+        in_question = [
+            candidate
+            for candidate, merit in merits.items()
+            if merit >= merits[first] - math.hypot(candidate.merit_error, first.merit_error)
+        ]
+        best = max(in_question, key=lambda candidate: candidate.coverage)
         listed = ", ".join(
             f"{100 * merit:.1f} points with {_speed(candidate)}"
             for candidate, merit in sorted(merits.items(), key=lambda pair: -pair[1])
         )
         why = (
-            f"{_speed(best)} gives the most coverage by casts that stay on the table for each "
+            f"{_speed(first)} gives the most coverage by casts that stay on the table for each "
             f"percent of scatter: {listed}."
         )
+        if len(in_question) > 1:
+            others = " and ".join(_speed(candidate) for candidate in in_question)
+            why += (
+                f" But the scatter is not known well enough to tell {others} apart, and of these "
+                f"{_speed(best)} covers most, {100 * best.coverage:.1f} %."
+            )
     return Choice(r0=r0, v_max=best.v_max, with_psi=best.with_psi, reasons=(why_r0, why))
 
 

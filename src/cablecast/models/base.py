@@ -175,6 +175,24 @@ class LandingModel:
             lambda values: MotionConfig(**values), self.info["dataset"], "motion", "the model"
         )
 
+    @property
+    def action_ranges(self):
+        """The ranges that its dataset's actions were chosen from, an `ActionRanges`.
+
+        Those that suit its motions where the actions were given one by one.
+        """
+        from cablecast.motion.action import ActionRanges
+
+        known = self.info["dataset"]["settings"].get("ranges")
+        if known is None:
+            return ActionRanges.for_config(self.motion_config)
+        return settings_object(
+            lambda values: ActionRanges(**{k: tuple(v) for k, v in values.items()}),
+            self.info["dataset"],
+            "ranges",
+            "the model",
+        )
+
     @functools.cached_property
     def fingerprint(self) -> str:
         """A short name for this model: the start of the SHA-256 of all arrays."""

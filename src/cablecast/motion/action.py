@@ -215,13 +215,17 @@ class ActionRanges:
             )
 
     @classmethod
-    def for_config(cls, config: MotionConfig) -> "ActionRanges":
+    def for_config(cls, config: MotionConfig, with_psi: bool = True) -> "ActionRanges":
         """The ranges that sweep the same region of the table about another polar origin.
 
         Moving the origin back flattens the arcs: r2 shifts with r0, and the angles shrink so that
         the sweep keeps its sideways extent, r0 sin(theta).
+
+        Args:
+            config: Holds the distance of the polar origin.
+            with_psi: Whether the wrist turns (the action set A2), or not (A1).
         """
-        base = cls()
+        base = cls() if with_psi else cls(wrist=(0.0, 0.0))
         r0 = MotionConfig().r0
         if config.r0 <= r0:
             return base
@@ -235,6 +239,7 @@ class ActionRanges:
             theta1=shrink(base.theta1),
             theta2=shrink(base.theta2),
             r2=(base.r2[0] + shift, base.r2[1] + shift),
+            wrist=base.wrist,
         )
 
 

@@ -21,7 +21,8 @@ LEVER_ARM_MIN = 1e-6
 """Lever arm of rolling and spinning friction [m] below which neither does anything."""
 LINEAR_DAMPING_RANGE = (1e-2, 5.0)
 """A light cable in air decays at about 1/s; at 0.01/s a cast of 2 s feels nothing."""
-ANGULAR_DAMPING_RANGE = (0.1, 50.0)
+ANGULAR_DAMPING_RANGE = (0.1, 200.0)
+"""Stands for all that a cable loses in bending, of which nothing is known beforehand."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

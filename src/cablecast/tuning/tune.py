@@ -45,7 +45,7 @@ class TuneConfig:
     population_size: int = 48
     coarse_generations: int = 60
     fine_population_size: int = 24
-    fine_generations: int = 35
+    fine_generations: int = 25
     coarse_segment_count: int = 30
     coarse_dt: float = 1e-3
     seed: int = 0

@@ -32,6 +32,10 @@ convergence`, docs/engine.md."""
 
 REST_DURATION = 0.05
 
+MOST_VISCOSITY = 0.25
+"""Share of a difference of velocity that damped rotation may exchange between neighbours in a step:
+more would let short segments ring. The default resolution stays far below it."""
+
 MODEL_VERSION = 3
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
@@ -266,6 +270,7 @@ class _Batch:
         reference = cable.length / REFERENCE_SEGMENT_COUNT
         diffusivity = values["angular_damping"] * reference**2 / 12
         viscosity = diffusivity * segment_mass / segment_length**2
+        viscosity = np.minimum(viscosity, MOST_VISCOSITY * segment_mass / engine.dt)
         lane = self.build.lane
         model = self.build.Model()
         model.node_count = self.node_count
