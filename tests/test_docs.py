@@ -54,7 +54,8 @@ def inline_commands(page: pathlib.Path) -> list[list[str]]:
 
 def options_of(verb: str) -> set[str]:
     fields = dataclasses.fields(VERBS[verb])
-    return {f"--{field.name.replace('_', '-')}" for field in fields} | HELP
+    switches = {f"--no-{field.name}" for field in fields if field.default is True}
+    return {f"--{field.name.replace('_', '-')}" for field in fields} | switches | HELP
 
 
 def options_in(words: list[str]) -> list[str]:

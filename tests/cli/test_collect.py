@@ -68,6 +68,12 @@ def made(lab):
     return [int(line) for line in (lab / "made.txt").read_text().split()]
 
 
+def test_the_wrist_stays_where_it_is_asked_to(lab):
+    assert main(["collect", *RIG, "--count", "4", "--no-psi"]) == 0
+    theta2, psi = read_dataset(lab / "runs/cable_1/tune-data").actions[:, [1, 3]].T
+    assert list(psi) == list(theta2)
+
+
 @pytest.mark.parametrize(
     ("purpose", "folder", "sampling"),
     [("tune", "tune-data", "uniform"), ("real", "real-data", "grid")],

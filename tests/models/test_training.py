@@ -1,4 +1,6 @@
+import copy
 import dataclasses
+import json
 import os
 import subprocess
 import sys
@@ -8,10 +10,10 @@ import pytest
 
 from cablecast.cable import load_cable
 from cablecast.datasets import Dataset
-from cablecast.errors import InputError
+from cablecast.errors import DatasetError, InputError
 from cablecast.models import TrainingConfig, train_forward_model
 from cablecast.models.training import initial_weights
-from cablecast.motion.action import MotionConfig
+from cablecast.motion.action import ActionRanges, MotionConfig
 from cablecast.workspace import Workspace
 
 pytest.importorskip("torch")
@@ -77,6 +79,19 @@ def test_the_network_learns_a_smooth_map(model):
     assert np.median(error) / CABLE.length * 100 < LEARNED_PCT
     assert model.metrics["held_out_median_pct"] < LEARNED_PCT
     assert model.metrics["held_out_median_pct"] < model.metrics["held_out_p90_pct"]
+
+
+def test_a_model_knows_the_ranges_of_the_actions_that_it_learned_from(model):
+    assert model.action_ranges == ActionRanges.for_config(MotionConfig())
+    without_psi = ActionRanges.for_config(MotionConfig(r0=1.0), with_psi=False)
+    info = copy.deepcopy(model.info)
+    # As a file keeps them: lists for tuples.
+    info["dataset"]["settings"]["ranges"] = json.loads(json.dumps(dataclasses.asdict(without_psi)))
+    assert dataclasses.replace(model, info=info).action_ranges == without_psi
+    assert without_psi.wrist == (0.0, 0.0)
+    info["dataset"]["settings"]["ranges"] = {"theta1": [0.0, 1.0]}
+    with pytest.raises(DatasetError, match="ranges"):
+        _ = dataclasses.replace(model, info=info).action_ranges
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_seed_others(dataset):

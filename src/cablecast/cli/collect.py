@@ -47,7 +47,7 @@ class Collect:
     r0: Annotated[float, argument("M")] = 0.6
     """Radius of the arcs that the gripper sweeps, at their start [m]."""
     psi: bool = True
-    """Whether the wrist turns, too; without it, actions are of the set A1 of the paper."""
+    """Whether the wrist turns; if not, the actions are of the set A1 of the paper."""
 
     def run(self) -> None:
         """Collect, and say what came out."""

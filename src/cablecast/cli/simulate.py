@@ -33,7 +33,7 @@ class Simulate:
     r0: Annotated[float, argument("M")] = 0.6
     """Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter."""
     psi: bool = True
-    """Whether the wrist turns, too; without it, actions are of the set A1 of the paper."""
+    """Whether the wrist turns; if not, the actions are of the set A1 of the paper."""
     segment_count: Annotated[int | None, argument("INT", "what the convergence study chose")] = None
     """How many segments the simulated cable has."""
     dt: Annotated[float | None, argument("S", "what the convergence study chose")] = None
