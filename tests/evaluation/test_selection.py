@@ -46,17 +46,22 @@ def test_casts_that_leave_the_table_count_against_their_coverage():
     assert choose([kept, lost]).v_max == 1.5
 
 
-def test_of_candidates_that_scatter_cannot_tell_apart_the_one_that_covers_most_is_chosen():
-    slow = candidate(1.2, 0.3, scatter_pct=0.9, scatter_standard_error_pct=0.1)
-    fast = candidate(1.5, 0.8, scatter_pct=2.5, scatter_standard_error_pct=0.2)
-    # 33 +- 4 against 32 +- 3 points.
-    choice = choose([slow, fast])
-    assert choice.v_max == 1.5
-    assert "not known well enough to tell v_max = 1.2 m/s and v_max = 1.5 m/s" in choice.reasons[1]
-    known = [dataclasses.replace(c, scatter_standard_error_pct=0.01) for c in (slow, fast)]
-    assert choose(known).v_max == 1.2
-    far_worse = dataclasses.replace(fast, scatter_pct=5.0)
-    assert choose([slow, far_worse]).v_max == 1.2
+def test_where_nothing_repeats_well_enough_what_scatters_least_is_chosen():
+    choice = choose(
+        [
+            candidate(1.2, 0.2, scatter_pct=4.0),
+            candidate(1.8, 0.6, scatter_pct=5.0),
+        ]
+    )
+    assert choice.v_max == 1.2
+    assert "Nothing scatters by less than 3 %" in choice.reasons[1]
+
+
+def test_how_much_may_scatter_is_the_users_to_say():
+    assert choose(PUBLISHED_CANDIDATES, scatter_max_pct=1.5).v_max == 1.2
+    assert choose(PUBLISHED_CANDIDATES, scatter_max_pct=4.0).v_max == 1.5
+    with pytest.raises(InputError, match="scatter_max = 0 %"):
+        choose(PUBLISHED_CANDIDATES, scatter_max_pct=0.0)
 
 
 def test_without_repeatability_coverage_alone_decides_and_the_reason_says_so():

@@ -36,6 +36,8 @@ class Select:
     """Folder that `cablecast repeat` wrote, with the combinations to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
     """Where to put the results."""
+    scatter_max: Annotated[float, argument("PCT")] = 3.0
+    """Largest scatter of repeated casts that is acceptable, in % of cable length."""
     grid: int = 15
     """Values of each action variable without a turn of the wrist; the paper has 15 x 15 x 15."""
     grid_psi: int = 10
@@ -57,6 +59,7 @@ class Select:
             "params": params.to_dict(),
             "servo": None if servo is None else servo.to_dict(),
             "repeatability": repeated,
+            "scatter_max_pct": self.scatter_max,
             "grid": self.grid,
             "grid_psi": self.grid_psi,
             "device": self.device,
@@ -101,7 +104,7 @@ class Select:
         for result in results:
             key = combination(result)
             result["repeatability"] = next((r for r in repeated if combination(r) == key), None)
-        choice = choose([as_candidate(result) for result in results])
+        choice = choose([as_candidate(result) for result in results], self.scatter_max)
         polar = polar_casting_region(cable, workspace)
         radius = workspace.reach(cable.length)
         figure = coverage_figure(results, outlines(polar)[0], workspace, cable.length)
@@ -216,7 +219,6 @@ def as_candidate(result: dict[str, Any]) -> "Candidate":
         with_psi=with_psi,
         coverage=result["share"],
         scatter_pct=repeated.get("scatter_pct"),
-        scatter_standard_error_pct=repeated.get("scatter_standard_error_pct"),
         off_table_share=repeated.get("off_table_share"),
     )
 
