@@ -73,6 +73,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         hold: lane,
         used: lane,
         driven: lane,
+        again: lane,
         axis: vec3,
         before: vec3,
         after: vec3,
@@ -82,25 +83,29 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Friction acts where the node touches the table and takes at most mu times the normal
         impulse. A node that slides on loses that along the mean velocity of its contact point over
         the step, which makes sliding second order in time. One that is about to stop loses what
-        stops its contact point: all of its velocity along the cable, but across it only a share, as
-        the rest goes into spin, unless rolling friction holds it (Coulomb's cone, per node).
+        stops its contact point: all of its velocity along the cable; across it what it lost in the
+        step before, and of what that would leave only a share, as the rest goes into spin, unless
+        rolling friction holds it (Coulomb's cone, per node). So a cable at rest is held by what
+        pulls at it, wherever that pulls, and does not creep.
 
         Args:
             limit: mu times the normal impulse per mass [m/s].
-            roll_share: That share, 1 / (1 + m r^2 / I): a third for a cylinder that twist does not
-                hold.
+            roll_share: That share: a third for a cylinder that twist does not hold.
             hold: Velocity of the surface up to which rolling friction keeps it from spinning up
-                [m/s].
+                [m/s]; none where it spins.
             used: What of it already holds against twist, with the sign of that spin [m/s].
             driven: What the table's torque of the step before, if it acted again, would add to the
                 velocity of the contact point [m/s].
+            again: Sideways velocity that the node lost in the step before [m/s]; its neighbours'
+                losses are taken to repeat themselves as well.
             axis: Horizontal direction of the cable, of unit length.
             before: Velocity of the contact point at the start of the step [m/s].
-            after: The same after all but friction, rolling friction against twist included [m/s].
+            after: The same after all but friction, but with the spins that the losses of the step
+                before and rolling friction would lead to [m/s].
         """
         one = lane(real(1.0))
         small = lane(real(tiny))
-        sideways = along_normal(after, axis)
+        sideways = along_normal(after, axis) - again
         size = wp.max(sideways, -sideways)
         sign = wp.min(wp.max(sideways * real(1.0e9), -one), one)
         hold_left = hold - mul(used, sign)

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import (
@@ -36,7 +36,7 @@ MOST_VISCOSITY = 0.25
 """Share of a difference of velocity that damped rotation may exchange between neighbours in a step:
 more would let short segments ring. The default resolution stays far below it."""
 
-MODEL_VERSION = 3
+MODEL_VERSION = 4
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 
@@ -53,10 +53,12 @@ class EngineWarp:
         device: "cpu" or a Warp CUDA device such as "cuda".
         precision: "single" or "double".
         thread_count: CPU threads; by default all cores that this process may use.
-        rest_speed: A world whose motion is over, whose free end lies on the table, and none of
-            whose nodes has moved along the table faster than this for 50 ms is at rest and no
-            longer computed [m/s]. Friction stops such a node within a few steps. 0 computes every
-            world to the end.
+        rest_speed: A world whose motion is over, whose free end lies on the table, and the last
+            quarter of whose cable has not moved along it faster than this for 50 ms is at rest and
+            no longer computed [m/s]. Friction stops such a node within a few steps; the rest, of
+            which some hangs from the gripper, may swing on at up to a hundred times that speed,
+            which moves the free end by less than 0.03 mm. 0 computes every world to the
+            end.
         gravity: Acceleration of free fall [m/s²].
 
     Raises:
@@ -119,7 +121,7 @@ class EngineWarp:
         plan = plan_rollout(
             self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )
-        batch = _Batch(self, plan.world_count)
+        batch = _Batch(self, plan.world_count, grip_path.duration)
         model = batch.model(cable, params, held=far_path is not None)
         path = batch.path(grip_path)
         far = batch.path(far_path if far_path is not None else _NO_PATH)
@@ -205,9 +207,13 @@ def _find_device(name: str):
 
 
 class _Batch:
-    """Packs a batch into lanes, and unpacks it again."""
+    """Packs a batch into lanes, and unpacks it again.
 
-    def __init__(self, engine: EngineWarp, world_count: int):
+    Worlds are sorted by how long they are moved, the longest first: those of a group then come to
+    rest at about the same time, after which the group costs nothing, and threads finish together.
+    """
+
+    def __init__(self, engine: EngineWarp, world_count: int, duration: ArrayLike):
         self.engine = engine
         self.build = engine._build
         self.real = engine._real
@@ -215,11 +221,17 @@ class _Batch:
         self.world_count = world_count
         self.group_count = -(-world_count // self.lane_count)
         self.node_count = engine.segment_count + 1
+        longest_first = -np.broadcast_to(np.asarray(duration), world_count)
+        self.order = np.argsort(longest_first, kind="stable")
+
+    def sorted(self, values: NDArray) -> NDArray:
+        """Rows of values in the order of the batch; a single row serves all worlds."""
+        return values if len(values) == 1 else values[self.order]
 
     def to_lanes(self, values: NDArray) -> NDArray:
         """Rows of values to lanes: [world or 1, n] to [group, n, lane]; the last world pads."""
         index = np.minimum(np.arange(self.group_count * self.lane_count), len(values) - 1)
-        grouped = values[index].reshape(self.group_count, self.lane_count, -1)
+        grouped = self.sorted(values)[index].reshape(self.group_count, self.lane_count, -1)
         return np.ascontiguousarray(np.swapaxes(grouped, 1, 2), dtype=self.real)
 
     def array(self, values: NDArray, dtype) -> wp.array:
@@ -262,8 +274,12 @@ class _Batch:
         # What friction must overcome to spin a segment within a step: its inertia, and the
         # neighbours that torsion ties to it.
         held_inertia = spin_inertia + 2.0 * engine.dt**2 * torsion[:, None]
-        roll_share = 1.0 / (1.0 + segment_mass * cable.radius**2 / held_inertia[:, 0])
         spin_gain = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
+        end_weight = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
+        # How fast the surface comes to roll by a velocity that all nodes lose; friction that
+        # reckoned with less would roll some segment too far.
+        answer = np.maximum(2.0 * spin_gain[:, 0], (1.0 + end_weight) * spin_gain[:, -1])
+        roll_share = 1.0 / (1.0 + answer * cable.radius)
         most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / engine.dt**2
         # Torque of angular damping on a segment of the reference length turns into a viscous
         # exchange of velocity with diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
@@ -291,7 +307,7 @@ class _Batch:
             ("roll_share", roll_share),
             ("spin_gain", spin_gain[:, 0]),
             ("end_spin_gain", spin_gain[:, -1]),
-            ("end_weight", 1.0 + 2.0 * values["endpoint_mass"] / segment_mass),
+            ("end_weight", end_weight),
             ("rolling", values["rolling_friction"] / cable.radius),
             ("spinning", values["spinning_friction"] * segment_mass / segment_length),
             ("segment_mass", segment_mass),
@@ -309,8 +325,9 @@ class _Batch:
         real = self.build.real
         row_count, piece_count = grip_path.coefficients.shape[:2]
         path = self.build.Path()
-        path.knots = wp.array(grip_path.knots.astype(self.real), dtype=real, device=device)
-        coefficients = grip_path.coefficients.reshape(row_count, piece_count, -1)
+        knots = self.sorted(grip_path.knots)
+        path.knots = wp.array(knots.astype(self.real), dtype=real, device=device)
+        coefficients = self.sorted(grip_path.coefficients).reshape(row_count, piece_count, -1)
         path.coefficients = wp.array(coefficients.astype(self.real), dtype=real, device=device)
         path.piece = wp.zeros((self.group_count, self.lane_count), dtype=int, device=device)
         for name in ("piece_start", "piece_duration", "spin", "spin_before", "yaw"):
@@ -328,7 +345,7 @@ class _Batch:
             lanes = self.to_lanes(values.reshape(len(values), -1))
             lanes = lanes.reshape(self.group_count, self.node_count, 3, self.lane_count)
             setattr(state, name, self.array(lanes, build.vec3))
-        for name in ("tension", "table_couple", "table_torque"):
+        for name in ("tension", "table_couple", "table_torque", "table_loss"):
             setattr(state, name, self.empty(self.group_count, self.node_count, dtype=build.lane))
         twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.roll[:, -1:])
         twist[:, -1] = -initial.roll[:, -1]
@@ -362,7 +379,9 @@ class _Batch:
         """Lanes back to rows: [group, ..., 3, lane] to [world, ..., 3]."""
         values = np.moveaxis(array.numpy().astype(np.float64), -1, 1)
         values = values.reshape(self.group_count * self.lane_count, *values.shape[2:])
-        return values[: self.world_count]
+        worlds = np.empty_like(values[: self.world_count])
+        worlds[self.order] = values[: self.world_count]
+        return worlds
 
     def read(self, state, samples, sample_dt: float) -> Rollout:
         endpoint = self.to_worlds(samples.endpoint)

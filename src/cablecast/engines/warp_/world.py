@@ -83,11 +83,12 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         # Force along an edge, as dt^2 times tension over length [kg]; the table feels that of the
         # step before (contact.py).
         tension: wp.array2d(dtype=lane)
-        # What the table did to each edge in the step before, so that what it holds stays held:
-        # the impulse on either node against turning on the spot [N·s], and the torque's impulse
-        # about the axis over m r / 2 [m/s].
+        # What the table did in the step before, so that what it holds stays held: the impulse on
+        # either node of an edge against turning on the spot [N·s], the torque's impulse about its
+        # axis over m r / 2 [m/s], and the velocity that a node lost sideways [m/s].
         table_couple: wp.array2d(dtype=lane)
         table_torque: wp.array2d(dtype=lane)
+        table_loss: wp.array2d(dtype=lane)
         twist: wp.array2d(dtype=lane)  # of node i, between edges i - 1 and i [rad]
         spin: wp.array2d(dtype=lane)  # of each edge [rad/s]
         binormal: wp.array2d(dtype=vec3)  # of each node, at the start of the last step
