@@ -233,8 +233,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
         """Take the new positions; return the largest squared horizontal speed of any node.
 
-        A cable whose free end is in the air counts as moving. Where it hangs from the gripper it may
-        swing on for seconds; but for the last quarter, speeds count a hundredth.
+        A cable whose free end is in the air counts as moving. What hangs from the gripper may swing
+        on for seconds, so that speeds outside the last quarter of the cable count a hundredth.
         """
         last = model.node_count - 1
         dt = model.dt
