@@ -43,6 +43,8 @@ CUDA_TOLERANCE_PCT = 0.5
 """How far the median landing on a GPU may be from that on a CPU in single precision: the order of
 rounding differs, and a cast is sensitive [% of cable length]."""
 
+DISTINCT_COUNT = 1024
+"""How many different motions there are in a batch, or else worlds would come to rest together."""
 ROBUST_COUNT = 10_000
 ROBUST_BATCH = 2_000
 ROBUST_V_MAX = 1.8
@@ -81,17 +83,27 @@ def has(library: str) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """The motions that every engine plays, and where the endpoint should go."""
+    """The motions that every engine plays, and where the endpoint should go.
+
+    Attributes:
+        cable: The cable.
+        paths: The motions.
+        all_paths: These and others like them, all different, for engines that play many at a time.
+        duration: Of every rollout [s].
+        reference: Positions of the endpoint [m], shape [motion, time, 3].
+        times: Theirs [s], shape [time].
+    """
 
     cable: Cable
     paths: GripPath
+    all_paths: GripPath
     duration: float
     reference: NDArray[np.float64]
     times: NDArray[np.float64]
 
     def many(self, world_count: int) -> GripPath:
-        """The motions repeated to a number of worlds."""
-        return self.paths[np.arange(world_count) % len(self.paths)]
+        """As many motions, of which the first are those that every engine plays."""
+        return self.all_paths[np.arange(world_count) % len(self.all_paths)]
 
     def play(self, engine: Any, paths: GripPath | None = None):
         """A rollout and the seconds that it took."""
@@ -128,13 +140,14 @@ ERROR_COLUMNS = ("track median [%]", "track p90 [%]", "rest median [%]", "rest p
 
 def prepare(args: Args) -> Job:
     cable = load_cable(args.cable)
-    actions = random_actions(args.count, args.seed)
-    paths = cast_grip_paths(actions, MotionConfig(), Workspace())
+    actions = random_actions(max(args.count, DISTINCT_COUNT), args.seed)
+    all_paths = cast_grip_paths(actions, MotionConfig(), Workspace())
+    paths = all_paths[: args.count]
     fine = EngineWarp(
         segment_count=FINE_SEGMENT_COUNT, dt=FINE_DT, precision="double", rest_speed=0.0
     )
     rollout = fine.rollout(cable, cable.params, paths, duration=args.duration, sample_dt=SAMPLE_DT)
-    return Job(cable, paths, args.duration, rollout.endpoint_xyz, rollout.times)
+    return Job(cable, paths, all_paths, args.duration, rollout.endpoint_xyz, rollout.times)
 
 
 def compared(job: Job, world_count: int) -> Table:
