@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cablecast.cable import Cable
 from cablecast.evaluation.metrics import ErrorSummary
@@ -29,6 +30,9 @@ from cablecast.report.tables import (
     tuning_table,
 )
 from cablecast.workspace import Workspace
+
+DRAW_COUNT = 2000
+"""How often the targets are drawn anew to see whether the order of two methods is chance."""
 
 
 def all_parts(results: Reproduction, workspace: Workspace) -> list[Part]:
@@ -278,7 +282,8 @@ def _with_median(results: Reproduction, method: str, paper: Mapping[str, float])
 
 def _why(results: Reproduction, better: str, worse: Sequence[str]) -> str:
     """What was measured of some methods that tells where their difference comes from."""
-    evaluations = results.evaluations(results.cables[0])
+    cable = results.cables[0]
+    evaluations = results.evaluations(cable)
     told = []
     for method in (better, *worse):
         metrics = evaluations[method]
@@ -287,7 +292,42 @@ def _why(results: Reproduction, better: str, worse: Sequence[str]) -> str:
         if prediction is not None:
             parts.append(f"casts {prediction:.1f} % from where it expects them")
         told.append(f"{METHOD_NAMES[method]} has " + ", ".join(parts))
-    return "Measured: " + "; ".join(told) + "."
+    errors = _errors_by_target(results, cable, better)
+    shares = " and ".join(
+        f"{100 * share_of_draws(errors, _errors_by_target(results, cable, method)):.0f} % against "
+        f"{METHOD_NAMES[method]}"
+        for method in worse
+    )
+    return (
+        "Measured: " + "; ".join(told) + f". With the targets drawn anew {DRAW_COUNT:,} times, "
+        f"{METHOD_NAMES[better]} has the smaller median in {shares}; half would be chance."
+    )
+
+
+def _errors_by_target(results: Reproduction, cable: str, method: str) -> NDArray[np.float64]:
+    """Errors [% of cable length], NaN without a landing, shape [target, cast]."""
+    trials = results.trials(cable, method)
+    targets = np.unique(trials["target"])
+    return np.stack([trials["error_pct"][trials["target"] == target] for target in targets])
+
+
+def share_of_draws(better: NDArray[np.float64], worse: NDArray[np.float64]) -> float:
+    """How often one method has the smaller median error when the targets are drawn anew.
+
+    Casts at one target err alike, so that whole targets are drawn, with replacement.
+
+    Args:
+        better: Errors, NaN without a landing, shape [target, cast].
+        worse: Those of the other method at the same targets, same shape.
+
+    Returns:
+        Share of `DRAW_COUNT` draws; a draw without a landing counts for neither.
+    """
+    draws = np.random.default_rng(0).integers(len(better), size=(DRAW_COUNT, len(better)))
+    medians = [
+        np.nanmedian(errors[draws].reshape(DRAW_COUNT, -1), axis=1) for errors in (better, worse)
+    ]
+    return float(np.mean(medians[0] < medians[1]))
 
 
 def summary(values: Mapping[str, Any]) -> ErrorSummary:
