@@ -57,8 +57,7 @@ class EngineWarp:
             quarter of whose cable has not moved along it faster than this for 50 ms is at rest and
             no longer computed [m/s]. Friction stops such a node within a few steps; the rest, of
             which some hangs from the gripper, may swing on at up to a hundred times that speed,
-            which moves the free end by less than 0.03 mm. 0 computes every world to the
-            end.
+            which moves the free end by less than 0.03 mm. 0 computes every world to the end.
         gravity: Acceleration of free fall [m/s²].
 
     Raises:
