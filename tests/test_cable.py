@@ -74,7 +74,7 @@ def changed(**changes):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[1, 2", "is not YAML"),
+        ("[1, 2", "is not plain YAML"),
         ("- 1\n- 2\n", "must hold a mapping"),
         (yaml.safe_dump(changed(colour="red")), r"unknown keys \['colour'\]"),
         (yaml.safe_dump({"name": "x"}), "lacks the keys"),
@@ -82,7 +82,7 @@ def changed(**changes):
         (yaml.safe_dump(changed(params={"mass": 0.1})), "params lacks the keys"),
         (yaml.safe_dump(changed(attachment="anchor")), "one of none, hook, magnet"),
         (yaml.safe_dump(changed(length=-0.6)), r"cable length = -0\.6 m is outside \[0\.05, 5\]"),
-        (yaml.safe_dump(changed(diameter="thick")), "cable diameter = thick"),
+        (yaml.safe_dump(changed(diameter="thick")), "cable diameter = 'thick'"),
         (yaml.safe_dump(changed(length=float("nan"))), "cable length = nan"),
     ],
 )

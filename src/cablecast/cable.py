@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+import os
 import pathlib
 from collections.abc import Mapping
 
@@ -9,8 +10,10 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.errors import InputError, UnknownNameError
+from cablecast.checks import check_keys, check_name, check_ranges
+from cablecast.errors import InputError, UnknownNameError, UnreadableFileError
 from cablecast.files import write_text
+from cablecast.reading import read_yaml
 
 
 class Attachment(enum.Enum):
@@ -168,14 +171,20 @@ class Cable:
     params: CableParams
 
     def __post_init__(self):
-        for name, low, high in (
-            ("length", 0.05, 5.0),
-            ("diameter", 0.0005, 0.05),
-            ("attachment_length", 0.0, 0.3),
-        ):
-            value = getattr(self, name)
-            if not isinstance(value, (int, float)) or not low <= value <= high:
-                raise InputError(f"cable {name} = {value} m is outside [{low:g}, {high:g}]")
+        check_name(self.name, "cable")
+        check_ranges(
+            self,
+            {
+                "length": (0.05, 5.0, "m"),
+                "diameter": (0.0005, 0.05, "m"),
+                "attachment_length": (0.0, 0.3, "m"),
+            },
+            "cable",
+        )
+        if not isinstance(self.attachment, Attachment):
+            raise InputError(f"cable attachment = {self.attachment!r} is no Attachment")
+        if not isinstance(self.params, CableParams):
+            raise InputError(f"cable params must be CableParams, not {type(self.params).__name__}")
 
     @property
     def radius(self) -> float:
@@ -194,26 +203,17 @@ class Cable:
         Raises:
             InputError: A key is missing, unknown, or its value out of bounds.
         """
-        values = dict(values)
-        _check_keys("cable", values, cls, optional={"attachment", "attachment_length"})
-        params = values.pop("params")
-        if not isinstance(params, Mapping):
-            raise InputError(f"params must be a mapping of ten values, not {params!r}")
-        _check_keys("params", params, CableParams, optional=set())
+        known = {field.name for field in dataclasses.fields(cls)}
+        optional = {"attachment", "attachment_length"}
+        values = check_keys(values, known, "cable", required=known - optional)
+        names = set(CableParams.names())
+        params = check_keys(values.pop("params"), names, "cable params", required=names)
         try:
             attachment = Attachment(values.pop("attachment", "none"))
         except ValueError as error:
             choices = ", ".join(a.value for a in Attachment)
-            raise InputError(f"{error}: one of {choices}") from None
+            raise InputError(f"{str(error)[:80]}: one of {choices}") from None
         return cls(**values, attachment=attachment, params=CableParams(**params))
-
-
-def _check_keys(what: str, values: Mapping, cls: type, optional: set[str]) -> None:
-    known = {field.name for field in dataclasses.fields(cls)}
-    if unknown := set(values) - known:
-        raise InputError(f"{what} has unknown keys {sorted(unknown)}: known are {sorted(known)}")
-    if missing := known - optional - set(values):
-        raise InputError(f"{what} lacks the keys {sorted(missing)}")
 
 
 # Lengths, diameters and attachments are the paper's (figure 5). It publishes no SI material
@@ -283,27 +283,31 @@ _PRESETS = {
 CABLE_NAMES = tuple(_PRESETS)
 
 
-def load_cable(name_or_path: str) -> Cable:
-    """A preset by its name, or a cable from a YAML file.
+def load_cable(name_or_path: str | os.PathLike[str]) -> Cable:
+    """Return a preset by its name, or a cable from a YAML file.
+
+    Args:
+        name_or_path: One of `CABLE_NAMES`, or a path that ends in .yaml or .yml.
 
     Raises:
         UnknownNameError: Neither a preset nor an existing file.
         InputError: The file does not describe a cable.
     """
-    if name_or_path in _PRESETS:
-        return _PRESETS[name_or_path]
-    path = pathlib.Path(name_or_path)
+    name = os.fspath(name_or_path)
+    if name in _PRESETS:
+        return _PRESETS[name]
+    path = pathlib.Path(name)
     if path.suffix not in (".yaml", ".yml") or not path.is_file():
         raise UnknownNameError(
-            f"unknown cable {name_or_path!r}: one of {', '.join(CABLE_NAMES)}, or a YAML file"
+            f"unknown cable {name[:200]!r}: one of {', '.join(CABLE_NAMES)}, or a YAML file"
         )
     try:
-        values = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
-    if not isinstance(values, Mapping):
-        raise InputError(f"{path} must hold a mapping that describes a cable")
-    return Cable.from_dict(values)
+        return Cable.from_dict(read_yaml(path))
+    except UnreadableFileError:
+        raise
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if str(path) in text else f"{path}: {text}") from None
 
 
 def save_cable(cable: Cable, path: pathlib.Path) -> None:

@@ -18,6 +18,15 @@ class UnknownNameError(CablecastError, LookupError):
     """A name (cable, rig, engine, column) is not one of those that exist."""
 
 
+class UnreadableFileError(CablecastError, OSError):
+    """A file that the system refuses to read: no permission, or a failing disk. Nothing is wrong
+    with its content as far as is known."""
+
+
+class DamagedFileError(InputError):
+    """A file whose content is not what was written."""
+
+
 class TargetError(InputError):
     """A target that no planned motion can reach, or that is not finite."""
 

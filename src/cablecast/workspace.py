@@ -3,21 +3,31 @@
 import csv
 import dataclasses
 import importlib.resources
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.checks import check_keys, check_ranges
 from cablecast.conventions import xy_to_polar
-from cablecast.errors import TargetError
+from cablecast.errors import InputError, TargetError
+
+Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """Table and arm as they stand in the paper's experiments; the base is at the origin.
+    """The table and what the arm does on it; the defaults are the paper's experiments.
+
+    The base is at the origin. The table lies symmetrically about the workspace axis, which the
+    planner relies on: it plans for the right half and mirrors.
 
     Attributes:
-        table_width: Extent along x, centred on the base [m] (section V).
-        table_depth: Extent along y, from the base to the far edge [m] (section V).
+        table_width: Width of the table [m] (section V); along x unless the table is turned.
+        table_depth: Depth of the table [m] (section V); along y unless the table is turned.
+        table_yaw_deg: Turn of the table on the spot [deg], a multiple of 90.
+        table_near_y: y of the table's near edge [m]; negative where it reaches behind the base.
         r_max: Largest distance from the base to the gripper [m] (arXiv source of the paper).
         support_depth: Distance from the base to the edge of the robot's own table [m], which a
             radial pull must not cross (section VI-A).
@@ -28,13 +38,72 @@ class Workspace:
 
     table_width: float = 2.75
     table_depth: float = 1.50
+    table_yaw_deg: float = 0.0
+    table_near_y: float = 0.0
     r_max: float = 0.94
     support_depth: float = 0.466
     reset_y: float = 0.60
     grip_height: float = 0.02
 
+    def __post_init__(self):
+        check_ranges(
+            self,
+            {
+                "table_width": (0.3, 10.0, "m"),
+                "table_depth": (0.3, 10.0, "m"),
+                "table_yaw_deg": (-360.0, 360.0, "deg"),
+                "table_near_y": (-5.0, 1.0, "m"),
+                "r_max": (0.2, 2.0, "m"),
+                "support_depth": (0.0, 2.0, "m"),
+                "reset_y": (0.1, 2.0, "m"),
+                "grip_height": (0.001, 0.5, "m"),
+            },
+            "workspace",
+        )
+        if self.table_yaw_deg % 90.0 != 0.0:
+            raise InputError(
+                f"workspace table_yaw_deg = {self.table_yaw_deg:g} deg is not a multiple of 90: "
+                "the table must be symmetric about the workspace axis"
+            )
+        if self.reset_y > self.r_max:
+            raise InputError(
+                f"workspace reset_y = {self.reset_y:g} m is beyond r_max = {self.r_max:g} m"
+            )
+
+    @property
+    def half_width(self) -> float:
+        """Largest |x| on the table [m]."""
+        return (self.table_depth if self._is_turned else self.table_width) / 2
+
+    @property
+    def y_min(self) -> float:
+        """Smallest y on the table [m]."""
+        return self.table_near_y
+
+    @property
+    def y_max(self) -> float:
+        """Largest y on the table [m]."""
+        return self.table_near_y + (self.table_width if self._is_turned else self.table_depth)
+
+    @property
+    def _is_turned(self) -> bool:
+        return self.table_yaw_deg % 180.0 != 0.0
+
+    def edge_distance(self, xy: ArrayLike) -> Array:
+        """Return how far points lie within the table's edges, negative beyond them.
+
+        Args:
+            xy: Points [m], shape [..., 2].
+
+        Returns:
+            Distance to the nearest edge line [m], shape [...]; NaN for NaN points.
+        """
+        xy = np.asarray(xy, dtype=float)
+        x, y = xy[..., 0], xy[..., 1]
+        return np.minimum.reduce([self.half_width - np.abs(x), y - self.y_min, self.y_max - y])
+
     def on_table(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Which points lie on the table.
+        """Return which points lie on the table.
 
         Args:
             xy: Points [m], shape [..., 2].
@@ -42,15 +111,13 @@ class Workspace:
         Returns:
             True where on the table, shape [...]; NaN points are not.
         """
-        xy = np.asarray(xy, dtype=float)
-        x, y = xy[..., 0], xy[..., 1]
-        return (np.abs(x) <= self.table_width / 2) & (y >= 0.0) & (y <= self.table_depth)
+        return self.edge_distance(xy) >= 0.0
 
     def reach(self, cable_length: float) -> float:
-        """Radius of the reachable half disc, r_max + r_c [m] (section III)."""
+        """Return the radius of the reachable half disc, r_max + r_c [m] (section III)."""
         return self.r_max + cable_length
 
-    def check_target(self, target_xy: ArrayLike, cable_length: float) -> NDArray[np.float64]:
+    def check_target(self, target_xy: ArrayLike, cable_length: float) -> Array:
         """Return targets that can be asked for, and refuse the others.
 
         Args:
@@ -61,6 +128,8 @@ class Workspace:
             TargetError: A target is not finite, farther than r_max + r_c, or off the table.
         """
         target_xy = np.asarray(target_xy, dtype=float)
+        if target_xy.shape[-1:] != (2,):
+            raise TargetError(f"targets have shape {target_xy.shape}: it must be [..., 2]")
         for xy in target_xy.reshape(-1, 2):
             if not np.all(np.isfinite(xy)):
                 raise TargetError(f"target ({xy[0]}, {xy[1]}) is not finite")
@@ -71,17 +140,31 @@ class Workspace:
                 raise TargetError(f"{where} is out of reach: r must be at most {bound:.3f} m")
             if not self.on_table(xy):
                 raise TargetError(
-                    f"{where} is off the table: |x| <= {self.table_width / 2} m and "
-                    f"0 <= y <= {self.table_depth} m, but x = {xy[0]:.3f}, y = {xy[1]:.3f}"
+                    f"{where} is off the table: |x| <= {self.half_width:g} m and "
+                    f"{self.y_min:g} <= y <= {self.y_max:g} m, but x = {xy[0]:.3f}, y = {xy[1]:.3f}"
                 )
         return target_xy
 
+    def to_dict(self) -> dict[str, float]:
+        """Return plain values for a config or YAML file."""
+        return dataclasses.asdict(self)
 
-def load_targets() -> NDArray[np.float64]:
-    """The 32 evaluation targets of the paper, as (x, y) [m], shape [32, 2].
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "Workspace":
+        """Make a workspace from plain values; what is missing takes its default.
+
+        Raises:
+            InputError: A key is unknown, or a value out of bounds.
+        """
+        known = {field.name for field in dataclasses.fields(cls)}
+        return cls(**check_keys(values, known, "workspace"))
+
+
+def load_targets() -> Array:
+    """Return the 32 evaluation targets of the paper, as (x, y) [m], shape [32, 2].
 
     Source: figure of arXiv 2405.09581; x is exact to about 2 mm, y to about 1 cm.
     """
-    text = importlib.resources.files("cablecast").joinpath("data/targets_32.csv").read_text()
-    rows = csv.DictReader(text.splitlines())
+    file = importlib.resources.files("cablecast").joinpath("data/targets_32.csv")
+    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
     return np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])

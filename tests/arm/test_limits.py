@@ -14,5 +14,5 @@ def test_the_default_limits_are_those_of_a_ur5():
 
 @pytest.mark.parametrize("values", [(1.0,) * 5, (1.0, 1.0, 1.0, 1.0, 1.0, -1.0), (np.nan,) * 6])
 def test_limits_that_are_not_six_positive_numbers_are_refused(values):
-    with pytest.raises(InputError, match="six positive"):
+    with pytest.raises(InputError, match="velocity limit"):
         JointLimits(velocity=values)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.arm.tilted import tilted_motion
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError
 
 # Both sides are closed forms in double precision, with chains of a few dozen operations.
@@ -13,7 +13,7 @@ EXACT = 1e-9
 # which the closeness to the stretched arm magnifies.
 DIFFERENCE = 5e-5
 
-ARM = ArmUR5()
+ARM = ArmUR()
 
 
 def random_poses(count=300, tilt=1.2, seed=0):

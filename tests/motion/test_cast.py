@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from cablecast.errors import ActionError
 from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions, mirror_actions
-from cablecast.motion.cast import cast_grip_paths, plan_polar_paths
+from cablecast.motion.cast import cast_grip_paths, plan_sweeps
 from cablecast.workspace import Workspace
 
 CONFIG, WORKSPACE = MotionConfig(), Workspace()
@@ -49,7 +49,7 @@ def test_the_grip_path_follows_the_exact_polar_path(config):
             random_actions(20, 0, config),
         ]
     )
-    polar = plan_polar_paths(actions, config, WORKSPACE)
+    polar = plan_sweeps(actions, config, WORKSPACE)
     grip = cast_grip_paths(actions, config, WORKSPACE)
     times = dense_times(polar)
     xy, velocity, _ = polar.xy(times)
@@ -91,7 +91,7 @@ def test_a_cast_ends_at_rest_at_r2_and_theta2_with_the_cable_along_psi(config):
 
 def test_the_arc_rests_at_theta1_and_turns_there():
     actions = random_actions(20, 3)
-    polar = plan_polar_paths(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
     turn = polar.first.duration[:, None]
     (theta, rate, acceleration), _ = polar.angles(turn + np.array([-1e-9, 0.0, 1e-9]))
     np.testing.assert_allclose(theta, actions[:, :1].repeat(3, axis=1), atol=EXACT)
@@ -106,14 +106,14 @@ def test_the_arc_rests_at_theta1_and_turns_there():
 
 def test_the_radius_keeps_moving_through_the_turn():
     actions = random_actions(20, 4)
-    polar = plan_polar_paths(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
     _, rate, _ = polar.radius(polar.first.duration[:, None])
     assert np.all(np.sign(rate[:, 0]) == np.sign(actions[:, 2] - CONFIG.r0))
 
 
 def test_the_wrist_turns_during_the_second_arc_only():
     actions = random_actions(20, 5)
-    polar = plan_polar_paths(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
     first = np.linspace(0.0, 1.0, 30) * polar.first.duration[:, None]
     theta, yaw = polar.angles(first)
     np.testing.assert_array_equal(theta[0], yaw[0])
@@ -123,7 +123,7 @@ def test_the_wrist_turns_during_the_second_arc_only():
 
 def test_a_wrist_that_needs_longer_than_the_arc_ends_the_motion():
     actions = np.array([[-0.1, 0.1, 0.6, 0.1], [-0.1, 0.1, 0.6, 1.7]])
-    polar = plan_polar_paths(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
     np.testing.assert_allclose(polar.arc_duration, polar.arc_duration[0])
     assert polar.duration[0] == polar.arc_duration[0]
     assert polar.duration[1] > polar.arc_duration[1] + 0.1
@@ -142,13 +142,13 @@ def test_a_wrist_that_needs_longer_than_the_arc_ends_the_motion():
 def test_the_speed_of_the_grip_never_exceeds_v_max(theta1, theta2, r2, wrist, v_max, r0, jerk):
     config = MotionConfig(v_max=v_max, r0=r0, jerk=jerk)
     action = np.array([[theta1, theta2, r2, theta2 + wrist]])
-    polar = plan_polar_paths(action, config, WORKSPACE)
+    polar = plan_sweeps(action, config, WORKSPACE)
     speed = np.linalg.norm(polar.xy(dense_times(polar, 400))[1], axis=-1)
     assert np.max(speed) <= v_max * (1 + EXACT)
 
 
 def test_a_long_arc_at_constant_radius_runs_at_v_max():
-    polar = plan_polar_paths([[-1.2, 1.2, CONFIG.r0, 1.2]], CONFIG, WORKSPACE)
+    polar = plan_sweeps([[-1.2, 1.2, CONFIG.r0, 1.2]], CONFIG, WORKSPACE)
     speed = np.linalg.norm(polar.xy(dense_times(polar))[1], axis=-1)
     assert np.max(speed) == pytest.approx(CONFIG.v_max, rel=EXACT)
 

@@ -2,10 +2,13 @@
 
 import dataclasses
 import enum
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.checks import check_keys, check_number
 from cablecast.errors import InputError
 
 JOINT_NAMES = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -25,11 +28,12 @@ class LimitKind(enum.Enum):
 class JointLimits:
     """Symmetric limits, one value per joint.
 
-    The defaults are those of a UR5: position and velocity from its data sheet (±360 deg, 180 deg/s,
-    all joints). The maker states no acceleration. The three large joints get 20 rad/s²: stretched
-    out to 0.8 m the arm has about 4.5 kg·m² about the base axis, so this takes 90 of the joint's
-    150 N·m. The wrist joints carry little and get 40 rad/s², the largest value that the controller
-    accepts.
+    The defaults are those of a UR5 and of a UR5e, which share them: position and velocity from the
+    maker's data sheets ("UR5 technical specifications" and "UR5e technical specifications": ±360
+    deg and 180 deg/s for all joints). The maker states no acceleration. The three large joints get
+    20 rad/s²: stretched out to 0.8 m the arm has about 4.5 kg·m² about the base axis, so this takes
+    90 of the 150 N·m that both models' large joints have. The wrist joints carry little and get
+    40 rad/s², the largest value that the controller accepts.
 
     Attributes:
         position: Largest angle from zero [rad], six values.
@@ -44,9 +48,31 @@ class JointLimits:
     def __post_init__(self):
         for name in ("position", "velocity", "acceleration"):
             values = getattr(self, name)
-            if len(values) != JOINT_COUNT or not all(0.0 < value < np.inf for value in values):
-                raise InputError(f"{name} limits {values} must be six positive numbers")
+            if not isinstance(values, tuple) or len(values) != JOINT_COUNT:
+                raise InputError(f"arm {name} limits {str(values)[:60]} must be six numbers")
+            for value in values:
+                check_number(f"arm {name} limit", value, 1e-3, 1e3)
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Return plain values for a config or YAML file."""
+        return {name: list(values) for name, values in dataclasses.asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "JointLimits":
+        """Make limits from plain values; what is missing takes its default.
+
+        Raises:
+            InputError: A key is unknown, or a value is not six positive numbers.
+        """
+        known = {field.name for field in dataclasses.fields(cls)}
+        values = check_keys(values, known, "arm limits")
+        return cls(
+            **{
+                name: tuple(row) if isinstance(row, (list, tuple)) else row
+                for name, row in values.items()
+            }
+        )
 
     def to_array(self) -> NDArray[np.float64]:
-        """Position, velocity and acceleration limits, shape [3, 6]."""
+        """Return position, velocity and acceleration limits, shape [3, 6]."""
         return np.array([self.position, self.velocity, self.acceleration])

@@ -1,37 +1,24 @@
 """Inverse kinematics for a gripper that tilts in the vertical plane of its cable.
 
-The closed form of a gripper that points straight down (arm/ur5.py) is fast and is used wherever it
-holds. Here the six joints are solved for a whole pose, on the same branch, so that a motion may
+The closed form of a gripper that points straight down (arm/inverse.py) is fast and is used wherever
+it holds. Here the six joints are solved for a whole pose, on the same branch, so that a motion may
 begin untilted and tilt on the way; rates and accelerations follow from the Jacobian and its
 derivative, so they are exact as well.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur5 import (
-    D1,
-    D4,
-    D5,
-    D6,
-    FOREARM,
-    UPPER_ARM,
-    JointMotion,
-    two_link,
-)
-
-if TYPE_CHECKING:
-    from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.geometry import ArmGeometry
+from cablecast.arm.inverse import JointMotion, two_link
 
 Array = NDArray[np.float64]
 
 
 def tilted_motion(
-    arm: "ArmUR5", poses: Array, velocities: Array, accelerations: Array
+    arm: ArmGeometry, poses: Array, velocities: Array, accelerations: Array
 ) -> JointMotion:
-    """Joint angles along moving poses of any pitch, with exact rates and accelerations.
+    """Return joint angles along moving poses of any pitch, with exact rates and accelerations.
 
     Args:
         arm: The robot.
@@ -59,6 +46,7 @@ def tilted_motion(
         radius_min=radius_min,
         radius_max=radius_max,
         lead=np.full((*radius.shape, 3), np.nan),
+        base_yaw=arm.base_yaw,
     )
 
 
@@ -75,15 +63,16 @@ def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
     return along, tool, forward, right
 
 
-def _angles(arm: "ArmUR5", poses: Array) -> tuple[Array, Array, Array, Array]:
+def _angles(arm: ArmGeometry, poses: Array) -> tuple[Array, Array, Array, Array]:
     """Joint angles, and the radius of the first wrist joint with its bounds at its height."""
+    links = arm.links
     along, tool, _, right = _directions(poses)
     flange = poses[..., :3] - arm.gripper_length * tool - arm.grip_offset * along
     # The centre that joints 5 and 6 leave in place lies behind the flange.
-    centre = flange - D6 * tool
+    centre = flange - links.d6 * tool
     rho = np.hypot(centre[..., 0], centre[..., 1])
-    in_plane = np.sqrt(rho * rho - D4 * D4)
-    q1 = -np.arctan2(centre[..., 0], centre[..., 1]) - np.arctan2(D4, in_plane)
+    in_plane = np.sqrt(rho * rho - links.d4**2)
+    q1 = -np.arctan2(centre[..., 0], centre[..., 1]) - np.arctan2(links.d4, in_plane)
     c1, s1 = np.cos(q1), np.sin(q1)
     zero = np.zeros_like(q1)
     # The arm's plane: outwards, and the common axis of joints 2, 3 and 4.
@@ -92,7 +81,7 @@ def _angles(arm: "ArmUR5", poses: Array) -> tuple[Array, Array, Array, Array]:
     cos_q5 = np.clip(_dot(tool, axis), -1.0, 1.0)
     q5 = -np.arccos(cos_q5)
     sin_q5 = np.sin(q5)
-    # x and y of the flange are the directions right and -along; see ArmUR5.grip_pose.
+    # x and y of the flange are the directions right and -along; see ArmGeometry.grip_pose.
     q6 = np.arctan2(_dot(along, axis) / sin_q5, _dot(right, axis) / sin_q5)
     # The same turn as that of the untilted gripper, so that no joint jumps by a whole turn.
     untilted = poses[..., 3] + q1
@@ -100,21 +89,23 @@ def _angles(arm: "ArmUR5", poses: Array) -> tuple[Array, Array, Array, Array]:
     # The fifth axis, perpendicular to the plane's axis and to the tool, carries the last offset.
     fifth = np.cross(axis, tool) / sin_q5[..., None]
     elevation = np.arctan2(fifth[..., 2], _dot(fifth, outward))
-    wrist = centre - D5 * fifth
+    wrist = centre - links.d5 * fifth
     out = _dot(wrist, outward)
-    up = wrist[..., 2] - arm.base_height - D1
+    up = wrist[..., 2] - arm.base_height - links.d1
     still = np.zeros_like(out)
-    upper, fore, *_ = two_link((out, up), (still, still), (still, still))
-    q = np.stack([q1, -upper, upper - fore, fore - np.pi / 2 - elevation, q5, q6], axis=-1)
+    upper, fore, *_ = two_link(links, (out, up), (still, still), (still, still))
+    q = np.stack(
+        [q1 + arm.base_yaw, -upper, upper - fore, fore - np.pi / 2 - elevation, q5, q6], axis=-1
+    )
     radius_min, radius_max = (
-        np.sqrt(np.maximum(span**2 - up * up, 0.0) + D4 * D4)
-        for span in (UPPER_ARM - FOREARM, UPPER_ARM + FOREARM)
+        np.sqrt(np.maximum(span**2 - up * up, 0.0) + links.d4**2)
+        for span in (links.upper_arm - links.forearm, links.upper_arm + links.forearm)
     )
     return q, np.hypot(wrist[..., 0], wrist[..., 1]), radius_min, radius_max
 
 
 def _rates(
-    arm: "ArmUR5", q: Array, poses: Array, velocities: Array, accelerations: Array
+    arm: ArmGeometry, q: Array, poses: Array, velocities: Array, accelerations: Array
 ) -> tuple[Array, Array]:
     """Joint rates and accelerations from the motion of the gripped end, shape [pose, 6] each."""
     _, _, forward, right = _directions(poses)

@@ -12,8 +12,8 @@ from cablecast.cli.options import DEFAULT_CABLE, RUNS_FOLDER, argument, polar_te
 
 if TYPE_CHECKING:
     from cablecast.cable import Cable
-    from cablecast.rigs.camera.calibration import Calibration
-    from cablecast.rigs.camera.tracker import EndpointTracker
+    from cablecast.tracking.calibration import Calibration
+    from cablecast.tracking.tracker import EndpointTracker
 
 TRACK_FILE = "track.csv"
 FRAMES_FILE = "frames.csv"
@@ -41,7 +41,7 @@ class Track:
     """A calibration.json of the same camera at the same place, as this command writes it."""
     tags: Annotated[pathlib.Path | None, argument("FILE", "11 tags along the table's edges")] = None
     """Without a calibration: a YAML file that says where the tags lie on the table. Write one with
-    `python -m cablecast.rigs.camera.tags DIR`."""
+    `python -m cablecast.tracking.tags DIR`."""
     board: Annotated[pathlib.Path | None, argument("DIR", "the lens is found from the tags")] = None
     """Without a calibration: a folder of pictures of a calibration board, which tell the lens."""
     view_deg: Annotated[float, argument("DEG")] = 78.0
@@ -95,9 +95,9 @@ class Track:
 
         from cablecast.datasets.progress import console_progress
         from cablecast.files import write_text
-        from cablecast.rigs.camera.marker import MarkerConfig
-        from cablecast.rigs.camera.tracker import EndpointTracker, TrackerConfig
-        from cablecast.rigs.camera.video import read_video
+        from cablecast.tracking.marker import MarkerConfig
+        from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
+        from cablecast.tracking.video import read_video
         from cablecast.workspace import Workspace
 
         calibration = self._calibrate()
@@ -162,9 +162,9 @@ class Track:
         import itertools
         import math
 
-        from cablecast.rigs.camera.calibration import Calibration, calibrate_view
-        from cablecast.rigs.camera.tags import TagLayout, default_layout
-        from cablecast.rigs.camera.video import read_video
+        from cablecast.tracking.calibration import Calibration, calibrate_view
+        from cablecast.tracking.tags import TagLayout, default_layout
+        from cablecast.tracking.video import read_video
 
         if self.calibration is not None:
             return Calibration.load(self.calibration)
@@ -181,8 +181,8 @@ class Track:
 def _lens_from_board(folder: pathlib.Path) -> Any:
     """Intrinsics from a folder of pictures of the default board."""
     from cablecast.errors import InputError
-    from cablecast.rigs.camera.calibration import Board, calibrate_lens
-    from cablecast.rigs.camera.opencv import load_cv2
+    from cablecast.tracking.calibration import Board, calibrate_lens
+    from cablecast.tracking.opencv import load_cv2
 
     cv2 = load_cv2()
     if not folder.is_dir():
@@ -212,7 +212,7 @@ def _draw(path: pathlib.Path, image: Any, tracker: "EndpointTracker") -> None:
     import numpy as np
 
     from cablecast.files import write_bytes
-    from cablecast.rigs.camera.opencv import load_cv2
+    from cablecast.tracking.opencv import load_cv2
 
     cv2 = load_cv2()
     picture = image.copy()

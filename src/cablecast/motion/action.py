@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import ActionError, InputError
+from cablecast.setup import MotionConfig
 
 ACTION_NAMES = ("theta1", "theta2", "r2", "psi")
 
@@ -23,44 +24,6 @@ R2_BOUNDS = (0.05, 5.0)
 """Radius about the polar origin [m]; whether the arm reaches it is a matter of feasibility."""
 PSI_MAX = np.pi
 """Largest final heading of the cable [rad]."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MotionConfig:
-    """System parameters, fixed before data is collected (paper, section V-E).
-
-    Attributes:
-        r0: Distance of the reset position from the polar origin [m]. At 0.6 the origin is the
-            robot's base and theta is the angle of its first joint (section V-B).
-        v_max: Largest linear speed of the gripped end [m/s] (section V-E).
-        jerk: Linear jerk of the gripped end along the arcs [m/s³]. With v_max = 1.5 m/s the full
-            speed is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s²;
-            at 0.6 m that is 16 rad/s², for which a UR5's base joint spends half of its 150 N·m.
-        wrist_velocity: Largest rate of the wrist turn [rad/s]: 90 % of the joint's 180 deg/s, since
-            the wrist joint also takes up what the base turns beyond theta.
-        wrist_jerk: Jerk of the wrist profile [rad/s³], about that of theta at the radius r0.
-        control_dt: Control cycle of the UR5 [s], 125 Hz.
-    """
-
-    r0: float = 0.6
-    v_max: float = 1.5
-    jerk: float = 60.0
-    wrist_velocity: float = 2.8
-    wrist_jerk: float = 100.0
-    control_dt: float = 1 / 125
-
-    def __post_init__(self):
-        for name, low, high, unit in (
-            ("r0", 0.1, 5.0, "m"),
-            ("v_max", 0.05, 5.0, "m/s"),
-            ("jerk", 0.1, 1e4, "m/s³"),
-            ("wrist_velocity", 0.1, 20.0, "rad/s"),
-            ("wrist_jerk", 1.0, 1e4, "rad/s³"),
-            ("control_dt", 1e-4, 0.1, "s"),
-        ):
-            value = getattr(self, name)
-            if not isinstance(value, (int, float)) or not low <= value <= high:
-                raise InputError(f"{name} = {value} {unit} is outside [{low:g}, {high:g}]")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,10 +10,10 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.motion.action import MotionConfig, check_action_values
+from cablecast.motion.action import check_action_values
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.profiles import Profiles, plan_profiles
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 # Quintic pieces follow the polar path to better than 1e-6 m if each is short against what its sixth
 # derivative scales with: at constant rate the angle that it sweeps [rad] and its share of the
@@ -31,7 +31,7 @@ CHUNK = 2048
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PolarPaths:
+class SweepPaths:
     """Casting motions in polar coordinates, exactly, one per row.
 
     Attributes:
@@ -130,7 +130,7 @@ class PolarPaths:
         )
 
 
-def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspace) -> PolarPaths:
+def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
     """Plan casting motions in polar coordinates.
 
     The limits of angular velocity and jerk are v_max and jerk over the largest radius. The radial
@@ -139,13 +139,12 @@ def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Worksp
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        config: System parameters.
-        workspace: Gives the reset position.
+        setup: Gives the reset position and the system parameters.
 
     Raises:
         ActionError: An action is no casting motion.
     """
-    actions = check_action_values(actions)
+    actions, config = check_action_values(actions), setup.motion
     theta1, theta2, r2, psi = actions.T
     r_large = np.maximum(config.r0, r2)
     speed, jerk = config.v_max / r_large, config.jerk / r_large
@@ -162,8 +161,8 @@ def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Worksp
     radial_peak = 1.5 * np.abs(r2 - config.r0) / (first.duration + second.duration)
     angular_peak = np.maximum(first.peak_velocity, second.peak_velocity)
     factor = np.maximum(np.hypot(r_large * angular_peak, radial_peak) / config.v_max, 1.0)
-    return PolarPaths(
-        origin_y=workspace.reset_y - config.r0,
+    return SweepPaths(
+        origin_y=setup.workspace.reset_y - config.r0,
         r0=config.r0,
         r2=r2,
         first=first.dilated(factor),
@@ -172,7 +171,7 @@ def plan_polar_paths(actions: ArrayLike, config: MotionConfig, workspace: Worksp
     )
 
 
-def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspace) -> GripPath:
+def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
     """Grip paths of casting motions, one world per action.
 
     Knots lie at every switch of the jerk, with more between them where the path curves. The pieces
@@ -181,17 +180,16 @@ def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspa
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        config: System parameters.
-        workspace: Gives the reset position and the grip height.
+        setup: Gives the reset position, the grip height and the system parameters.
 
     Raises:
         ActionError: An action is no casting motion.
     """
     actions = check_action_values(actions)
     chunks = [
-        _polar_grip_paths(
-            plan_polar_paths(actions[start : start + CHUNK], config, workspace),
-            workspace.grip_height,
+        _sweep_grip_paths(
+            plan_sweeps(actions[start : start + CHUNK], setup),
+            setup.workspace.grip_height,
         )
         for start in range(0, len(actions), CHUNK)
     ]
@@ -214,7 +212,7 @@ def cast_grip_paths(actions: ArrayLike, config: MotionConfig, workspace: Workspa
     return GripPath(knots=knots, coefficients=coefficients)
 
 
-def _polar_grip_paths(paths: PolarPaths, height: float) -> GripPath:
+def _sweep_grip_paths(paths: SweepPaths, height: float) -> GripPath:
     knots = _knots(paths)
     xy, dxy, ddxy = paths.xy(knots)
     _, _, ddxy_before = paths.xy(knots, before=True)
@@ -232,7 +230,7 @@ def _polar_grip_paths(paths: PolarPaths, height: float) -> GripPath:
     return GripPath.from_hermite(knots, poses, velocities, accelerations)
 
 
-def _knots(paths: PolarPaths) -> NDArray[np.float64]:
+def _knots(paths: SweepPaths) -> NDArray[np.float64]:
     """Jerk switches and as many times between as the accuracy asks for, shape [action, knot]."""
     turning = paths.first.duration[:, None]
     switches = np.concatenate(

@@ -9,17 +9,19 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.arm.inverse import JointMotion
 from cablecast.arm.limits import JOINT_NAMES, LimitKind
-from cablecast.arm.ur5 import ArmUR5, JointMotion
+from cablecast.arm.ur import ArmUR
+from cablecast.checks import check_count, check_seed
 from cablecast.errors import InputError
 from cablecast.motion.action import (
     ActionRanges,
-    MotionConfig,
     check_action_values,
     grid_actions,
 )
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
 JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
@@ -33,6 +35,9 @@ samples is higher by less than 2 % (tests/motion/test_feasibility.py measures it
 _PARTS = np.linspace(0.0, 1.0, 5)
 # Actions checked at a time: keeps the intermediate arrays within the processor's cache.
 _CHUNK = 256
+ACTION_COUNT_MAX = 1_000_000
+"""Most actions that are searched for at once: their grid has to fit into memory."""
+
 # Actions drawn at a time. Fixed, so that the draws of a larger count begin as those of a smaller.
 _UNIFORM_DRAWS = 256
 # Draws without a feasible action after which there is taken to be none.
@@ -134,8 +139,7 @@ class Feasibility:
 
 def check_grip_paths(
     grip_path: GripPath,
-    workspace: Workspace,
-    arm: ArmUR5 | None = None,
+    setup: Setup,
     *,
     both_sides: bool = False,
 ) -> Feasibility:
@@ -143,14 +147,12 @@ def check_grip_paths(
 
     Args:
         grip_path: One motion per row.
-        workspace: Its r_max bounds the reach, too.
-        arm: The robot; a UR5 as the paper's by default.
+        setup: Gives the arm; r_max of its workspace bounds the reach, too.
         both_sides: Also check each motion mirrored about the workspace axis, and take the worse of
             both. The arm is not symmetric: its shoulder sits beside the base's axis.
     """
-    arm = arm or ArmUR5()
-    bounds = LIMIT_SHARE * arm.limits.to_array()
-    peaks, radius, radius_bound = _peaks(grip_path, workspace, arm, both_sides)
+    bounds = LIMIT_SHARE * setup.arm.limits.to_array()
+    peaks, radius, radius_bound = _peaks(grip_path, setup.workspace, setup.arm, both_sides)
     mask = np.all(peaks <= bounds, axis=(1, 2))
     return Feasibility(
         mask=mask, peaks=peaks, bounds=bounds, radius=radius, radius_bound=radius_bound
@@ -159,9 +161,7 @@ def check_grip_paths(
 
 def check_actions(
     actions: ArrayLike,
-    config: MotionConfig,
-    workspace: Workspace,
-    arm: ArmUR5 | None = None,
+    setup: Setup,
     *,
     both_sides: bool = True,
 ) -> Feasibility:
@@ -169,9 +169,7 @@ def check_actions(
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        config: System parameters.
-        workspace: Gives the reset position and r_max.
-        arm: The robot; a UR5 as the paper's by default.
+        setup: Gives the arm, the reset position, r_max and the system parameters.
         both_sides: Accept an action only if its mirror image is feasible, too, so that it may be
             used for targets on either side.
 
@@ -181,8 +179,8 @@ def check_actions(
     actions = check_action_values(actions)
     chunks = []
     for start in range(0, len(actions), _CHUNK):
-        grip_path = cast_grip_paths(actions[start : start + _CHUNK], config, workspace)
-        chunks.append(check_grip_paths(grip_path, workspace, arm, both_sides=both_sides))
+        grip_path = cast_grip_paths(actions[start : start + _CHUNK], setup)
+        chunks.append(check_grip_paths(grip_path, setup, both_sides=both_sides))
     return Feasibility(
         bounds=chunks[0].bounds,
         **{
@@ -194,11 +192,9 @@ def check_actions(
 
 def feasible_grid(
     count: int,
-    config: MotionConfig,
-    workspace: Workspace,
+    setup: Setup,
     ranges: ActionRanges | None = None,
     seed: int = 0,
-    arm: ArmUR5 | None = None,
 ) -> NDArray[np.float64]:
     """A number of feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
 
@@ -208,11 +204,9 @@ def feasible_grid(
 
     Args:
         count: How many actions.
-        config: System parameters.
-        workspace: Gives the reset position and r_max.
+        setup: Gives the arm, the reset position, r_max and the system parameters.
         ranges: What the grid spans; by default those that suit the config.
-        seed: Of the choice.
-        arm: The robot; a UR5 as the paper's by default.
+        seed: Seed of the choice.
 
     Returns:
         Actions in the order of the grid, shape [count, 4].
@@ -220,10 +214,10 @@ def feasible_grid(
     Raises:
         InputError: The count is not positive, or no action within the ranges is feasible.
     """
-    if count < 1:
-        raise InputError(f"count = {count} actions must be at least 1")
-    ranges = ranges or ActionRanges.for_config(config)
-    probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), config, workspace, arm)
+    check_count("count", count, high=ACTION_COUNT_MAX)
+    check_seed(seed)
+    ranges = ranges or ActionRanges.for_config(setup.motion)
+    probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), setup)
     share = float(np.mean(probe.mask))
     if share == 0.0:
         raise InputError(
@@ -233,7 +227,7 @@ def feasible_grid(
     size = count / share
     while True:
         grid = grid_actions(ranges, _grid_counts(ranges, size))
-        actions = grid[check_actions(grid, config, workspace, arm).mask]
+        actions = grid[check_actions(grid, setup).mask]
         if len(actions) >= count:
             break
         size = max(1.02 * size * count / max(len(actions), 1), len(grid) + 1.0)
@@ -243,11 +237,9 @@ def feasible_grid(
 
 def feasible_uniform(
     count: int,
-    config: MotionConfig,
-    workspace: Workspace,
+    setup: Setup,
     ranges: ActionRanges | None = None,
     seed: int = 0,
-    arm: ArmUR5 | None = None,
 ) -> NDArray[np.float64]:
     """A number of feasible actions, uniform over the ranges (section V-C).
 
@@ -256,11 +248,9 @@ def feasible_uniform(
 
     Args:
         count: How many actions.
-        config: System parameters.
-        workspace: Gives the reset position and r_max.
+        setup: Gives the arm, the reset position, r_max and the system parameters.
         ranges: What is drawn from; by default those that suit the config.
-        seed: Of the draws.
-        arm: The robot; a UR5 as the paper's by default.
+        seed: Seed of the draws.
 
     Returns:
         Actions in the order of the draws, shape [count, 4].
@@ -268,16 +258,16 @@ def feasible_uniform(
     Raises:
         InputError: The count is not positive, or no action drawn is feasible.
     """
-    if count < 1:
-        raise InputError(f"count = {count} actions must be at least 1")
-    ranges = ranges or ActionRanges.for_config(config)
+    check_count("count", count, high=ACTION_COUNT_MAX)
+    check_seed(seed)
+    ranges = ranges or ActionRanges.for_config(setup.motion)
     bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
     rng = np.random.default_rng(seed)
     chosen = np.empty((0, 4))
     for draw in itertools.count():
         actions = rng.uniform(bounds[:, 0], bounds[:, 1], size=(_UNIFORM_DRAWS, 4))
         actions[:, 3] += actions[:, 1]
-        feasible = actions[check_actions(actions, config, workspace, arm).mask]
+        feasible = actions[check_actions(actions, setup).mask]
         chosen = np.concatenate([chosen, feasible])
         if len(chosen) >= count:
             return chosen[:count]
@@ -302,7 +292,7 @@ def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]
 
 
 def _peaks(
-    grip_path: GripPath, workspace: Workspace, arm: ArmUR5, both_sides: bool
+    grip_path: GripPath, workspace: Workspace, arm: ArmUR, both_sides: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Peaks of every joint, and the radius that is worst against the reach with its bound."""
     lengths = np.diff(grip_path.knots, axis=1)
@@ -339,7 +329,7 @@ def _peaks(
 
 
 def _sample(
-    arm: ArmUR5, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
+    arm: ArmUR, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> tuple[JointMotion, NDArray[np.float64]]:
     """Joint motion and radius of the grip at some times of each piece, leading shape [part, piece].
 

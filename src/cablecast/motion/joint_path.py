@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
-from cablecast.arm.ur5 import ArmUR5
 from cablecast.errors import IKError, InputError
-from cablecast.motion.action import MotionConfig
 from cablecast.motion.grip_path import GripPath
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,16 +41,12 @@ class JointPath:
         return np.max(np.abs(self.qd), axis=0)
 
 
-def joint_path(
-    grip_path: GripPath, workspace: Workspace, config: MotionConfig, arm: ArmUR5 | None = None
-) -> JointPath:
-    """Joint angles and rates that make the gripper follow a path.
+def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
+    """Return joint angles and rates that make the gripper follow a path.
 
     Args:
         grip_path: One row.
-        workspace: Bounds how far the gripper may be from the base.
-        config: Gives the control cycle.
-        arm: The robot; a UR5 as the paper's by default.
+        setup: Gives the arm, its reach and the control cycle.
 
     Raises:
         InputError: More than one row.
@@ -60,18 +54,16 @@ def joint_path(
     """
     if len(grip_path) != 1:
         raise InputError(f"a joint path is made from one grip path, not from {len(grip_path)}")
-    arm = arm or ArmUR5()
+    arm, r_max, control_dt = setup.arm, setup.workspace.r_max, setup.motion.control_dt
     start = float(grip_path.knots[0, 0])
     # The tick at the very end must not be lost or doubled by rounding.
-    tick_count = int(np.ceil((grip_path.duration[0] - start) / config.control_dt - 1e-9)) + 1
-    times = np.arange(tick_count, dtype=np.float64) * config.control_dt
+    tick_count = int(np.ceil((grip_path.duration[0] - start) / control_dt - 1e-9)) + 1
+    times = np.arange(tick_count, dtype=np.float64) * control_dt
     poses, velocities = (grip_path.evaluate(start + times, order)[0] for order in (0, 1))
     velocities[-1] = 0.0
     radius = np.hypot(poses[:, 0], poses[:, 1])
-    if np.max(radius) > workspace.r_max:
-        raise IKError(
-            f"the grip would be {np.max(radius):.4f} m from the base: r_max is {workspace.r_max} m"
-        )
+    if np.max(radius) > r_max:
+        raise IKError(f"the grip would be {np.max(radius):.4f} m from the base: r_max is {r_max} m")
     # Raises where a pose is out of reach, which a path does not tell by its rates.
     q = arm.inverse(poses)
     qd = arm.inverse_motion(poses, velocities, np.zeros_like(poses)).qd

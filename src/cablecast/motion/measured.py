@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.motion.joint_path import JointPath
@@ -31,7 +31,7 @@ _SAMPLES_MIN = 16
 
 
 def grip_path_from_joints(
-    joint_path: JointPath, arm: ArmUR5 | None = None, *, knot_dt: float = KNOT_DT
+    joint_path: JointPath, arm: ArmUR, *, knot_dt: float = KNOT_DT
 ) -> GripPath:
     """The smooth path of the gripper that fits measured joints, in few pieces.
 
@@ -42,13 +42,13 @@ def grip_path_from_joints(
     Args:
         joint_path: Joints with the times at which the arm reported them, at any rate; its rates
             are not used.
-        arm: The robot; a UR5 as the paper's by default.
+        arm: Robot arm that reported the joints.
         knot_dt: Longest distance between knots [s]; it is shortened where that is too coarse.
 
     Raises:
         InputError: Too few samples, times that do not rise, or values that are not finite.
     """
-    times, poses = _measured_poses(joint_path, arm or ArmUR5())
+    times, poses = _measured_poses(joint_path, arm)
     noise = _noise(times, poses)
     final = np.median(poses[-_PIECE_SAMPLES_MIN:], axis=0)
     at_rest = np.all(np.abs(poses - final) <= np.maximum(_REST_TOLERANCE, 5 * noise), axis=1)
@@ -71,7 +71,7 @@ def grip_path_from_joints(
 
 
 def _measured_poses(
-    joint_path: JointPath, arm: ArmUR5
+    joint_path: JointPath, arm: ArmUR
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     times, q = joint_path.times, joint_path.q
     if not (np.all(np.isfinite(times)) and np.all(np.isfinite(q))):

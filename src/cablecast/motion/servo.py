@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
@@ -100,12 +100,12 @@ class ServoModel:
             result[..., joint] = lfilter(np.ravel(numerator), denominator, delayed, axis=-1)
         return result + start
 
-    def apply(self, grip_path: GripPath, arm: ArmUR5 | None = None) -> GripPath:
+    def apply(self, grip_path: GripPath, arm: ArmUR) -> GripPath:
         """The paths that the gripper takes when it is commanded along others.
 
         Args:
             grip_path: Commanded paths, begun at rest, all at the same time.
-            arm: The robot; a UR5 as the paper's by default.
+            arm: Robot arm.
 
         Returns:
             As many paths, each of which ends when the arm has settled.
@@ -113,14 +113,13 @@ class ServoModel:
         Raises:
             IKError: A path leaves the reach of the arm.
         """
-        arm = arm or ArmUR5()
         chunks = [
             self._apply(grip_path[start : start + _CHUNK], arm)
             for start in range(0, len(grip_path), _CHUNK)
         ]
         return GripPath.stack(chunks) if len(chunks) > 1 else chunks[0]
 
-    def _apply(self, grip_path: GripPath, arm: ArmUR5) -> GripPath:
+    def _apply(self, grip_path: GripPath, arm: ArmUR) -> GripPath:
         from scipy.interpolate import CubicSpline
 
         start = grip_path.knots[:, 0]

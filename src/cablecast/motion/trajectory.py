@@ -2,14 +2,13 @@
 
 import dataclasses
 
-from cablecast.arm.ur5 import ArmUR5
 from cablecast.errors import InputError, JointLimitError
-from cablecast.motion.action import Action, MotionConfig
+from cablecast.motion.action import Action
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.joint_path import JointPath, joint_path
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -36,26 +35,34 @@ class Trajectory:
         return float(self.grip_path.duration[0])
 
 
-def plan_trajectory(
-    action: Action, config: MotionConfig, workspace: Workspace, arm: ArmUR5 | None = None
-) -> Trajectory:
+def plan_trajectory(action: Action, setup: Setup) -> Trajectory:
     """Plan the motion of an action down to joint set points.
 
     Args:
-        action: What to do.
-        config: System parameters.
-        workspace: Gives the reset position.
-        arm: The robot; a UR5 as the paper's by default.
+        action: Casting motion.
+        setup: Gives the arm, the reset position and the system parameters.
 
     Raises:
         JointLimitError: The motion would break limits; the message names each with its value.
     """
-    grip_path = cast_grip_paths(action.to_array()[None], config, workspace)
-    feasibility = check_grip_paths(grip_path, workspace, arm)
+    return follow(cast_grip_paths(action.to_array()[None], setup), setup, str(action), action)
+
+
+def follow(
+    grip_path: GripPath, setup: Setup, what: str, action: Action | None = None
+) -> Trajectory:
+    """Add the joint set points that follow a grip path.
+
+    Args:
+        grip_path: One row.
+        setup: Gives the arm and the control cycle.
+        what: Name of the motion in the error.
+        action: Action that the path was planned from, if any.
+
+    Raises:
+        JointLimitError: The arm cannot follow; the message names each limit with its value.
+    """
+    feasibility = check_grip_paths(grip_path, setup)
     if not feasibility.mask[0]:
-        raise JointLimitError(f"the arm cannot follow {action}: {feasibility.describe(0)}")
-    return Trajectory(
-        action=action,
-        grip_path=grip_path,
-        joint_path=joint_path(grip_path, workspace, config, arm),
-    )
+        raise JointLimitError(f"the arm cannot follow {what}: {feasibility.describe(0)}")
+    return Trajectory(action=action, grip_path=grip_path, joint_path=joint_path(grip_path, setup))

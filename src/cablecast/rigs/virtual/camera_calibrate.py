@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.rigs.camera.calibration import Board, Calibration, calibrate_lens, calibrate_view
-from cablecast.rigs.camera.opencv import load_cv2
+from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.tracking.opencv import load_cv2
 from cablecast.rigs.virtual.camera import VirtualCamera
 
 _BOARD_COUNT = 12

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from cablecast.errors import InputError
-from cablecast.rigs.camera.lens import CameraView, Lens
+from cablecast.tracking.lens import CameraView, Lens
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

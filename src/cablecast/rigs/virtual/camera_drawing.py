@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from cablecast.cable import Attachment, Cable
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.camera.lens import CameraView
-from cablecast.rigs.camera.marker import MarkerConfig
-from cablecast.rigs.camera.opencv import load_cv2
+from cablecast.tracking.lens import CameraView
+from cablecast.tracking.marker import MarkerConfig
+from cablecast.tracking.opencv import load_cv2
 from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
 from cablecast.rigs.virtual.camera_config import CameraConfig
 

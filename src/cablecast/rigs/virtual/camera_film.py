@@ -14,8 +14,8 @@ from cablecast.cable import load_cable
 from cablecast.files import write_bytes, write_text
 from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import plan_trajectory
-from cablecast.rigs.camera.opencv import load_cv2
-from cablecast.rigs.camera.video import write_video
+from cablecast.tracking.opencv import load_cv2
+from cablecast.tracking.video import write_video
 from cablecast.rigs.virtual.camera import Film, VirtualCamera
 from cablecast.rigs.virtual.camera_calibrate import board_pictures
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial

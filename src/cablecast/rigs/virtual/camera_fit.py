@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from cablecast.arm.ur5 import ArmUR5
 from cablecast.cable import load_cable
 from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.camera.calibration import Calibration
-from cablecast.rigs.camera.tracker import EndpointTracker
+from cablecast.tracking.calibration import Calibration
+from cablecast.tracking.tracker import EndpointTracker
 from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
 from cablecast.rigs.virtual.camera import Film, VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera

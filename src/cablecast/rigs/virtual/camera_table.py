@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.rigs.camera.lens import CameraView
-from cablecast.rigs.camera.opencv import load_cv2
-from cablecast.rigs.camera.tags import Tag, TagLayout, tag_picture
+from cablecast.tracking.lens import CameraView
+from cablecast.tracking.opencv import load_cv2
+from cablecast.tracking.tags import Tag, TagLayout, tag_picture
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.workspace import Workspace
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.camera.tracker import judge_status, sample_path
+from cablecast.tracking.tracker import judge_status, sample_path
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.rigs.virtual.config import SENSING_NAMES
 from cablecast.track import EndpointTrack, TrialStatus

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.errors import InputError
-from cablecast.rigs.camera.video import read_video, write_video
+from cablecast.tracking.video import read_video, write_video
 
 RATE = 60.0
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError
 
 # Both sides are closed forms in double precision, with chains of a few dozen operations.
@@ -12,7 +12,7 @@ EXACT = 1e-12
 # the closeness to the stretched arm magnifies.
 DIFFERENCE = 2e-5
 
-ARM = ArmUR5()
+ARM = ArmUR()
 # Our base frame seen from that of ur-analytic-ik, whose arm points along -x.
 T_OURS = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, ARM.base_height], [0, 0, 0, 1.0]])
 
@@ -146,4 +146,4 @@ def test_a_pose_out_of_reach_is_marked_and_spoils_no_other():
 
 def test_a_gripper_of_impossible_length_is_refused():
     with pytest.raises(InputError, match=r"gripper_length = -0\.1 m is outside"):
-        ArmUR5(gripper_length=-0.1)
+        ArmUR(gripper_length=-0.1)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import InputError
-from cablecast.rigs.camera.lens import CameraView
-from cablecast.rigs.camera.marker import MarkerConfig, Patch, find_patches, green_mask
+from cablecast.tracking.lens import CameraView
+from cablecast.tracking.marker import MarkerConfig, Patch, find_patches, green_mask
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from cablecast.errors import InputError
 from cablecast.files import write_json
-from cablecast.rigs.camera.lens import CameraView, Lens
-from cablecast.rigs.camera.opencv import load_cv2
-from cablecast.rigs.camera.tags import TagLayout, detect_tags
+from cablecast.tracking.lens import CameraView, Lens
+from cablecast.tracking.opencv import load_cv2
+from cablecast.tracking.tags import TagLayout, detect_tags
 
 TAG_COUNT_MIN = 4
 """Fewer tags than this leave the lens and the camera's place poorly known."""

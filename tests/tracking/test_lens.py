@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.rigs.camera.lens import CameraView, Lens
+from cablecast.tracking.lens import CameraView, Lens
 
 LENS = Lens(
     width=1920,

@@ -11,7 +11,7 @@ from cablecast.arm.ur5 import ArmUR5
 from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.camera.tracker import EndpointTracker, TrackerConfig, judge_status, sample_path
+from cablecast.tracking.tracker import EndpointTracker, TrackerConfig, judge_status, sample_path
 from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig

@@ -1,6 +1,6 @@
 """Fiducial tags on the table: where they lie, and where an image shows them.
 
-Tags are AprilTags of the family 36h11. `python -m cablecast.rigs.camera.tags` writes pictures of
+Tags are AprilTags of the family 36h11. `python -m cablecast.tracking.tags` writes pictures of
 those that a layout asks for, to print, and the layout as a file to edit.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cablecast.errors import InputError
 from cablecast.files import write_bytes, write_text
-from cablecast.rigs.camera.opencv import load_cv2
+from cablecast.tracking.opencv import load_cv2
 
 TAG_COUNT_MAX = 587
 """Number of tags in the family."""

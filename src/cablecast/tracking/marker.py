@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
-from cablecast.rigs.camera.opencv import load_cv2
+from cablecast.tracking.opencv import load_cv2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

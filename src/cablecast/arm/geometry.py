@@ -1,0 +1,169 @@
+"""Geometry of a UR arm that holds a cable: link lengths, mounting, gripper, forward kinematics.
+
+The arm stands at the origin of the base frame (docs/conventions.md) on a socket of `base_height`.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.checks import check_ranges
+from cablecast.errors import InputError, UnknownNameError
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Links:
+    """Denavit-Hartenberg lengths of an arm with the joint order of a UR [m].
+
+    Attributes:
+        d1: Height of the shoulder above the base.
+        upper_arm: Length of the upper arm, -a2.
+        forearm: Length of the forearm, -a3.
+        d4: Lateral offset of the first wrist joint.
+        d5: Offset between the first two wrist joints.
+        d6: Distance from the last wrist joint to the flange.
+    """
+
+    d1: float
+    upper_arm: float
+    forearm: float
+    d4: float
+    d5: float
+    d6: float
+
+
+# Source: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (support
+# article), rows UR5 and UR5e. The factory calibration of a specimen differs by up to millimetres.
+LINKS = {
+    "ur5": Links(d1=0.089159, upper_arm=0.425, forearm=0.39225, d4=0.10915, d5=0.09465, d6=0.0823),
+    "ur5e": Links(d1=0.1625, upper_arm=0.425, forearm=0.3922, d4=0.1333, d5=0.0997, d6=0.0996),
+}
+
+ARM_MODELS = tuple(LINKS)
+
+_DH_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ArmGeometry:
+    """Lengths and mounting of an arm with a gripper that points down and holds the cable sideways.
+
+    The defaults make sense of the paper's r_max = 0.94 m. With the tool down, the flange of a
+    stretched UR5 is 0.918 m from the base axis if the first wrist joint is level with the shoulder:
+    base_height + d1 = grip_height + gripper_length + d6. That gives a socket of 0.183 m for a
+    gripper of 0.17 m (a common two-finger gripper with its fingertips). The cable leaves the
+    fingers 0.022 m in front of the flange's axis, the width of a fingertip, so the grip reaches
+    0.940 m. At this height all radii from 0.2 to 0.94 m are within reach.
+
+    Attributes:
+        model: Name of the arm, one of `ARM_MODELS`.
+        base_height: Height of the robot's base above the table's surface [m].
+        base_yaw_deg: Turn of the base about the vertical, positive to the right, from the mounting
+            in which the arm points along y with its first joint at zero [deg].
+        gripper_length: Distance from the flange down to the axis of the gripped cable [m].
+        grip_offset: Distance from the flange's axis to where the cable leaves the fingers, along
+            the cable [m].
+        measured: Whether a person measured the five values above on the real robot. A motion for a
+            robot is only saved where this is true.
+    """
+
+    model: str = "ur5"
+    base_height: float = 0.183
+    base_yaw_deg: float = 0.0
+    gripper_length: float = 0.17
+    grip_offset: float = 0.022
+    measured: bool = False
+
+    def __post_init__(self):
+        if self.model not in LINKS:
+            raise UnknownNameError(
+                f"unknown arm model {str(self.model)[:40]!r}: one of {', '.join(ARM_MODELS)}"
+            )
+        check_ranges(
+            self,
+            {
+                "base_height": (-1.0, 2.0, "m"),
+                "base_yaw_deg": (-180.0, 180.0, "deg"),
+                "gripper_length": (0.0, 1.0, "m"),
+                "grip_offset": (0.0, 0.5, "m"),
+            },
+            "arm",
+        )
+        if not isinstance(self.measured, bool):
+            raise InputError(f"arm measured = {self.measured!r} must be true or false")
+
+    @property
+    def links(self) -> Links:
+        """Link lengths of the model."""
+        return LINKS[self.model]
+
+    @property
+    def base_yaw(self) -> float:
+        """Turn of the base about the vertical, positive to the right [rad]."""
+        return float(np.radians(self.base_yaw_deg))
+
+    def forward(self, q: ArrayLike) -> Array:
+        """Return the pose of the flange in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            T_base_flange, shape [..., 4, 4]; z of the flange points out of it.
+        """
+        return self.frames(q)[-1]
+
+    def frames(self, q: ArrayLike) -> list[Array]:
+        """Return the poses of the DH frames in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            Seven poses, each of shape [..., 4, 4]: joint k turns about z of frame k, and the last
+            frame is the flange.
+        """
+        q = np.asarray(q, dtype=float)
+        T = np.zeros((*q.shape[:-1], 4, 4))
+        # With its first joint at zero the DH convention's arm points along -x of its base.
+        c, s = np.cos(self.base_yaw), np.sin(self.base_yaw)
+        T[..., :3, :3] = [[-s, c, 0.0], [-c, -s, 0.0], [0.0, 0.0, 1.0]]
+        T[..., 2, 3] = self.base_height
+        T[..., 3, 3] = 1.0
+        frames = [T]
+        links = self.links
+        a_values = (0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0)
+        d_values = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
+        for joint, (a, d, alpha) in enumerate(zip(a_values, d_values, _DH_ALPHA, strict=True)):
+            c, s = np.cos(q[..., joint]), np.sin(q[..., joint])
+            ca, sa = np.cos(alpha), np.sin(alpha)
+            step = np.zeros_like(T)
+            step[..., 0, 0], step[..., 0, 1] = c, -s * ca
+            step[..., 0, 2], step[..., 0, 3] = s * sa, a * c
+            step[..., 1, 0], step[..., 1, 1] = s, c * ca
+            step[..., 1, 2], step[..., 1, 3] = -c * sa, a * s
+            step[..., 2, 1], step[..., 2, 2], step[..., 2, 3] = sa, ca, d
+            step[..., 3, 3] = 1.0
+            T = T @ step
+            frames.append(T)
+        return frames
+
+    def grip_pose(self, q: ArrayLike) -> Array:
+        """Return the pose of the gripped cable end.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
+        """
+        T = self.forward(q)
+        # The cable leaves the fingers along -y of the flange, whose z points down.
+        along = -T[..., :3, 1]
+        position = T[..., :3, 3] + self.gripper_length * T[..., :3, 2] + self.grip_offset * along
+        yaw = np.arctan2(along[..., 0], along[..., 1])
+        pitch = np.arcsin(np.clip(along[..., 2], -1.0, 1.0))
+        return np.concatenate([position, yaw[..., None], pitch[..., None]], axis=-1)

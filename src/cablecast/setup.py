@@ -1,0 +1,212 @@
+"""Setup: cable, workspace, arm and motion settings as one object, and as one lab file."""
+
+import dataclasses
+import os
+import pathlib
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from cablecast.arm.ur import ArmUR
+from cablecast.cable import Cable, load_cable
+from cablecast.checks import check_keys, check_ranges
+from cablecast.errors import InputError, UnknownNameError
+from cablecast.files import write_text
+from cablecast.reading import read_yaml
+from cablecast.workspace import Workspace
+
+DEFAULT_CABLE = "cable_1"
+
+SECTIONS = ("cable", "workspace", "arm", "motion")
+"""Sections of a lab file, and keys of the dictionary form."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MotionConfig:
+    """System parameters, fixed before data is collected (paper, section V-E).
+
+    Attributes:
+        r0: Distance of the reset position from the polar origin [m]. At 0.6 the origin is the
+            robot's base and theta is the angle of its first joint (section V-B).
+        v_max: Largest linear speed of the gripped end [m/s] (section V-E).
+        jerk: Linear jerk of the gripped end along the arcs [m/s³]. With v_max = 1.5 m/s the full
+            speed is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s²;
+            at 0.6 m that is 16 rad/s², for which a UR5's base joint spends half of its 150 N·m.
+        wrist_velocity: Largest rate of the wrist turn [rad/s]: 90 % of the joint's 180 deg/s, since
+            the wrist joint also takes up what the base turns beyond theta.
+        wrist_jerk: Jerk of the wrist profile [rad/s³], about that of theta at the radius r0.
+        control_dt: Control cycle of the arm [s]; 125 Hz on a UR5.
+    """
+
+    r0: float = 0.6
+    v_max: float = 1.5
+    jerk: float = 60.0
+    wrist_velocity: float = 2.8
+    wrist_jerk: float = 100.0
+    control_dt: float = 1 / 125
+
+    def __post_init__(self):
+        check_ranges(
+            self,
+            {
+                "r0": (0.1, 5.0, "m"),
+                "v_max": (0.05, 5.0, "m/s"),
+                "jerk": (0.1, 1e4, "m/s³"),
+                "wrist_velocity": (0.1, 20.0, "rad/s"),
+                "wrist_jerk": (1.0, 1e4, "rad/s³"),
+                "control_dt": (1e-4, 0.1, "s"),
+            },
+        )
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "MotionConfig":
+        """Make motion settings from plain values; what is missing takes its default.
+
+        Raises:
+            InputError: A key is unknown, or a value out of bounds.
+        """
+        known = {field.name for field in dataclasses.fields(cls)}
+        return cls(**check_keys(values, known, "motion"))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, init=False)
+class Setup:
+    """A laboratory: which cable, on which table, cast by which arm, how.
+
+    Attributes:
+        cable: Cable in the gripper.
+        workspace: Table, reach, reset pose and grip height.
+        arm: Robot arm, its mounting and its gripper.
+        motion: System parameters of the casting motions.
+    """
+
+    cable: Cable
+    workspace: Workspace
+    arm: ArmUR
+    motion: MotionConfig
+
+    def __init__(
+        self,
+        *,
+        cable: Cable | str | os.PathLike[str] = DEFAULT_CABLE,
+        workspace: Workspace | None = None,
+        arm: ArmUR | None = None,
+        motion: MotionConfig | None = None,
+    ):
+        """Make a set-up; what is not given is the paper's.
+
+        Args:
+            cable: A cable, the name of a preset, or the path of a YAML file.
+            workspace: Table, reach, reset pose and grip height.
+            arm: Robot arm, its mounting and its gripper.
+            motion: System parameters of the casting motions.
+
+        Raises:
+            InputError: The parts do not fit together: the cable is too long for the table or too
+                thick for the grip height.
+            UnknownNameError: There is no such cable.
+        """
+        cable = cable if isinstance(cable, Cable) else load_cable(cable)
+        parts = {
+            "cable": cable,
+            "workspace": Workspace() if workspace is None else workspace,
+            "arm": ArmUR() if arm is None else arm,
+            "motion": MotionConfig() if motion is None else motion,
+        }
+        for name, part in parts.items():
+            kind = type(self).__annotations__[name]
+            if not isinstance(part, kind):
+                raise InputError(f"{name} must be a {kind.__name__}, not {type(part).__name__}")
+            object.__setattr__(self, name, part)
+        self._check()
+
+    def _check(self) -> None:
+        workspace, cable = self.workspace, self.cable
+        end = workspace.reset_y + cable.length
+        if end > workspace.y_max or workspace.reset_y < workspace.y_min:
+            raise InputError(
+                f"after a reset the cable lies from y = {workspace.reset_y:g} to {end:g} m, beyond "
+                f"the table's edge: the table reaches from {workspace.y_min:g} to "
+                f"{workspace.y_max:g} m, so that the cable may be at most "
+                f"{workspace.y_max - workspace.reset_y:g} m long"
+            )
+        if workspace.grip_height < cable.radius:
+            raise InputError(
+                f"workspace grip_height = {workspace.grip_height:g} m is below the axis of the "
+                f"lying cable at {cable.radius:g} m"
+            )
+
+    def with_motion(self, **changes: float) -> "Setup":
+        """Return the set-up with other motion settings.
+
+        Args:
+            **changes: New values of `MotionConfig` by name, e.g. v_max=1.2.
+
+        >>> Setup().with_motion(v_max=1.2).motion.v_max
+        1.2
+        """
+        return dataclasses.replace(self, motion=dataclasses.replace(self.motion, **changes))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values by section, which `from_dict` reads."""
+        return {
+            "cable": self.cable.to_dict(),
+            "workspace": self.workspace.to_dict(),
+            "arm": self.arm.to_dict(),
+            "motion": dataclasses.asdict(self.motion),
+        }
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], folder: str | os.PathLike[str] | None = None
+    ) -> "Setup":
+        """Make a set-up from plain values; sections and keys that are missing take their default.
+
+        Args:
+            values: Sections by name; `cable` may be a mapping, the name of a preset, or a path.
+            folder: Folder that a relative path of a cable starts from.
+
+        Raises:
+            InputError: A key is unknown, or a value out of bounds.
+            UnknownNameError: There is no such cable or arm model.
+        """
+        values = check_keys(values, set(SECTIONS), "the set-up")
+        cable = values.get("cable", DEFAULT_CABLE)
+        if isinstance(cable, str):
+            local = pathlib.Path(folder or ".") / cable
+            cable = load_cable(local if local.is_file() else cable)
+        else:
+            cable = Cable.from_dict(cable)
+        return cls(
+            cable=cable,
+            workspace=Workspace.from_dict(values.get("workspace", {})),
+            arm=ArmUR.from_dict(values.get("arm", {})),
+            motion=MotionConfig.from_dict(values.get("motion", {})),
+        )
+
+
+def load_setup(path: str | os.PathLike[str]) -> Setup:
+    """Return the set-up that a lab file describes.
+
+    Args:
+        path: A YAML file with the sections `cable`, `workspace`, `arm` and `motion`, each optional.
+
+    Raises:
+        UnknownNameError: There is no such file, cable or arm model.
+        InputError: The file does not describe a set-up.
+    """
+    path = pathlib.Path(path)
+    try:
+        return Setup.from_dict(read_yaml(path), path.parent)
+    except FileNotFoundError:
+        raise UnknownNameError(f"there is no lab file {path}") from None
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if str(path) in text else f"{path}: {text}") from None
+
+
+def save_setup(setup: Setup, path: str | os.PathLike[str]) -> None:
+    """Write a set-up as a lab file that `load_setup` reads."""
+    text = yaml.safe_dump(setup.to_dict(), sort_keys=False, allow_unicode=True)
+    write_text(pathlib.Path(path), text)
