@@ -10,6 +10,7 @@ _TITLES = {
     "sim": "Simulated casts (D_sim)",
     "real": "Casts on a rig for fine-tuning (D_real)",
     "tune": "Casts on a rig for tuning the simulator (D_tune)",
+    "evaluate": "Casts at targets (evaluation)",
     "repeat": "The same casts again and again on a rig (repeatability)",
 }
 

@@ -1,6 +1,7 @@
 """Reading a dataset into arrays, with every shard checked."""
 
 import dataclasses
+import functools
 import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -9,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
+from cablecast.datasets.info import INFO_PATH, read_info, shard_path
 from cablecast.datasets.schema import (
     ACTION_COLUMNS,
     COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
 )
-from cablecast.datasets.writer import read_info, read_shard, shard_path
-from cablecast.errors import DatasetError, InputError
+from cablecast.datasets.shards import content_fingerprint, read_shard
+from cablecast.errors import CablecastError, DatasetError, InputError
+from cablecast.runs.settings import fingerprint
+from cablecast.setup import SECTIONS, Setup
 from cablecast.track import TrialStatus
-from cablecast.workspace import Workspace
 
 T = TypeVar("T")
 
@@ -75,52 +78,49 @@ class Dataset:
         return self.status == TrialStatus.OK.code
 
     @property
+    def kind(self) -> str:
+        """Kind of the casts: "sim", "real", "tune", "repeat" or "evaluate"."""
+        return self.info.get("kind", "")
+
+    @property
     def fingerprint(self) -> str:
-        """Short name of the settings that the rows come from."""
+        """Short name of the content: of the settings and of all rows."""
         return self.info.get("fingerprint", "")
+
+    @functools.cached_property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings of the casts."""
+        return settings_setup(self.info, self._name)
 
     @property
     def cable(self) -> Cable:
-        """The cable that was cast."""
-        return settings_object(Cable.from_dict, self.info, "cable", self._name)
+        """Cable that was cast."""
+        return self.setup.cable
 
     @property
     def params(self) -> CableParams:
-        """The parameters that the cable was simulated with."""
+        """Parameters that the cable was simulated with."""
         return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
 
     @property
     def servo(self):
-        """How the simulated arm followed its set points, a `ServoModel`; None if exactly."""
+        """Servo of the simulated arm, a `ServoModel`; None where it follows exactly."""
         if self.info.get("settings", {}).get("servo") is None:
             return None
         from cablecast.motion.servo import ServoModel
 
         return settings_object(ServoModel.from_dict, self.info, "servo", self._name)
 
-    @property
-    def workspace(self) -> Workspace:
-        """The table and arm."""
-        return settings_object(lambda v: Workspace(**v), self.info, "workspace", self._name)
-
-    @property
-    def motion_config(self):
-        """The system parameters of the motions, a `MotionConfig`."""
-        from cablecast.motion.action import MotionConfig
-
-        return settings_object(lambda v: MotionConfig(**v), self.info, "motion", self._name)
-
     def table_margin(self) -> NDArray[np.float64]:
-        """How far the free end stayed within the table's edges on its way [m], shape [row].
+        """Return how far the free end stayed within the table's edges on its way [m], shape [row].
 
         Negative where it left the table; minus infinity where its way is unknown.
         """
-        workspace = self.workspace
         x_min, x_max, y_min, y_max = self.extent.T
-        half_width = workspace.table_width / 2
-        margin = np.minimum.reduce(
-            [x_min + half_width, half_width - x_max, y_min, workspace.table_depth - y_max]
+        corners = np.stack(
+            [np.stack([x_min, y_min], axis=-1), np.stack([x_max, y_max], axis=-1)], axis=1
         )
+        margin = self.setup.workspace.edge_distance(corners).min(axis=1)
         return np.where(np.isfinite(margin), margin, -np.inf)
 
     @property
@@ -128,16 +128,35 @@ class Dataset:
         return str(self.path or "the dataset")
 
 
+def settings_setup(info: Mapping[str, Any], owner: str) -> Setup:
+    """Return the set-up that some stored settings describe.
+
+    Args:
+        info: Holds the settings of a dataset.
+        owner: Name of their owner in an error.
+
+    Raises:
+        DatasetError: A section is missing, or of a version that had other settings.
+    """
+    settings = info.get("settings", {})
+    if missing := [name for name in SECTIONS if name not in settings]:
+        raise DatasetError(f"{owner} says nothing of its {', '.join(missing)}")
+    try:
+        return Setup.from_dict({name: settings[name] for name in SECTIONS})
+    except CablecastError as error:
+        raise _other_version(info, "set-up", owner, error) from None
+
+
 def settings_object(
     make: Callable[[dict[str, Any]], T], info: Mapping[str, Any], name: str, owner: str
 ) -> T:
-    """What some stored settings describe.
+    """Return the object that some stored settings describe.
 
     Args:
         make: Makes it from the settings.
         info: Holds the settings of the dataset.
-        name: Which of them.
-        owner: What to call their owner in an error.
+        name: Name of the settings.
+        owner: Name of their owner in an error.
 
     Raises:
         DatasetError: They are missing, or of a version that had other settings.
@@ -147,12 +166,18 @@ def settings_object(
         raise DatasetError(f"{owner} says nothing of its {name}")
     try:
         return make(values)
-    except (TypeError, InputError) as error:
-        version = info["settings"].get("cablecast_version", "?")
-        raise DatasetError(
-            f"{owner} was made by cablecast {version}, whose {name} settings do not fit this "
-            f"version ({error}): simulate it again"
-        ) from None
+    except (TypeError, AttributeError, InputError) as error:
+        raise _other_version(info, name, owner, error) from None
+
+
+def _other_version(
+    info: Mapping[str, Any], name: str, owner: str, error: Exception
+) -> DatasetError:
+    version = str(info.get("cablecast_version", "?"))[:20]
+    return DatasetError(
+        f"{owner} was made by cablecast {version}, whose {name} does not fit this version "
+        f"({error}): make it anew"
+    )
 
 
 def read_dataset(path: str | pathlib.Path) -> Dataset:
@@ -176,11 +201,19 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
             f"{path} is unfinished: {present} of {len(shards)} shards are there. "
             "Run the command that made it again to complete it"
         )
-    starts = [shard * shard_rows for shard in shards]
-    tables = [
-        read_shard(path / shard_path(shard), range(start, min(start + shard_rows, row_count)))
-        for shard, start in zip(shards, starts, strict=True)
-    ]
+    settings = fingerprint(info["settings"])
+    tables, digests = [], []
+    for shard in shards:
+        start = shard * shard_rows
+        rows = range(start, min(start + shard_rows, row_count))
+        table, digest = read_shard(path / shard_path(shard), rows, settings)
+        tables.append(table)
+        digests.append(digest)
+    if content_fingerprint(settings, digests) != info["fingerprint"]:
+        raise DatasetError(
+            f"shards of {path} were changed since it was finished: delete {path / INFO_PATH} and "
+            "all shards, and make the dataset anew"
+        )
     try:
         table = pa.concat_tables(tables)
     except pa.ArrowException as error:

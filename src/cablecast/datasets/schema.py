@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cablecast.errors import DatasetError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""Counts the changes after which older datasets are refused."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,12 @@ OPTIONAL_COLUMNS = (
         unit="rad",
         meaning="reported joint angles, six after six, one group per time",
     ),
+    Column(
+        name="nodes",
+        kind="list",
+        unit="m",
+        meaning="x, y and z of the cable's nodes from the grip to the free end, time by time",
+    ),
     Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
     Column(name="rig", kind="string", unit="-", meaning="what the rig says of itself, as JSON"),
 )
@@ -88,7 +95,7 @@ EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
 
 
 def arrow_schema(column_names: tuple[str, ...] = ()):
-    """The schema of a shard as pyarrow wants it.
+    """Return the schema of a shard as pyarrow wants it.
 
     Args:
         column_names: Names of the optional columns that the dataset has.
@@ -111,7 +118,7 @@ def arrow_schema(column_names: tuple[str, ...] = ()):
 
 
 def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The box that the free end kept within on its way.
+    """Return the box that the free end kept within on its way.
 
     Args:
         endpoint_xy: Path of the free end [m], shape [row, step, 2]; NaN where it was not seen.
@@ -125,26 +132,6 @@ def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
     high = np.where(missing, -np.inf, endpoint_xy).max(axis=1)
     extent = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=-1)
     return np.where(np.isfinite(extent), extent, np.nan)
-
-
-def settings_differences(
-    stored: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = ""
-) -> list[str]:
-    """Phrases that name each setting in which two runs differ, with both values.
-
-    Args:
-        stored: Settings of the dataset on the disk.
-        wanted: Settings of this run.
-        prefix: Where both lie in the whole, for nested settings.
-    """
-    phrases = []
-    for key in (*stored, *(key for key in wanted if key not in stored)):
-        there, here = stored.get(key, "(absent)"), wanted.get(key, "(absent)")
-        if isinstance(there, Mapping) and isinstance(here, Mapping):
-            phrases += settings_differences(there, here, f"{prefix}{key}.")
-        elif there != here:
-            phrases.append(f"{prefix}{key} is {there!r} there and {here!r} here")
-    return phrases
 
 
 def check_columns(columns: Mapping[str, Any]) -> int:

@@ -3,14 +3,13 @@
 import dataclasses
 import hashlib
 import pathlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import cablecast
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import CableParams
+from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset, read_dataset
 from cablecast.datasets.schema import (
     ACTION_COLUMNS,
@@ -21,13 +20,13 @@ from cablecast.datasets.schema import (
 )
 from cablecast.datasets.writer import DatasetWriter
 from cablecast.engines.base import SETTLE_TIME, Engine
-from cablecast.errors import InputError
-from cablecast.motion.action import ActionRanges, MotionConfig
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
-from cablecast.motion.feasibility import feasible_grid
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid
 from cablecast.motion.servo import ServoModel
+from cablecast.runs.progress import CountCallback
+from cablecast.setup import Setup
 from cablecast.track import TrialStatus
-from cablecast.workspace import Workspace
 
 SIMULATED_COUNT = 36_000
 """Actions in D_sim (section V-F)."""
@@ -42,40 +41,33 @@ SAMPLE_DT = 0.02
 # Settings of an engine that say how it uses the machine, not what it computes.
 _MACHINE_FIELDS = {"thread_count"}
 
-ProgressCallback = Callable[[int, int], None]
-"""Called with the number of rows done and the number of all rows."""
-
 
 def simulate_dataset(
     path: str | pathlib.Path,
-    cable: Cable,
+    setup: Setup,
     params: CableParams | None,
     engine: Engine,
-    config: MotionConfig,
-    workspace: Workspace,
+    *,
     count: int = SIMULATED_COUNT,
     seed: int = 0,
-    progress: ProgressCallback | None = None,
-    *,
     ranges: ActionRanges | None = None,
     servo: ServoModel | None = None,
     shard_rows: int = SHARD_ROWS,
+    progress: CountCallback | None = None,
 ) -> Dataset:
     """Simulate a dataset, or go on where an earlier run of the same settings was stopped.
 
     Args:
         path: Folder of the dataset; new, empty, or begun with the same settings.
-        cable: The cable.
-        params: Its parameters, shared by all rows; the cable's own where None.
-        engine: The simulator.
-        config: System parameters of the motions.
-        workspace: Table and arm.
+        setup: Cable, workspace, arm and motion settings.
+        params: Parameters of the cable, shared by all rows; the cable's own where None.
+        engine: Simulator.
         count: Number of actions.
-        seed: Chooses the actions among the feasible ones of the grid.
-        progress: Told after every shard how many rows are done.
-        ranges: Ranges of the actions; those that suit the config where None.
-        servo: How the arm follows its set points; exactly where None.
+        seed: Seed of the choice of actions among the feasible ones of the grid.
+        ranges: Ranges of the actions; those that suit the set-up where None.
+        servo: Servo of the simulated arm; it follows its set points exactly where None.
         shard_rows: Rows of each shard.
+        progress: Told after every shard how many rows are done.
 
     Returns:
         The finished dataset.
@@ -84,27 +76,23 @@ def simulate_dataset(
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
         InputError: A count that is not positive, or parameters that differ between worlds.
     """
-    for name, value in (("count", count), ("shard_rows", shard_rows)):
-        if value < 1:
-            raise InputError(f"{name} = {value} must be at least 1")
-    params = cable.params if params is None else params
-    ranges = ActionRanges.for_config(config) if ranges is None else ranges
-    actions = feasible_grid(count, config, workspace, ranges, seed)
+    check_count("count", count, high=ACTION_COUNT_MAX)
+    check_count("shard_rows", shard_rows)
+    check_seed(seed)
+    params = setup.cable.params if params is None else params
+    ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
+    actions = feasible_grid(count, setup, ranges, seed)
     settings = {
-        "cablecast_version": cablecast.__version__,
         "schema_version": SCHEMA_VERSION,
-        "cable": cable.to_dict(),
+        **setup.to_settings(),
         "params": params.to_dict(),
         "engine": engine_settings(engine),
-        "motion": dataclasses.asdict(config),
-        "workspace": dataclasses.asdict(workspace),
         "ranges": dataclasses.asdict(ranges),
         "count": count,
         "seed": seed,
         "sample_dt": SAMPLE_DT,
         "settle_time": SETTLE_TIME,
-        # Rounded, so that the last bits of another machine's mathematics do not matter.
-        "actions_sha256": hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16],
+        "actions_sha256": actions_digest(actions),
     }
     if servo is not None:
         settings["servo"] = servo.to_dict()
@@ -112,22 +100,15 @@ def simulate_dataset(
         pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
     )
     with writer:
-        if not writer.complete:
+        if not writer.was_complete:
             missing = writer.missing_shards()
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             if progress is not None:
                 progress(done, count)
             for shard in missing:
                 rows = writer.rows_of(shard)
-                columns = simulate_actions(
-                    actions[rows.start : rows.stop],
-                    cable,
-                    params,
-                    engine,
-                    config,
-                    workspace,
-                    servo,
-                )
+                chosen = actions[rows.start : rows.stop]
+                columns = simulate_actions(chosen, setup, params, engine, servo)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
                 done += len(rows)
                 if progress is not None:
@@ -136,30 +117,32 @@ def simulate_dataset(
     return read_dataset(path)
 
 
+def actions_digest(actions: NDArray[np.float64]) -> str:
+    """Return a short name for some actions, shape [action, 4]."""
+    # Rounded, so that the last bits of another machine's mathematics do not matter.
+    return hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16]
+
+
 def simulate_actions(
     actions: NDArray[np.float64],
-    cable: Cable,
+    setup: Setup,
     params: CableParams,
     engine: Engine,
-    config: MotionConfig,
-    workspace: Workspace,
     servo: ServoModel | None = None,
 ) -> dict[str, Any]:
-    """Columns of a dataset for some actions, all but `index`.
+    """Simulate some actions, and return the columns of a dataset but `index`.
 
     Args:
         actions: Feasible actions, shape [row, 4].
-        cable: The cable.
-        params: Its parameters.
-        engine: The simulator.
-        config: System parameters of the motions.
-        workspace: Table and arm.
-        servo: How the arm follows its set points; exactly where None.
+        setup: Cable, workspace, arm and motion settings.
+        params: Parameters of the cable.
+        engine: Simulator.
+        servo: Servo of the simulated arm; it follows its set points exactly where None.
     """
-    grip_paths = cast_grip_paths(actions, config, workspace)
-    moved = grip_paths if servo is None else servo.apply(grip_paths)
+    grip_paths = cast_grip_paths(actions, setup)
+    moved = grip_paths if servo is None else servo.apply(grip_paths, setup.arm)
     rollout = engine.rollout(
-        cable,
+        setup.cable,
         params,
         moved,
         duration=float(moved.duration.max()) + SETTLE_TIME,
@@ -168,7 +151,7 @@ def simulate_actions(
     track = rollout.endpoint_xy
     finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
     endpoint_xy = np.where(finite[:, None], track[:, -1], np.nan)
-    stayed = np.all(workspace.on_table(track), axis=1)
+    stayed = np.all(setup.workspace.on_table(track), axis=1)
     codes = np.where(stayed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
     status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
     extent = np.where(finite[:, None], track_extent(track), np.nan)
@@ -181,7 +164,7 @@ def simulate_actions(
 
 
 def engine_settings(engine: Engine) -> dict[str, Any]:
-    """What decides the results of an engine: its class and its public attributes.
+    """Return what decides the results of an engine: its class and its public attributes.
 
     Only plain values count, and the device by its name.
     """

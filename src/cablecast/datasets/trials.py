@@ -13,11 +13,11 @@ from cablecast.track import EndpointTrack, TrialStatus
 
 
 def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
-    """What the rig reported of one trial.
+    """Return what the rig reported of one trial.
 
     Args:
         dataset: Trials on a rig.
-        row: Which one.
+        row: Index of the trial.
 
     Raises:
         DatasetError: The dataset holds no tracks.
@@ -29,36 +29,37 @@ def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
         times=times,
         endpoint_xy=np.stack([x, y], axis=-1),
         status=TrialStatus.from_code(str(dataset.status[row])),
+        nodes=_nodes(dataset, row, len(times)),
         joint_path=measured_joints(dataset, row),
     )
 
 
 def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
-    """The joints of one trial as the arm reported them; None where it did not.
+    """Return the joints of one trial as the arm reported them; None where it did not.
 
     Args:
         dataset: Trials on a rig.
-        row: Which one.
+        row: Index of the trial.
     """
     return _joint_path(dataset, "actual_times", "actual_q", row)
 
 
 def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:
-    """The joints of one trial as they were commanded; None where the motion had none.
+    """Return the joints of one trial as commanded; None where the motion had none.
 
     Args:
         dataset: Trials on a rig.
-        row: Which one.
+        row: Index of the trial.
     """
     return _joint_path(dataset, "joint_times", "joint_q", row)
 
 
 def trial_rig(dataset: Dataset, row: int) -> dict[str, Any]:
-    """What the rig said of itself at one trial.
+    """Return the rig's description at one trial.
 
     Args:
         dataset: Trials on a rig.
-        row: Which one.
+        row: Index of the trial.
     """
     texts = dataset.extra.get("rig")
     return dict(dataset.info["settings"]["rig"]) if texts is None else json.loads(texts[row])
@@ -71,10 +72,28 @@ def _values(dataset: Dataset, name: str, row: int):
     return np.asarray(column[row], dtype=float)
 
 
+def _nodes(dataset: Dataset, row: int, sample_count: int):
+    """Return the cable's nodes at the samples of a track, where they were stored."""
+    nodes = _values(dataset, "nodes", row)
+    if nodes is None:
+        return None
+    if not sample_count or len(nodes) % (3 * sample_count):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has {len(nodes)} node coordinates "
+            f"for {sample_count} times: they must be three for each node"
+        )
+    return nodes.reshape(sample_count, -1, 3)
+
+
 def _joint_path(dataset: Dataset, times_name: str, q_name: str, row: int) -> JointPath | None:
     times, q = _values(dataset, times_name, row), _values(dataset, q_name, row)
     if times is None or q is None or not len(times):
         return None
+    if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has joints that are not finite or "
+            "times that do not rise"
+        )
     if len(q) != JOINT_COUNT * len(times):
         raise DatasetError(
             f"trial {row} of {dataset.path or 'the dataset'} has {len(q)} joint angles for "
