@@ -157,6 +157,12 @@ class Setup:
             "motion": dataclasses.asdict(self.motion),
         }
 
+    def to_settings(self) -> dict[str, Any]:
+        """Return the plain values that decide results: all but whether the arm was measured."""
+        values = self.to_dict()
+        del values["arm"]["measured"]
+        return values
+
     @classmethod
     def from_dict(
         cls, values: Mapping[str, Any], folder: str | os.PathLike[str] | None = None

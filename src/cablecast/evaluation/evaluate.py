@@ -1,66 +1,38 @@
-"""Carry out a policy's actions on a rig, and measure how far from its targets the cable landed."""
+"""Carry out a policy's motions on a rig, and measure how far from its targets the cable landed."""
 
 import dataclasses
-from collections.abc import Callable
-from typing import Protocol
+import pathlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.errors import InputError, RigError
-from cablecast.evaluation.kept_trials import KeptTrials
+from cablecast.checks import check_count
+from cablecast.datasets.record import ATTEMPT_COUNT, TrialPlan, record_trials
+from cablecast.datasets.trials import trial_track
 from cablecast.evaluation.metrics import ErrorSummary, summarise_errors, target_error_pct
-from cablecast.motion.action import Action, MotionConfig
-from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.rigs.base import Rig, check_track, run_trials
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import Trajectory
+from cablecast.policies.base import Policy
+from cablecast.rigs.base import Rig
+from cablecast.runs.progress import CountCallback
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.workspace import Workspace
-
-
-class PlanLike(Protocol):
-    """What a policy answers for some targets; `Plan` of the forward search is one.
-
-    A plan of motions that no action describes also has `trajectories`, one per target; its actions
-    are NaN then.
-    """
-
-    @property
-    def actions(self) -> NDArray[np.float64]:
-        """Columns theta1, theta2 [rad], r2 [m], psi [rad], shape [target, 4]."""
-        ...
-
-    @property
-    def predicted_xy(self) -> NDArray[np.float64]:
-        """Where the model says they land [m], shape [target, 2]."""
-        ...
-
-    @property
-    def inside_coverage(self) -> NDArray[np.bool_]:
-        """Whether simulated casts land at the target, shape [target]."""
-        ...
-
-
-class Policy(Protocol):
-    """What is evaluated: anything that turns targets into actions."""
-
-    def plan(self, target_xy: ArrayLike, /) -> PlanLike:
-        """Actions for targets [m], shape [target, 2]."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Trial:
+class TargetCast:
     """One cast at one target.
 
     Attributes:
-        target_index: Which target, from 0.
-        repeat: Which cast at this target, from 0.
-        target_xy: Where the endpoint should come to rest [m], shape [2].
-        action: What was done; None for a motion that is no action.
-        predicted_xy: Where the model expected the endpoint [m], shape [2].
-        track: What the rig saw.
-        trajectory: The motion that was executed.
+        target_index: Index of the target, from 0.
+        repeat: Index of the cast at this target, from 0.
+        target_xy: Point where the endpoint should come to rest [m], shape [2].
+        action: Action that was carried out; None for a motion that is no action.
+        predicted_xy: Point where the model expected the endpoint [m], shape [2].
+        track: Track that the rig saw.
+        trajectory: Motion that was executed.
         inside_coverage: Whether the target lies where simulated casts landed.
     """
 
@@ -75,36 +47,43 @@ class Trial:
 
     @property
     def status(self) -> TrialStatus:
-        """How the trial ended."""
+        """End of the trial."""
         return self.track.status
 
     @property
     def landed_xy(self) -> NDArray[np.float64]:
-        """Where the endpoint came to rest [m], NaN unless the status is OK, shape [2]."""
+        """Point where the endpoint came to rest [m], NaN unless the status is OK, shape [2]."""
         return self.track.final_xy
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """All trials of one policy on one rig.
+    """All casts of one policy on one rig.
 
     Attributes:
-        cable: The cable that was cast.
-        rig: What the rig says of itself.
-        target_xy: The targets [m], shape [target, 2].
-        inside_coverage: Which of them lie where simulated casts landed, shape [target].
-        trials: The casts, target by target.
+        setup: Cable, workspace, arm and motion settings.
+        rig: Description of the rig.
+        target_xy: Targets [m], shape [target, 2].
+        inside_coverage: Whether each lies where simulated casts landed, shape [target].
+        trials: Casts, target by target.
+        metrics: Figures of the evaluation, as metrics.json holds them.
     """
 
-    cable: Cable
-    rig: dict
+    setup: Setup
+    rig: dict[str, Any]
     target_xy: NDArray[np.float64]
     inside_coverage: NDArray[np.bool_]
-    trials: tuple[Trial, ...]
+    trials: tuple[TargetCast, ...]
+    metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def cable(self) -> Cable:
+        """Cable that was cast."""
+        return self.setup.cable
 
     @property
     def landed_xy(self) -> NDArray[np.float64]:
-        """Where each cast came to rest [m], NaN unless its status is OK, shape [trial, 2]."""
+        """Resting point of each cast [m], NaN unless its status is OK, shape [trial, 2]."""
         return np.array([trial.landed_xy for trial in self.trials]).reshape(-1, 2)
 
     @property
@@ -132,7 +111,7 @@ class Evaluation:
 
     @property
     def status_counts(self) -> dict[TrialStatus, int]:
-        """How many trials ended in each way."""
+        """Number of casts that ended in each way."""
         statuses = [trial.status for trial in self.trials]
         return {status: statuses.count(status) for status in TrialStatus}
 
@@ -143,87 +122,83 @@ class Evaluation:
 
     @property
     def summary_misses_counted(self) -> ErrorSummary:
-        """Errors with every trial that is not OK counted as a miss of unknown, large size."""
+        """Errors with every cast that is not OK counted as a miss of unknown, large size."""
         return summarise_errors(np.nan_to_num(self.errors_pct, nan=np.inf))
 
     @property
     def summary_inside_coverage(self) -> ErrorSummary:
-        """Errors of the trials whose target lies inside the simulated coverage."""
+        """Errors of the casts whose target lies inside the simulated coverage."""
         inside = np.array([trial.inside_coverage for trial in self.trials])
         return summarise_errors(np.where(inside, self.errors_pct, np.nan))
 
 
 def evaluate_policy(
+    path: str | pathlib.Path,
     policy: Policy,
     rig: Rig,
     targets: ArrayLike,
-    cable: Cable,
-    config: MotionConfig,
-    workspace: Workspace,
     *,
     repeats: int = 1,
-    kept: KeptTrials | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    attempts: int = ATTEMPT_COUNT,
+    progress: CountCallback | None = None,
 ) -> Evaluation:
     """Cast at every target and collect what happened.
 
-    Each cast starts from a reset of its own; see `run_trials`. The rig is not closed.
+    The casts are stored as they are made, and an evaluation that was stopped goes on; see
+    `record_trials`. The rig is not closed.
 
     Args:
-        policy: Chooses the actions.
+        path: Folder of the casts.
+        policy: Plans the motions.
         rig: Carries them out.
-        targets: Where the endpoint should come to rest [m], shape [target, 2].
-        cable: Gives the length that errors are measured in.
-        config: Motion settings that the policy's actions are meant for.
-        workspace: Table and reach.
-        repeats: How many casts at each target; the paper makes five.
-        kept: Where each cast is stored when it is done, and where those of an earlier run of the
-            same evaluation are found; nowhere where None.
-        progress: Called with the number of casts done and of all, at the start and as it grows.
+        targets: Points where the endpoint should come to rest [m], shape [target, 2].
+        repeats: Casts at each target; the paper makes five.
+        attempts: Times that a cast is tried before the evaluation stops.
+        progress: Told the number of casts done and of all, at the start and after each.
 
     Raises:
         TargetError: A target that cannot be asked for.
-        RigError: The rig failed.
+        RigError: A cast failed too often.
+        DatasetError: The folder holds other casts.
     """
-    if repeats < 1:
-        raise InputError(f"repeats = {repeats}: it must be at least 1")
-    target_xy = np.atleast_2d(workspace.check_target(targets, cable.length))
+    check_count("repeats", repeats, high=100_000)
+    setup = policy.setup
+    target_xy = np.atleast_2d(setup.workspace.check_target(targets, setup.cable.length))
     plan = policy.plan(target_xy)
+    motions = plan.trajectories
     inside = np.asarray(plan.inside_coverage, dtype=bool)
-    trajectories = getattr(plan, "trajectories", None)
-    if trajectories is None:
-        actions = [Action.from_array(row) for row in plan.actions]
-        trajectories = [plan_trajectory(action, config, workspace) for action in actions]
-
-    order = [(target, repeat) for target in range(len(target_xy)) for repeat in range(repeats)]
-    total = len(order)
-    if progress:
-        progress(0, total)
-    run = run_trials if kept is None else kept.run
-    tracks = run(
-        rig,
-        [trajectories[target] for target, _ in order],
-        (lambda done: progress(done, total)) if progress else None,
+    trials = TrialPlan(
+        setup=setup,
+        kind="evaluate",
+        count=len(target_xy),
+        motion=lambda number: motions[number],
+        repeats=repeats,
+        attempts=attempts,
+        keep_nodes=True,
     )
-    if len(tracks) != total:
-        raise RigError(f"the rig returned {len(tracks)} tracks for {total} motions")
-    trials = tuple(
-        Trial(
-            target_index=target,
-            repeat=repeat,
-            target_xy=target_xy[target],
-            action=trajectories[target].action,
-            predicted_xy=np.asarray(plan.predicted_xy[target], dtype=float),
-            track=check_track(track),
-            trajectory=trajectories[target],
-            inside_coverage=bool(inside[target]),
+    settings = {
+        "targets": target_xy.tolist(),
+        "policy": policy.info,
+        "durations": [round(motion.duration, 9) for motion in motions],
+    }
+    dataset = record_trials(path, rig, trials, settings, progress)
+    casts = tuple(
+        TargetCast(
+            target_index=row // repeats,
+            repeat=row % repeats,
+            target_xy=target_xy[row // repeats],
+            action=motions[row // repeats].action,
+            predicted_xy=np.asarray(plan.predicted_xy[row // repeats], dtype=float),
+            track=trial_track(dataset, row),
+            trajectory=motions[row // repeats],
+            inside_coverage=bool(inside[row // repeats]),
         )
-        for (target, repeat), track in zip(order, tracks, strict=True)
+        for row in range(len(dataset))
     )
     return Evaluation(
-        cable=cable,
-        rig=dict(rig.description),
+        setup=setup,
+        rig=dict(dataset.info["settings"]["rig"]),
         target_xy=target_xy,
         inside_coverage=inside,
-        trials=trials,
+        trials=casts,
     )

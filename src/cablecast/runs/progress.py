@@ -1,64 +1,63 @@
-"""Showing progress: a bar on a terminal, plain lines elsewhere."""
+"""Progress of long work: one event, and one kind of callback that every verb reports to."""
 
-import contextlib
-import datetime
-import time
-from collections.abc import Callable, Iterator
+import dataclasses
+from collections.abc import Callable
 
 
-@contextlib.contextmanager
-def console_progress(label: str, unit: str = "casts") -> Iterator[Callable[[int, int], None]]:
-    """A callback that shows how far some work is, on standard error.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Progress:
+    """One report of how far some work is.
+
+    Attributes:
+        task: Name of the work, e.g. "Simulating cable_1".
+        done: Units done.
+        total: Units in all; 0 for work that is only announced.
+        unit: Name of a unit, e.g. "casts".
+        note: State of the work in a few words, e.g. the best loss so far.
+        seconds_left: Expected time left [s]; None where the rate of the reports tells it.
+    """
+
+    task: str
+    done: int = 0
+    total: int = 0
+    unit: str = ""
+    note: str = ""
+    seconds_left: float | None = None
+
+
+ProgressCallback = Callable[[Progress], None]
+"""Told about the progress of some work."""
+
+CountCallback = Callable[[int, int], None]
+"""Told how many units are done, and how many there are."""
+
+DONE_NOTE = "already done, nothing changed"
+
+
+def ignore(progress: Progress) -> None:
+    """Ignore a report: the default where no callback is given."""
+    del progress
+
+
+def counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallback | None:
+    """Return a callback of two numbers that reports the progress of a task.
 
     Args:
-        label: What is being done.
-        unit: What is being counted.
-
-    Yields:
-        A function of the number done and the number of all.
+        report: Told the progress; None for nobody.
+        task: Name of the work.
+        unit: Name of a unit.
     """
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        start = time.monotonic()
-        first: tuple[float, int] | None = None
-
-        def show_line(done: int, total: int) -> None:
-            nonlocal first
-            now = time.monotonic()
-            if first is None:
-                # What a resumed run finds done took it no time.
-                first = now, done
-            line = f"{label}: {done} of {total} {unit} ({now - start:.0f} s"
-            if first[1] < done < total:
-                left = (now - first[0]) / (done - first[1]) * (total - done)
-                end = datetime.datetime.now() + datetime.timedelta(seconds=left)
-                line += f", about {duration_text(left)} to go, until {end:%H:%M}"
-            line += ")"
-            # Not through the console, which would break long lines at 80 columns.
-            print(line, file=console.file, flush=True)
-
-        yield show_line
-        return
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TextColumn(unit))
-    # A trial on a robot takes 20 s: the speed must be told from more than the last half minute.
-    times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, *times, console=console, speed_estimate_period=600.0) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    if report is None:
+        return None
+    return lambda done, total: report(Progress(task=task, done=done, total=total, unit=unit))
 
 
 def duration_text(seconds: float) -> str:
-    """A duration as a person says it: 40 s, 12 min, 3.5 h."""
+    """Return a duration as a person says it.
+
+    >>> duration_text(40), duration_text(720), duration_text(12600)
+    ('40 s', '12 min', '3.5 h')
+    """
     if seconds < 100:
         return f"{seconds:.0f} s"
     if seconds < 5400:

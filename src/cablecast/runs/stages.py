@@ -1,19 +1,18 @@
-"""Running many verbs one after the other: which are done, how long each took, when all will be."""
+"""Running stages one after the other: which are done, how long each took, the expected end."""
 
 import contextlib
 import dataclasses
 import datetime
-import json
 import pathlib
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from cablecast.cli.run_folder import METRICS_FILE
-from cablecast.datasets.progress import duration_text
-from cablecast.errors import InputError
+from cablecast.errors import DamagedFileError
 from cablecast.files import write_json
+from cablecast.reading import read_json
+from cablecast.runs.folder import METRICS_FILE
+from cablecast.runs.progress import Progress, ProgressCallback, duration_text, ignore
 
 STAGES_FILE = "stages.json"
 
@@ -58,10 +57,12 @@ class StageLog:
         self.seconds: dict[str, float] = {}
         with contextlib.suppress(FileNotFoundError):
             try:
-                stored = json.loads(self._file.read_text())
+                stored = read_json(self._file)
                 self.seconds = {name: float(value) for name, value in stored.items()}
-            except (ValueError, AttributeError, TypeError) as error:
-                raise InputError(f"{self._file} is damaged ({error!r}): delete it") from None
+            except (ValueError, TypeError) as error:
+                raise DamagedFileError(
+                    f"{self._file} is damaged ({str(error)[:100]}): delete it, only times are lost"
+                ) from None
 
     @contextlib.contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -90,32 +91,30 @@ class StageLog:
             store()
 
 
-def run_stages(stages: Sequence[Stage], folder: pathlib.Path) -> StageLog:
-    """Run what is not done yet, in order, and say before each stage how far the whole is.
+def run_stages(
+    stages: Sequence[Stage], folder: pathlib.Path, report: ProgressCallback = ignore
+) -> StageLog:
+    """Run the stages that are not done yet, in order.
 
     Args:
         stages: All of them; a stage may read what the ones before it wrote.
-        folder: Where the times are kept.
+        folder: Folder in which the times are kept.
+        report: Told before each stage how far the whole is.
 
     Returns:
-        How long each took.
+        Time that each stage took.
     """
     log = StageLog(folder)
     for place, stage in enumerate(stages):
-        head = f"[{place + 1}/{len(stages)}] {stage.title}"
+        task = f"[{place + 1}/{len(stages)}] {stage.title}"
         if stage.done:
-            print(
-                f"{head}: done in {duration_text(log.seconds.get(stage.name, 0.0))}",
-                file=sys.stderr,
-            )
+            taken = duration_text(log.seconds.get(stage.name, 0.0))
+            report(Progress(task=task, note=f"done in {taken}"))
             continue
         left = remaining_time(stages, log)
         end = datetime.datetime.now().astimezone() + datetime.timedelta(seconds=left)
-        print(
-            f"{head} (all of it: about {duration_text(left)} more, until {end:%H:%M})",
-            file=sys.stderr,
-            flush=True,
-        )
+        note = f"all of it: about {duration_text(left)} more, until {end:%H:%M}"
+        report(Progress(task=task, note=note))
         with log.timed(stage.name):
             stage.work()
     return log

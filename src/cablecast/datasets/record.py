@@ -1,0 +1,303 @@
+"""The one loop that makes trials on a rig and stores them: D_tune, D_real, repeats, evaluations.
+
+A trial on a robot takes about 20 s, so nothing that is finished may be lost: each trial is a file
+of its own, written before the next begins, and space for it is set aside beforehand.
+"""
+
+import contextlib
+import dataclasses
+import json
+import os
+import pathlib
+import typing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cablecast.checks import check_count
+from cablecast.datasets.reader import Dataset, read_dataset
+from cablecast.datasets.schema import (
+    ACTION_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+    SCHEMA_VERSION,
+    track_extent,
+)
+from cablecast.datasets.writer import DatasetWriter
+from cablecast.errors import DatasetError, InputError, RigError
+from cablecast.machine import core_count
+from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.base import Rig, error_line
+from cablecast.runs.progress import CountCallback
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+
+Kind = typing.Literal["tune", "real", "repeat", "evaluate"]
+
+ATTEMPT_COUNT = 3
+"""Times that a trial is tried before the work stops."""
+
+# More than a row of a long trial takes: 5 s of six joints at 500 Hz are 140 kB.
+_ROW_BYTES_MAX = 2**20
+_RESERVE_NAME = ".reserve.tmp"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrialPlan:
+    """The trials that are to be made.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings.
+        kind: Purpose of the trials, which also tells the rig which chances to draw.
+        count: Number of motions.
+        motion: Returns the motion of a number from 0.
+        repeats: Trials of each motion, one after the other.
+        attempts: Times that a trial is tried before the work stops.
+        keep_nodes: Whether to store the cable's nodes, where the rig knows them.
+    """
+
+    setup: Setup
+    kind: Kind
+    count: int
+    motion: Callable[[int], Trajectory]
+    repeats: int = 1
+    attempts: int = ATTEMPT_COUNT
+    keep_nodes: bool = False
+
+    def __post_init__(self):
+        check_count("repeats", self.repeats, high=100_000)
+        check_count("attempts", self.attempts, high=1000)
+
+    @property
+    def trial_count(self) -> int:
+        """Number of trials."""
+        return self.count * self.repeats
+
+
+def record_trials(
+    path: str | pathlib.Path,
+    rig: Rig,
+    plan: TrialPlan,
+    settings: Mapping[str, Any],
+    progress: CountCallback | None = None,
+) -> Dataset:
+    """Make trials on a rig, or go on where an earlier run of the same settings was stopped.
+
+    Each trial begins with a reset. One in which the rig raises, or which it reports as aborted, is
+    made again. The rig is not closed.
+
+    Args:
+        path: Folder of the dataset; new, empty, or begun with the same settings.
+        rig: Carries out the trials; its description is one of the settings.
+        plan: Trials to make.
+        settings: What else decides the trials, as plain values.
+        progress: Told the number of trials done and of all, at the start and after each.
+
+    Returns:
+        The finished dataset.
+
+    Raises:
+        RigError: A trial failed too often, or the rig's description cannot be stored.
+        DatasetError: The folder holds another dataset or other files, a shard is damaged, or the
+            disk is full. Trials that are finished are kept.
+    """
+    try:
+        writer = DatasetWriter(
+            pathlib.Path(path),
+            kind=plan.kind,
+            settings={
+                "schema_version": SCHEMA_VERSION,
+                **plan.setup.to_settings(),
+                "rig": rig.description,
+                **settings,
+                "count": plan.count,
+                "repeats": plan.repeats,
+            },
+            row_count=plan.trial_count,
+            shard_rows=1,
+        )
+    except InputError as error:
+        raise RigError(f"the rig's description: {error}") from None
+    with writer:
+        if not writer.was_complete:
+            _Recording(rig, writer, plan, progress).run()
+            writer.finish()
+        elif progress is not None:
+            progress(plan.trial_count, plan.trial_count)
+    return read_dataset(path)
+
+
+class _Recording:
+    """The trials that are still to be made."""
+
+    def __init__(
+        self, rig: Rig, writer: DatasetWriter, plan: TrialPlan, progress: CountCallback | None
+    ):
+        self.rig = rig
+        self.writer = writer
+        self.plan = plan
+        self.progress = progress
+        self._planned: tuple[int, Trajectory] | None = None
+        # A rig that makes many at once returns no track before the last is done, so that a batch is
+        # small: it is what a kill can lose.
+        self.batch_size = 2 * core_count() if hasattr(rig, "execute_many") else 1
+
+    def run(self) -> None:
+        """Make and store every trial that is missing."""
+        missing = self.writer.missing_shards()
+        done = self.writer.row_count - len(missing)
+        self._report(done)
+        with _reserved_space(self.writer.path, self.batch_size * _ROW_BYTES_MAX) as release:
+            for batch in _consecutive(missing, self.batch_size):
+                full: OSError | None = None
+                for index, columns in self._make(batch):
+                    try:
+                        self.writer.write_shard(index, columns)
+                    except OSError as error:
+                        # The trial is done and must not be lost: use the space set aside.
+                        full = error
+                        release()
+                        self.writer.write_shard(index, columns)
+                    done += 1
+                self._report(done)
+                if full is not None:
+                    raise DatasetError(
+                        f"{self.writer.path} takes no more trials ({full.strerror}): the last one "
+                        "is stored. Make room, and the same command goes on"
+                    ) from full
+
+    def _report(self, done: int) -> None:
+        if self.progress is not None:
+            self.progress(done, self.writer.row_count)
+
+    def _make(self, batch: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Make the trials of some consecutive indices, and yield the row of each."""
+        motions = [self._motion(index) for index in batch]
+        tracks: Sequence[EndpointTrack | None] = [None] * len(batch)
+        if len(batch) > 1:
+            self._seek(batch[0])
+            # Where one trial of many fails, each is tried on its own, so that the others are kept.
+            with contextlib.suppress(Exception):
+                answers = list(self.rig.execute_many(motions))  # pyright: ignore
+                if len(answers) == len(batch):
+                    tracks = answers
+        failed = []
+        for index, motion, track in zip(batch, motions, tracks, strict=True):
+            if isinstance(track, EndpointTrack) and track.status is not TrialStatus.ABORTED:
+                yield index, self._row(index, motion, track, failures=0)
+            else:
+                failed.append((index, motion))
+        for index, motion in failed:
+            yield index, self._attempt(index, motion)
+
+    def _attempt(self, index: int, motion: Trajectory) -> dict[str, Any]:
+        """Return the row of one trial, tried until it comes to an end."""
+        reason = ""
+        for failures in range(self.plan.attempts):
+            try:
+                self._seek(index)
+                self.rig.reset()
+                track = self.rig.execute(motion)
+                if not isinstance(track, EndpointTrack):
+                    kind = type(track).__name__
+                    reason = f"its execute returned {kind}: it must return an EndpointTrack"
+                elif track.status is TrialStatus.ABORTED:
+                    reason = "the rig reported it as aborted"
+                else:
+                    return self._row(index, motion, track, failures)
+            # A rig is somebody else's code: whatever it raises, the trial has failed.
+            except Exception as error:
+                reason = str(error) if isinstance(error, RigError) else error_line(error)
+        kept = self.writer.row_count - len(self.writer.missing_shards())
+        raise RigError(
+            f"trial {index} failed {self.plan.attempts} times, the last time because: {reason}. "
+            f"{kept} of {self.writer.row_count} trials are kept in {self.writer.path}: clear the "
+            "cause, and the same command goes on with this trial"
+        )
+
+    def _seek(self, index: int) -> None:
+        seek = getattr(self.rig, "seek", None)
+        if callable(seek):
+            # An evaluation draws what the rig draws by itself.
+            seek(index, "" if self.plan.kind == "evaluate" else self.plan.kind)
+
+    def _motion(self, index: int) -> Trajectory:
+        number = index // self.plan.repeats
+        # Repeats of a motion follow one another.
+        if self._planned is None or self._planned[0] != number:
+            self._planned = number, self.plan.motion(number)
+        return self._planned[1]
+
+    def _row(
+        self, index: int, motion: Trajectory, track: EndpointTrack, failures: int
+    ) -> dict[str, Any]:
+        commanded, actual = motion.joint_path, track.joint_path
+        action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
+        nodes = track.nodes if self.plan.keep_nodes else None
+        values = {
+            "index": index,
+            **dict(zip(ACTION_COLUMNS, action, strict=True)),
+            **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
+            "status": track.status.code,
+            "duration": motion.duration,
+            **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
+            "repeat": index % self.plan.repeats,
+            "times": track.times,
+            "track_x": track.endpoint_xy[:, 0],
+            "track_y": track.endpoint_xy[:, 1],
+            "joint_times": None if commanded is None else commanded.times,
+            "joint_q": None if commanded is None else commanded.q.ravel(),
+            "actual_times": None if actual is None else actual.times,
+            "actual_q": None if actual is None else actual.q.ravel(),
+            "attempt": failures,
+            "rig": json.dumps(self.rig.description, sort_keys=True, ensure_ascii=False),
+        }
+        if self.plan.keep_nodes:
+            values["nodes"] = None if nodes is None else nodes.ravel()
+        return {name: [value] for name, value in values.items()}
+
+
+def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
+    """Yield runs of indices that follow one another, each at most some size."""
+    run: list[int] = []
+    for index in indices:
+        if run and (index != run[-1] + 1 or len(run) == size):
+            yield run
+            run = []
+        run.append(index)
+    if run:
+        yield run
+
+
+@contextlib.contextmanager
+def _reserved_space(folder: pathlib.Path, size: int) -> Iterator[Callable[[], None]]:
+    """Set space on the disk aside, and yield what gives it back.
+
+    Args:
+        folder: Folder on the disk.
+        size: Space [byte].
+
+    Raises:
+        DatasetError: There is not as much.
+    """
+    file = folder / _RESERVE_NAME
+
+    def release() -> None:
+        file.unlink(missing_ok=True)
+
+    try:
+        try:
+            # Written, not only made long: a hole in a file takes no space.
+            with file.open("wb") as stream:
+                stream.write(bytes(size))
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise DatasetError(
+                f"{folder} has no room for another trial ({error.strerror}): make room, and the "
+                "same command goes on"
+            ) from error
+        yield release
+    finally:
+        release()

@@ -1,0 +1,1 @@
+"""Run folders: what was asked for, what came out, and how stopped work goes on."""

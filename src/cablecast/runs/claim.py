@@ -1,0 +1,156 @@
+"""Claiming a folder for one run: no foreign files, the same settings, one process at a time.
+
+Run folders and datasets both claim their folder here. A description file (config.json or
+meta/info.json) is written first and names the settings; parts of the work follow, each a file that
+exists whole or not at all. Work that was stopped goes on by the same command: what exists is kept,
+what is missing is made.
+"""
+
+import contextlib
+import dataclasses
+import os
+import pathlib
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from cablecast.errors import CablecastError, DamagedFileError
+from cablecast.files import write_json
+from cablecast.reading import read_sealed, seal
+from cablecast.runs.settings import settings_differences
+
+_HELD: dict[str, int] = {}
+_HELD_LOCK = threading.Lock()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A folder that one kind of work may fill.
+
+    Attributes:
+        path: Folder.
+        file: Path of the description within the folder.
+        noun: Kind of work, for errors: "run" or "dataset".
+        error: Class of the errors that refuse the folder.
+    """
+
+    path: pathlib.Path
+    file: str
+    noun: str
+    error: type[CablecastError]
+
+    def read(self) -> dict[str, Any] | None:
+        """Return the description; None where there is none.
+
+        Raises:
+            DamagedFileError: It is not what was written.
+            UnreadableFileError: The system refuses to read it.
+        """
+        try:
+            return read_sealed(self.path / self.file)
+        except FileNotFoundError:
+            return None
+        except DamagedFileError as error:
+            raise DamagedFileError(
+                f"{error}. It says what the {self.noun} is, so that nothing can be added: give "
+                "another folder, or restore the file"
+            ) from None
+
+    def write(self, description: Mapping[str, Any]) -> None:
+        """Write the description with its checksum."""
+        write_json(self.path / self.file, seal(dict(description)))
+
+    def refuse_differences(self, stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+        """Refuse a folder whose work has other settings.
+
+        Raises:
+            CablecastError: Of the class `error`; names each setting with both values.
+        """
+        if differences := settings_differences(stored, wanted):
+            raise self.error(
+                f"{self.path} holds a {self.noun} of other settings: {'; '.join(differences)}. "
+                "Give the same settings, or another folder"
+            )
+
+    def refuse_foreign_files(self) -> None:
+        """Refuse a path that is neither new nor an empty folder.
+
+        Raises:
+            CablecastError: Of the class `error`; names a file that is in the way.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise self.error(f"{self.path} is a file: a {self.noun} needs a folder")
+        if names := visible_files(self.path):
+            raise self.error(
+                f"{self.path} holds {names[0]} but no {self.noun} of cablecast: give a new or "
+                "empty folder"
+            )
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold the folder against other processes, and clear the leftovers of killed writes.
+
+        Raises:
+            CablecastError: Of the class `error`, where another process holds it.
+        """
+        with hold_folder(self.path, self.error) as is_first:
+            if is_first:
+                for leftover in self.path.rglob(".*.tmp"):
+                    leftover.unlink(missing_ok=True)
+            yield
+
+
+def visible_files(path: pathlib.Path) -> list[str]:
+    """Return the files in a folder and below it, without hidden ones, relative and sorted."""
+    if not path.is_dir():
+        return []
+    files = (file.relative_to(path) for file in path.rglob("*") if not file.is_dir())
+    return sorted(str(file) for file in files if not file.name.startswith("."))
+
+
+@contextlib.contextmanager
+def hold_folder(path: pathlib.Path, error: type[CablecastError]) -> Iterator[bool]:
+    """Hold a folder against other processes; this process may hold it several times.
+
+    The system lets go when the process dies, however it dies. Windows has no such lock: there, one
+    process at a time is assumed.
+
+    Args:
+        path: Folder; it is made if it is not there.
+        error: Class of the error.
+
+    Yields:
+        Whether this is the outermost hold of this process.
+
+    Raises:
+        CablecastError: Of the class `error`, where another process holds the folder.
+    """
+    path.mkdir(parents=True, exist_ok=True)
+    key = str(path.resolve())
+    with _HELD_LOCK:
+        is_first = key not in _HELD
+        handle = _lock(path, error) if is_first else None
+        _HELD[key] = _HELD.get(key, 0) + 1
+    try:
+        yield is_first
+    finally:
+        with _HELD_LOCK:
+            _HELD[key] -= 1
+            if not _HELD[key]:
+                del _HELD[key]
+        if handle is not None:
+            os.close(handle)
+
+
+def _lock(path: pathlib.Path, error: type[CablecastError]) -> int | None:
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise error(f"another process is writing to {path}") from None
+    return handle
