@@ -5,7 +5,7 @@ from cablecast.arm.limits import JOINT_NAMES, JointLimits
 from cablecast.errors import InputError
 
 
-def test_the_default_limits_are_those_of_a_ur5():
+def test_the_default_limits_are_those_of_a_ur5_and_a_ur5e():
     limits = JointLimits()
     assert limits.position == (2 * np.pi,) * len(JOINT_NAMES)
     assert limits.velocity == (np.pi,) * len(JOINT_NAMES)

@@ -14,16 +14,17 @@ EXACT = 1e-9
 DIFFERENCE = 5e-5
 
 ARM = ArmUR()
+ARMS = (ARM, ArmUR(base_yaw_deg=30.0), ArmUR(model="ur5e", base_yaw_deg=-90.0))
 
 
-def random_poses(count=300, tilt=1.2, seed=0):
+def random_poses(count=300, tilt=1.2, seed=0, arm=ARM):
     rng = np.random.default_rng(seed)
     radius, theta = rng.uniform(0.35, 0.75, count), rng.uniform(-1.2, 1.2, count)
     columns = radius * np.sin(theta), radius * np.cos(theta), rng.uniform(0.05, 0.35, count)
     yaw, pitch = theta + rng.uniform(-1, 1, count), tilt * rng.uniform(-1, 1, count)
     poses = np.stack([*columns, yaw, pitch], axis=-1)
     still = np.zeros_like(poses)
-    return poses[np.isfinite(tilted_motion(ARM, poses, still, still).q[:, 0])]
+    return poses[np.isfinite(tilted_motion(arm, poses, still, still).q[:, 0])]
 
 
 def swing(times):
@@ -34,30 +35,32 @@ def swing(times):
     return np.stack([radius * np.sin(theta), radius * np.cos(theta), height, yaw, pitch], axis=-1)
 
 
-def test_forward_undoes_inverse_for_tilted_grippers():
-    poses = random_poses()
+@pytest.mark.parametrize("arm", ARMS, ids=str)
+def test_forward_undoes_inverse_for_tilted_grippers(arm):
+    poses = random_poses(arm=arm)
     assert len(poses) > 200
-    np.testing.assert_allclose(ARM.grip_pose(ARM.inverse(poses)), poses, atol=EXACT)
+    np.testing.assert_allclose(arm.grip_pose(arm.inverse(poses)), poses, atol=EXACT)
 
 
-def test_without_tilt_both_forms_are_the_same_branch():
+@pytest.mark.parametrize("arm", ARMS, ids=str)
+def test_without_tilt_both_forms_are_the_same_branch(arm):
     rng = np.random.default_rng(1)
-    poses = random_poses(tilt=0.0)
+    poses = random_poses(tilt=0.0, arm=arm)
     rates, bends = rng.normal(size=(2, *poses.shape))
     rates[:, 4] = bends[:, 4] = 0.0
-    closed = ARM.inverse_motion(poses, rates, bends)
-    general = tilted_motion(ARM, poses, rates, bends)
+    closed = arm.inverse_motion(poses, rates, bends)
+    general = tilted_motion(arm, poses, rates, bends)
     for name in ("q", "qd", "qdd"):
         np.testing.assert_allclose(getattr(general, name), getattr(closed, name), atol=EXACT)
 
 
-def test_the_inverse_of_a_tilted_gripper_is_a_solution_of_the_analytic_library():
-    from ur_analytic_ik import ur5
-
-    to_ours = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, ARM.base_height], [0, 0, 0, 1.0]])
-    for row in ARM.inverse(random_poses(count=60)):
-        flange = np.linalg.solve(to_ours, ARM.forward(row))
-        found = [np.ravel(solution) for solution in ur5.inverse_kinematics(flange)]
+@pytest.mark.parametrize("model", ["ur5", "ur5e"])
+def test_the_inverse_of_a_tilted_gripper_is_a_solution_of_the_analytic_library(model):
+    library, arm = getattr(pytest.importorskip("ur_analytic_ik"), model), ArmUR(model=model)
+    to_ours = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, arm.base_height], [0, 0, 0, 1.0]])
+    for row in arm.inverse(random_poses(count=60, arm=arm)):
+        flange = np.linalg.solve(to_ours, arm.forward(row))
+        found = [np.ravel(solution) for solution in library.inverse_kinematics(flange)]
         turns = [np.abs((f - row + np.pi) % (2 * np.pi) - np.pi).max() for f in found]
         # The library loses half the digits in its arc cosines.
         assert min(turns) < 1e-6

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.arm.ur import ArmUR
-from cablecast.errors import IKError, InputError
+from cablecast.errors import IKError, InputError, UnknownNameError
 
 # Both sides are closed forms in double precision, with chains of a few dozen operations.
 EXACT = 1e-12
@@ -13,7 +13,15 @@ EXACT = 1e-12
 DIFFERENCE = 2e-5
 
 ARM = ArmUR()
-# Our base frame seen from that of ur-analytic-ik, whose arm points along -x.
+MODELS = ("ur5", "ur5e")
+# Mountings that an error of sign or a swapped link length would tell apart.
+ARMS = (
+    ARM,
+    ArmUR(base_yaw_deg=30.0),
+    ArmUR(model="ur5e"),
+    ArmUR(model="ur5e", base_yaw_deg=-90.0, base_height=0.1, gripper_length=0.2),
+)
+# Pose in our base frame of the base frame of ur-analytic-ik, whose arm points along -x.
 T_OURS = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, ARM.base_height], [0, 0, 0, 1.0]])
 
 
@@ -27,22 +35,22 @@ def turned_to(angles, reference):
     return reference + (angles - reference + np.pi) % (2 * np.pi) - np.pi
 
 
-def test_forward_kinematics_equals_the_analytic_library():
-    from ur_analytic_ik import ur5
-
+@pytest.mark.parametrize("model", MODELS)
+def test_forward_kinematics_equals_the_analytic_library(model):
+    library = getattr(pytest.importorskip("ur_analytic_ik"), model)
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, 6))
-    reference = np.stack([T_OURS @ np.asarray(ur5.forward_kinematics(*row)) for row in q])
-    np.testing.assert_allclose(ARM.forward(q), reference, atol=EXACT)
+    reference = np.stack([T_OURS @ np.asarray(library.forward_kinematics(*row)) for row in q])
+    np.testing.assert_allclose(ArmUR(model=model).forward(q), reference, atol=EXACT)
 
 
-def test_the_inverse_is_one_of_the_solutions_of_the_analytic_library():
-    from ur_analytic_ik import ur5
-
-    rng = np.random.default_rng(1)
-    q = ARM.inverse(poses(rng.uniform(0.25, 0.93, 50), rng.uniform(-1.4, 1.4, 50), 0.3))
+@pytest.mark.parametrize("model", MODELS)
+def test_the_inverse_is_one_of_the_solutions_of_the_analytic_library(model):
+    library = getattr(pytest.importorskip("ur_analytic_ik"), model)
+    arm, rng = ArmUR(model=model), np.random.default_rng(1)
+    q = arm.inverse(poses(rng.uniform(0.25, 0.93, 50), rng.uniform(-1.4, 1.4, 50), 0.3))
     for row in q:
-        flange = np.linalg.solve(T_OURS, ARM.forward(row))
-        found = [np.ravel(solution) for solution in ur5.inverse_kinematics(flange)]
+        flange = np.linalg.solve(T_OURS, arm.forward(row))
+        found = [np.ravel(solution) for solution in library.inverse_kinematics(flange)]
         errors = [np.max(np.abs(turned_to(solution, row) - row)) for solution in found]
         # The library loses half the digits in its arc cosines.
         assert min(errors) < 1e-6
@@ -62,6 +70,29 @@ def test_forward_undoes_inverse_all_over_the_table(radius, theta, turn, height):
     back = ARM.grip_pose(ARM.inverse(pose))
     back[3] = turned_to(back[3], pose[3])
     np.testing.assert_allclose(back, pose, atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=str)
+def test_forward_undoes_inverse_with_every_model_and_mounting(arm):
+    rng = np.random.default_rng(3)
+    radius, theta, turn = rng.uniform(0.3, 0.85, 200), *rng.uniform(-1.4, 1.4, (2, 200))
+    pose = poses(radius, theta, theta + turn, rng.uniform(0.01, 0.1, 200))
+    back = arm.grip_pose(arm.inverse(pose))
+    back[:, 3] = turned_to(back[:, 3], pose[:, 3])
+    np.testing.assert_allclose(back, pose, atol=1e-9)
+
+
+def test_a_base_turned_to_the_right_carries_the_grip_to_the_right():
+    ahead = ARM.inverse(poses(0.6, 0.0, 0.3))
+    turned = ArmUR(base_yaw_deg=90.0).grip_pose(ahead)
+    np.testing.assert_allclose(turned, poses(0.6, np.pi / 2, np.pi / 2 + 0.3), atol=1e-9)
+
+
+def test_the_first_joint_alone_makes_up_for_a_turned_base():
+    times = np.linspace(0.0, 2.0, 50)
+    turned = ArmUR(base_yaw_deg=30.0).inverse(winding(times)) - ARM.inverse(winding(times))
+    expected = np.tile([np.radians(30.0), 0, 0, 0, 0, 0], (50, 1))
+    np.testing.assert_allclose(turned, expected, atol=EXACT)
 
 
 def test_the_arm_reaches_from_a_fifth_of_a_metre_to_the_r_max_of_the_paper():
@@ -95,7 +126,8 @@ def winding(times):
     return poses(radius, theta, theta + 0.6 * np.sin(4.0 * times + 1.0), height)
 
 
-def test_rates_and_accelerations_are_the_derivatives_of_the_angles():
+@pytest.mark.parametrize("arm", ARMS, ids=str)
+def test_rates_and_accelerations_are_the_derivatives_of_the_angles(arm):
     times, h = np.linspace(0.0, 2.0, 200), 1e-5
 
     def differences(function):
@@ -108,10 +140,10 @@ def test_rates_and_accelerations_are_the_derivatives_of_the_angles():
     def bend(at):
         return (winding(at + 1e-4) - 2 * winding(at) + winding(at - 1e-4)) / 1e-8
 
-    motion = ARM.inverse_motion(winding(times), rate(times), bend(times))
-    _, qd = differences(lambda at: ARM.inverse(winding(at)))
+    motion = arm.inverse_motion(winding(times), rate(times), bend(times))
+    _, qd = differences(lambda at: arm.inverse(winding(at)))
     _, qdd = differences(
-        lambda at: ARM.inverse_motion(winding(at), rate(at), np.zeros((len(at), 5))).qd
+        lambda at: arm.inverse_motion(winding(at), rate(at), np.zeros((len(at), 5))).qd
     )
     np.testing.assert_allclose(motion.qd, qd, atol=DIFFERENCE)
     # Second differences of poses in double precision are exact to about 1e-7 / s².
@@ -124,13 +156,14 @@ def test_joint_angles_do_not_jump_along_a_path_that_turns_far_to_both_sides():
     assert np.max(np.abs(np.diff(q, axis=0))) < 0.02, "10 rad/s at most over a step of 1 ms"
 
 
-def test_the_mirrored_joint_motion_is_that_of_the_mirrored_poses():
+@pytest.mark.parametrize("arm", ARMS, ids=str)
+def test_the_mirrored_joint_motion_is_that_of_the_mirrored_poses(arm):
     times = np.linspace(0.0, 2.0, 50)
     rng = np.random.default_rng(2)
     rates, bends = rng.uniform(-1, 1, (2, 50, 5))
     flip = np.array([-1.0, 1, 1, -1, 1])
-    ours = ARM.inverse_motion(winding(times), rates, bends).mirrored()
-    reference = ARM.inverse_motion(winding(times) * flip, rates * flip, bends * flip)
+    ours = arm.inverse_motion(winding(times), rates, bends).mirrored()
+    reference = arm.inverse_motion(winding(times) * flip, rates * flip, bends * flip)
     for name in ("q", "qd", "qdd"):
         np.testing.assert_allclose(
             getattr(ours, name), getattr(reference, name), rtol=1e-9, atol=1e-9
@@ -142,6 +175,16 @@ def test_a_pose_out_of_reach_is_marked_and_spoils_no_other():
     motion = ARM.inverse_motion(batch, np.zeros((4, 5)), np.zeros((4, 5)))
     np.testing.assert_array_equal(np.isnan(motion.q).all(axis=1), [False, True, True, False])
     np.testing.assert_array_equal(motion.q[[0, 3]], ARM.inverse(batch[[0, 3]]))
+
+
+def test_an_arm_survives_the_way_through_plain_values():
+    for arm in ARMS:
+        assert ArmUR.from_dict(arm.to_dict()) == arm
+
+
+def test_an_arm_of_an_unknown_model_is_refused_with_the_known_ones():
+    with pytest.raises(UnknownNameError, match="unknown arm model 'ur10': one of ur5, ur5e"):
+        ArmUR(model="ur10")
 
 
 def test_a_gripper_of_impossible_length_is_refused():

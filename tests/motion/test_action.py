@@ -8,11 +8,11 @@ from cablecast.motion.action import (
     PSI_MAX,
     Action,
     ActionRanges,
-    MotionConfig,
     check_action_values,
     grid_actions,
     mirror_actions,
 )
+from cablecast.setup import MotionConfig
 
 
 def test_an_action_survives_the_way_through_an_array():

@@ -4,11 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.errors import ActionError
-from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions, mirror_actions
+from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.cast import cast_grip_paths, plan_sweeps
-from cablecast.workspace import Workspace
+from cablecast.setup import MotionConfig, Setup
 
-CONFIG, WORKSPACE = MotionConfig(), Workspace()
+SETUP = Setup()
+CONFIG, WORKSPACE = SETUP.motion, SETUP.workspace
 # What the grip path promises of its distance to the polar path [m]: a hundredth of the width of
 # the thinnest cable, far below what a robot can follow.
 PATH_ERROR = 1e-6
@@ -49,8 +50,8 @@ def test_the_grip_path_follows_the_exact_polar_path(config):
             random_actions(20, 0, config),
         ]
     )
-    polar = plan_sweeps(actions, config, WORKSPACE)
-    grip = cast_grip_paths(actions, config, WORKSPACE)
+    polar = plan_sweeps(actions, Setup(motion=config))
+    grip = cast_grip_paths(actions, Setup(motion=config))
     times = dense_times(polar)
     xy, velocity, _ = polar.xy(times)
     yaw = polar.angles(times)[1][0]
@@ -64,12 +65,12 @@ def test_the_grip_path_follows_the_exact_polar_path(config):
 
 
 def test_few_pieces_are_needed():
-    grip = cast_grip_paths(grid_actions(ActionRanges(), (6, 6, 4, 4)), CONFIG, WORKSPACE)
+    grip = cast_grip_paths(grid_actions(ActionRanges(), (6, 6, 4, 4)), SETUP)
     assert grip.coefficients.shape[1] <= 30
 
 
 def test_a_cast_begins_at_rest_at_the_reset_position():
-    grip = cast_grip_paths(random_actions(10, 1), CONFIG, WORKSPACE)
+    grip = cast_grip_paths(random_actions(10, 1), SETUP)
     start = np.tile([0.0, WORKSPACE.reset_y, WORKSPACE.grip_height, 0.0, 0.0], (10, 1))
     np.testing.assert_allclose(grip.evaluate([0.0])[:, 0], start, atol=EXACT)
     np.testing.assert_allclose(grip.evaluate([0.0], 1), 0.0, atol=EXACT)
@@ -78,7 +79,7 @@ def test_a_cast_begins_at_rest_at_the_reset_position():
 @pytest.mark.parametrize("config", [CONFIG, MotionConfig(r0=2.0)], ids=str)
 def test_a_cast_ends_at_rest_at_r2_and_theta2_with_the_cable_along_psi(config):
     actions = random_actions(10, 2, config)
-    grip = cast_grip_paths(actions, config, WORKSPACE)
+    grip = cast_grip_paths(actions, Setup(motion=config))
     theta2, r2, psi = actions[:, 1], actions[:, 2], actions[:, 3]
     end = grip.evaluate(grip.duration[:, None] + [0.0, 3.0])
     for pose in (end[:, 0], end[:, 1]):
@@ -91,7 +92,7 @@ def test_a_cast_ends_at_rest_at_r2_and_theta2_with_the_cable_along_psi(config):
 
 def test_the_arc_rests_at_theta1_and_turns_there():
     actions = random_actions(20, 3)
-    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, SETUP)
     turn = polar.first.duration[:, None]
     (theta, rate, acceleration), _ = polar.angles(turn + np.array([-1e-9, 0.0, 1e-9]))
     np.testing.assert_allclose(theta, actions[:, :1].repeat(3, axis=1), atol=EXACT)
@@ -106,14 +107,14 @@ def test_the_arc_rests_at_theta1_and_turns_there():
 
 def test_the_radius_keeps_moving_through_the_turn():
     actions = random_actions(20, 4)
-    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, SETUP)
     _, rate, _ = polar.radius(polar.first.duration[:, None])
     assert np.all(np.sign(rate[:, 0]) == np.sign(actions[:, 2] - CONFIG.r0))
 
 
 def test_the_wrist_turns_during_the_second_arc_only():
     actions = random_actions(20, 5)
-    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, SETUP)
     first = np.linspace(0.0, 1.0, 30) * polar.first.duration[:, None]
     theta, yaw = polar.angles(first)
     np.testing.assert_array_equal(theta[0], yaw[0])
@@ -123,7 +124,7 @@ def test_the_wrist_turns_during_the_second_arc_only():
 
 def test_a_wrist_that_needs_longer_than_the_arc_ends_the_motion():
     actions = np.array([[-0.1, 0.1, 0.6, 0.1], [-0.1, 0.1, 0.6, 1.7]])
-    polar = plan_sweeps(actions, CONFIG, WORKSPACE)
+    polar = plan_sweeps(actions, SETUP)
     np.testing.assert_allclose(polar.arc_duration, polar.arc_duration[0])
     assert polar.duration[0] == polar.arc_duration[0]
     assert polar.duration[1] > polar.arc_duration[1] + 0.1
@@ -142,13 +143,13 @@ def test_a_wrist_that_needs_longer_than_the_arc_ends_the_motion():
 def test_the_speed_of_the_grip_never_exceeds_v_max(theta1, theta2, r2, wrist, v_max, r0, jerk):
     config = MotionConfig(v_max=v_max, r0=r0, jerk=jerk)
     action = np.array([[theta1, theta2, r2, theta2 + wrist]])
-    polar = plan_sweeps(action, config, WORKSPACE)
+    polar = plan_sweeps(action, Setup(motion=config))
     speed = np.linalg.norm(polar.xy(dense_times(polar, 400))[1], axis=-1)
     assert np.max(speed) <= v_max * (1 + EXACT)
 
 
 def test_a_long_arc_at_constant_radius_runs_at_v_max():
-    polar = plan_sweeps([[-1.2, 1.2, CONFIG.r0, 1.2]], CONFIG, WORKSPACE)
+    polar = plan_sweeps([[-1.2, 1.2, CONFIG.r0, 1.2]], SETUP)
     speed = np.linalg.norm(polar.xy(dense_times(polar))[1], axis=-1)
     assert np.max(speed) == pytest.approx(CONFIG.v_max, rel=EXACT)
 
@@ -156,7 +157,7 @@ def test_a_long_arc_at_constant_radius_runs_at_v_max():
 def test_a_faster_v_max_makes_a_shorter_motion():
     action = [[-1.2, 1.2, 0.7, 1.5]]
     durations = [
-        cast_grip_paths(action, MotionConfig(v_max=v_max), WORKSPACE).duration[0]
+        cast_grip_paths(action, SETUP.with_motion(v_max=v_max)).duration[0]
         for v_max in (1.2, 1.5, 1.8)
     ]
     assert durations[0] > durations[1] > durations[2]
@@ -164,8 +165,8 @@ def test_a_faster_v_max_makes_a_shorter_motion():
 
 def test_mirrored_actions_make_mirrored_grip_paths_to_the_last_bit():
     actions = random_actions(50, 6)
-    right = cast_grip_paths(actions, CONFIG, WORKSPACE).mirrored()
-    left = cast_grip_paths(mirror_actions(actions), CONFIG, WORKSPACE)
+    right = cast_grip_paths(actions, SETUP).mirrored()
+    left = cast_grip_paths(mirror_actions(actions), SETUP)
     np.testing.assert_array_equal(left.knots, right.knots)
     np.testing.assert_array_equal(left.coefficients, right.coefficients)
 
@@ -173,13 +174,13 @@ def test_mirrored_actions_make_mirrored_grip_paths_to_the_last_bit():
 def test_a_batch_is_the_same_as_its_rows_one_by_one():
     # More rows than are converted at a time.
     actions = random_actions(2100, 7)
-    batch = cast_grip_paths(actions, CONFIG, WORKSPACE)
+    batch = cast_grip_paths(actions, SETUP)
     for row in (0, 1, 2047, 2048, 2099):
-        alone = cast_grip_paths(actions[row : row + 1], CONFIG, WORKSPACE)
+        alone = cast_grip_paths(actions[row : row + 1], SETUP)
         times = np.linspace(0.0, alone.duration[0] + 0.5, 40)
         np.testing.assert_array_equal(batch[row].evaluate(times), alone.evaluate(times))
 
 
 def test_a_bad_action_is_refused():
     with pytest.raises(ActionError, match="opposite signs"):
-        cast_grip_paths([[0.5, 0.5, 0.6, 0.5]], CONFIG, WORKSPACE)
+        cast_grip_paths([[0.5, 0.5, 0.6, 0.5]], SETUP)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from cablecast.arm.limits import JointLimits, LimitKind
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import ActionError, InputError
-from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions, mirror_actions
+from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import (
     LIMIT_SHARE,
@@ -14,29 +14,35 @@ from cablecast.motion.feasibility import (
     feasible_uniform,
 )
 from cablecast.motion.grip_path import GripPath
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
-CONFIG, WORKSPACE, ARM = MotionConfig(), Workspace(), ArmUR5()
+SETUP = Setup()
+TURNED_UR5E = Setup(arm=ArmUR(model="ur5e", base_yaw_deg=40.0))
 EASY = np.array([[-0.8, 0.8, 0.7, 1.0]])
 
 
-def dense_peaks(actions, config):
+def dense_peaks(actions, setup):
     """Peaks of all joints on 4,000 times of each motion, computed without the sampled check."""
-    grip = cast_grip_paths(actions, config, WORKSPACE)
+    grip = cast_grip_paths(actions, setup)
     times = np.linspace(0.0, 1.0, 4000) * grip.duration[:, None]
-    motion = ARM.inverse_motion(*(grip.evaluate(times, order) for order in range(3)))
+    motion = setup.arm.inverse_motion(*(grip.evaluate(times, order) for order in range(3)))
     return np.stack(
         [np.max(np.abs(values), axis=1) for values in (motion.q, motion.qd, motion.qdd)], axis=1
     )
 
 
-@pytest.mark.parametrize("config", [CONFIG, MotionConfig(v_max=1.8), MotionConfig(r0=2.0)], ids=str)
-def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(config):
-    actions = grid_actions(ActionRanges.for_config(config), (4, 4, 4, 3))
-    checked = check_actions(actions, config, WORKSPACE, both_sides=False)
+@pytest.mark.parametrize(
+    "setup",
+    [SETUP, SETUP.with_motion(v_max=1.8), SETUP.with_motion(r0=2.0), TURNED_UR5E],
+    ids=["default", "fast", "far origin", "turned UR5e"],
+)
+def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(setup):
+    actions = grid_actions(ActionRanges.for_config(setup.motion), (4, 4, 4, 3))
+    checked = check_actions(actions, setup, both_sides=False)
     reached = ~np.isnan(checked.peaks[:, 0, 0])
-    dense = dense_peaks(actions[reached], config)
-    limits = ARM.limits.to_array()
+    dense = dense_peaks(actions[reached], setup)
+    limits = setup.arm.limits.to_array()
     # Only peaks near a limit decide anything.
     near = dense > 0.6 * limits
     assert np.any(near)
@@ -45,26 +51,30 @@ def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(config):
 
 
 def test_an_easy_action_is_feasible_and_has_no_reasons():
-    checked = check_actions(EASY, CONFIG, WORKSPACE)
+    checked = check_actions(EASY, SETUP)
     assert checked.mask.tolist() == [True]
     assert checked.reasons == {}
     assert checked.describe(0) == ""
 
 
+def hold(radius, duration=1.0):
+    return GripPath.hold([0.0, radius, SETUP.workspace.grip_height, 0.0, 0.0], duration)
+
+
 def tight(kind, joint, share):
     """An arm whose limit of one joint is a share of what the easy action needs."""
-    peak = check_actions(EASY, CONFIG, WORKSPACE, both_sides=False).peaks[0]
+    peak = check_actions(EASY, SETUP, both_sides=False).peaks[0]
     index = ("position", "velocity", "acceleration").index(kind)
     values = list(getattr(JointLimits(), kind))
     values[joint] = share * peak[index, joint] / LIMIT_SHARE
-    return ArmUR5(limits=JointLimits(**{kind: tuple(values)}))
+    return ArmUR(limits=JointLimits(**{kind: tuple(values)}))
 
 
 @pytest.mark.parametrize("kind", ["position", "velocity", "acceleration"])
 @pytest.mark.parametrize("joint", [0, 1, 2, 3, 5])
 def test_the_joint_and_the_limit_that_break_are_named_with_value_and_bound(kind, joint):
     arm = tight(kind, joint, share=0.9)
-    checked = check_actions(EASY, CONFIG, WORKSPACE, arm, both_sides=False)
+    checked = check_actions(EASY, Setup(arm=arm), both_sides=False)
     assert checked.mask.tolist() == [False]
     (violation,) = checked.reasons[0]
     name = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")[joint]
@@ -73,20 +83,18 @@ def test_the_joint_and_the_limit_that_break_are_named_with_value_and_bound(kind,
     assert checked.counts() == {f"{name} {kind}": 1}
     assert f"{name} {kind} {violation.value:.4g} rad" in checked.describe(0)
     generous = tight(kind, joint, share=1.1)
-    assert check_actions(EASY, CONFIG, WORKSPACE, generous, both_sides=False).mask.tolist() == [
-        True
-    ]
+    assert check_actions(EASY, Setup(arm=generous), both_sides=False).mask.tolist() == [True]
 
 
 def test_every_broken_limit_is_named_not_only_the_first():
-    arm = ArmUR5(limits=JointLimits(velocity=(0.1,) * 6, acceleration=(0.1,) * 6))
-    names = {v.name for v in check_actions(EASY, CONFIG, WORKSPACE, arm).reasons[0]}
+    arm = ArmUR(limits=JointLimits(velocity=(0.1,) * 6, acceleration=(0.1,) * 6))
+    names = {v.name for v in check_actions(EASY, Setup(arm=arm)).reasons[0]}
     assert {"base velocity", "elbow velocity", "base acceleration", "wrist_3 acceleration"} <= names
 
 
 def test_an_action_out_of_reach_is_rejected_for_its_reach_alone():
     far, near = [-0.8, 0.8, 1.1, 1.0], [-0.8, 0.8, 0.1, 1.0]
-    checked = check_actions([far, *EASY, near], CONFIG, WORKSPACE)
+    checked = check_actions([far, *EASY, near], SETUP)
     assert checked.mask.tolist() == [False, True, False]
     (too_far,), (too_near,) = checked.reasons[0], checked.reasons[2]
     assert too_far.kind is too_near.kind is LimitKind.REACH
@@ -98,85 +106,112 @@ def test_an_action_out_of_reach_is_rejected_for_its_reach_alone():
 
 def test_r_max_of_the_workspace_bounds_the_grip():
     action = [[-0.8, 0.8, 0.75, 0.8]]
-    checked = check_actions(action, CONFIG, Workspace(r_max=0.7))
+    checked = check_actions(action, Setup(workspace=Workspace(r_max=0.7)))
     (violation,) = checked.reasons[0]
     assert (violation.value, violation.bound) == (pytest.approx(0.75), pytest.approx(0.7))
 
 
 def test_a_faster_motion_breaks_the_velocity_of_the_base():
     actions = np.array([[-1.2, 1.2, 0.45, 1.2]])
-    assert check_actions(actions, CONFIG, WORKSPACE).mask.tolist() == [True]
-    fast = check_actions(actions, MotionConfig(v_max=2.5), WORKSPACE)
+    assert check_actions(actions, SETUP).mask.tolist() == [True]
+    fast = check_actions(actions, SETUP.with_motion(v_max=2.5))
     assert "base velocity" in fast.counts()
 
 
-def test_an_action_and_its_mirror_image_are_accepted_or_rejected_together():
-    config = MotionConfig(v_max=1.8)
+@pytest.mark.parametrize("setup", [SETUP, TURNED_UR5E], ids=["UR5", "turned UR5e"])
+def test_an_action_and_its_mirror_image_are_accepted_or_rejected_together(setup):
+    setup = setup.with_motion(v_max=1.8)
     actions = grid_actions(ActionRanges(), (5, 5, 4, 3))
-    ours = check_actions(actions, config, WORKSPACE)
-    theirs = check_actions(mirror_actions(actions), config, WORKSPACE)
+    ours = check_actions(actions, setup)
+    theirs = check_actions(mirror_actions(actions), setup)
     assert 0 < np.sum(ours.mask) < len(actions)
     np.testing.assert_array_equal(ours.mask, theirs.mask)
-    one_side = check_actions(actions, config, WORKSPACE, both_sides=False)
-    other = check_actions(mirror_actions(actions), config, WORKSPACE, both_sides=False)
+    one_side = check_actions(actions, setup, both_sides=False)
+    other = check_actions(mirror_actions(actions), setup, both_sides=False)
     np.testing.assert_array_equal(ours.mask, one_side.mask & other.mask)
     np.testing.assert_allclose(ours.peaks, np.maximum(one_side.peaks, other.peaks), rtol=1e-9)
 
 
+def test_a_ur5e_reaches_a_little_farther_than_a_ur5():
+    # Flange radii of the stretched arms from their link lengths: 0.9184 and 0.9246 m.
+    table = Workspace(r_max=1.0)
+    ur5, ur5e = (Setup(workspace=table, arm=ArmUR(model=model)) for model in ("ur5", "ur5e"))
+    for setup, flange_max in ((ur5, 0.9184), (ur5e, 0.9246)):
+        beyond = flange_max + setup.arm.grip_offset + 0.001
+        (violation,) = check_grip_paths(hold(beyond), setup).reasons[0]
+        assert violation.kind is LimitKind.REACH
+        assert violation.bound == pytest.approx(flange_max, abs=1e-4)
+        assert check_grip_paths(hold(beyond - 0.002), setup).mask.tolist() == [True]
+
+
+def test_a_turned_base_spends_its_turn_of_the_first_joints_range():
+    limits = JointLimits(position=(1.5, *JointLimits().position[1:]))
+    assert check_actions(EASY, Setup(arm=ArmUR(limits=limits))).mask.tolist() == [True]
+    turned = check_actions(EASY, Setup(arm=ArmUR(limits=limits, base_yaw_deg=60.0)))
+    (violation,) = turned.reasons[0]
+    assert violation.name == "base position"
+
+
+def test_a_feasible_grid_of_a_ur5e_can_be_followed_by_it_on_both_sides():
+    setup = Setup(arm=ArmUR(model="ur5e"))
+    actions = feasible_grid(60, setup, seed=2)
+    for side in (actions, mirror_actions(actions)):
+        assert np.all(check_actions(side, setup, both_sides=False).mask)
+
+
 def test_a_batch_larger_than_a_chunk_is_checked_as_its_rows_are():
     actions = grid_actions(ActionRanges(), (7, 7, 4, 2))
-    checked = check_actions(actions, CONFIG, WORKSPACE)
+    checked = check_actions(actions, SETUP)
     assert len(checked) == len(actions)
     for row in (0, 255, 256, len(actions) - 1):
-        alone = check_actions(actions[row : row + 1], CONFIG, WORKSPACE)
+        alone = check_actions(actions[row : row + 1], SETUP)
         np.testing.assert_allclose(alone.peaks[0], checked.peaks[row], rtol=1e-12)
 
 
 def test_a_path_that_only_holds_its_pose_is_feasible():
-    grip = GripPath.hold([0.0, 0.6, 0.02, 0.0, 0.0], duration=0.0)
-    assert check_grip_paths(grip, WORKSPACE).mask.tolist() == [True]
+    assert check_grip_paths(hold(0.6, duration=0.0), SETUP).mask.tolist() == [True]
 
 
 def test_a_bad_action_is_refused():
     with pytest.raises(ActionError, match="action 1: theta1 = nan"):
-        check_actions([*EASY, [np.nan, 0.5, 0.6, 0.5]], CONFIG, WORKSPACE)
+        check_actions([*EASY, [np.nan, 0.5, 0.6, 0.5]], SETUP)
 
 
 @pytest.mark.parametrize("count", [1, 7, 300])
 def test_a_feasible_grid_has_exactly_as_many_feasible_actions_as_asked(count):
-    actions = feasible_grid(count, CONFIG, WORKSPACE, seed=3)
+    actions = feasible_grid(count, SETUP, seed=3)
     assert actions.shape == (count, 4)
     assert len(np.unique(actions, axis=0)) == count
-    assert np.all(check_actions(actions, CONFIG, WORKSPACE).mask)
+    assert np.all(check_actions(actions, SETUP).mask)
     assert np.all((actions[:, 0] < 0) & (actions[:, 1] > 0) & (actions[:, 3] >= actions[:, 1]))
 
 
 def test_a_feasible_grid_is_the_same_for_the_same_seed_only():
-    first, again, other = (feasible_grid(300, CONFIG, WORKSPACE, seed=s) for s in (0, 0, 1))
+    first, again, other = (feasible_grid(300, SETUP, seed=s) for s in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
 def test_a_feasible_grid_fills_up_where_many_actions_are_rejected():
-    actions = feasible_grid(300, MotionConfig(v_max=2.5), WORKSPACE)
-    assert np.all(check_actions(actions, MotionConfig(v_max=2.5), WORKSPACE).mask)
+    actions = feasible_grid(300, SETUP.with_motion(v_max=2.5))
+    assert np.all(check_actions(actions, SETUP.with_motion(v_max=2.5)).mask)
 
 
 def test_a_feasible_grid_without_wrist_turns_is_a_grid_of_the_action_set_a1():
-    actions = feasible_grid(100, CONFIG, WORKSPACE, ActionRanges(wrist=(0.0, 0.0)))
+    actions = feasible_grid(100, SETUP, ActionRanges(wrist=(0.0, 0.0)))
     np.testing.assert_array_equal(actions[:, 3], actions[:, 1])
 
 
 def test_a_feasible_grid_that_cannot_be_is_refused_with_the_cause():
     with pytest.raises(InputError, match="most often broken: reach"):
-        feasible_grid(10, CONFIG, WORKSPACE, ActionRanges(r2=(1.5, 2.0)))
+        feasible_grid(10, SETUP, ActionRanges(r2=(1.5, 2.0)))
     with pytest.raises(InputError, match="count = 0"):
-        feasible_grid(0, CONFIG, WORKSPACE)
+        feasible_grid(0, SETUP)
 
 
 def test_uniform_actions_are_refused_where_the_arm_can_make_none():
     ranges = ActionRanges(theta1=(-1.4, -1.3), theta2=(1.3, 1.4), r2=(4.0, 4.5))
     with pytest.raises(InputError, match="none of"):
-        feasible_uniform(3, MotionConfig(), Workspace(), ranges)
+        feasible_uniform(3, SETUP, ranges)
     with pytest.raises(InputError, match="count = 0"):
-        feasible_uniform(0, MotionConfig(), Workspace())
+        feasible_uniform(0, SETUP)

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from cablecast.arm.ur5 import ArmUR5
 from cablecast.errors import InputError
-from cablecast.motion.action import Action, MotionConfig
+from cablecast.motion.action import Action
 from cablecast.motion.joint_path import JointPath
 from cablecast.motion.measured import grip_path_from_joints
 from cablecast.motion.trajectory import plan_trajectory
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
+SETUP = Setup()
 # Encoders of a UR5 resolve about 1e-5 rad; five times that at up to 0.94 m is 0.05 mm.
 ENCODER_NOISE = 5e-5
 # A tenth of a millimetre is a sixtieth of a per cent of the cable.
@@ -27,13 +27,13 @@ LANDING_TOLERANCE = 0.003
 def trajectory(request):
     theta1, theta2, r2, psi = request.param
     action = Action(np.radians(theta1), np.radians(theta2), r2, np.radians(psi))
-    return plan_trajectory(action, MotionConfig(), Workspace())
+    return plan_trajectory(action, SETUP)
 
 
 def measured(trajectory, *, rate=125.0, noise=0.0, hold=1.0, lag=0.0, seed=0):
     """The joints of a motion as an arm with a lag reports them, and the true grip poses."""
     fine = np.arange(0.0, trajectory.duration + hold, 1e-3)
-    arm = ArmUR5()
+    arm = SETUP.arm
     q = arm.inverse(trajectory.grip_path.evaluate(fine)[0])
     if lag:
         decay = np.exp(-1e-3 / lag)
@@ -51,7 +51,7 @@ def measured(trajectory, *, rate=125.0, noise=0.0, hold=1.0, lag=0.0, seed=0):
 @pytest.mark.parametrize("noise", [0.0, ENCODER_NOISE])
 def test_the_fit_of_noisy_joints_is_the_path_that_the_arm_moved(trajectory, rate, noise, lag):
     path, times, poses = measured(trajectory, rate=rate, noise=noise, lag=lag)
-    fit = grip_path_from_joints(path)
+    fit = grip_path_from_joints(path, SETUP.arm)
     error = fit.evaluate(times)[0] - poses
     assert np.abs(error[:, :3]).max() < POSITION_TOLERANCE
     assert np.abs(error[:, 3:]).max() < YAW_TOLERANCE
@@ -63,7 +63,7 @@ def test_the_fit_of_noisy_joints_is_the_path_that_the_arm_moved(trajectory, rate
 
 def test_the_path_starts_and_ends_at_rest_and_lasts_no_longer_than_the_motion(trajectory):
     path, *_ = measured(trajectory, noise=ENCODER_NOISE, hold=3.0)
-    fit = grip_path_from_joints(path)
+    fit = grip_path_from_joints(path, SETUP.arm)
     ends = np.array([0.0, fit.duration[0]])
     np.testing.assert_allclose(fit.evaluate(ends, 1)[0], 0.0, atol=1e-9)
     np.testing.assert_allclose(fit.evaluate(ends, 2)[0], 0.0, atol=1e-7)
@@ -75,7 +75,7 @@ def test_samples_at_uneven_times_fit_as_well(trajectory):
     keep = np.random.default_rng(1).random(len(path.times)) < 0.6
     keep[0] = True
     thinned = JointPath(times=path.times[keep], q=path.q[keep], qd=path.qd[keep])
-    error = grip_path_from_joints(thinned).evaluate(times)[0] - poses
+    error = grip_path_from_joints(thinned, SETUP.arm).evaluate(times)[0] - poses
     # Two of five samples are missing, some of them in a row.
     assert np.abs(error[:, :3]).max() < 1.5 * POSITION_TOLERANCE
 
@@ -85,13 +85,15 @@ def test_a_report_that_stops_while_the_arm_moves_is_fitted_as_far_as_it_goes(tra
     half = len(path.times[path.times < trajectory.duration / 2])
     cut = JointPath(times=path.times[:half], q=path.q[:half], qd=path.qd[:half])
     inside = times <= cut.times[-1]
-    error = grip_path_from_joints(cut).evaluate(times)[0] - poses
+    error = grip_path_from_joints(cut, SETUP.arm).evaluate(times)[0] - poses
     assert np.abs(error[inside, :3]).max() < POSITION_TOLERANCE
 
 
 def test_an_arm_that_keeps_still_gives_a_path_that_keeps_still():
-    q = np.tile(ArmUR5().inverse(np.array([0.0, 0.6, 0.02, 0.0, 0.0])), (50, 1))
-    fit = grip_path_from_joints(JointPath(times=0.008 * np.arange(50), q=q, qd=np.zeros_like(q)))
+    q = np.tile(SETUP.arm.inverse(np.array([0.0, 0.6, 0.02, 0.0, 0.0])), (50, 1))
+    fit = grip_path_from_joints(
+        JointPath(times=0.008 * np.arange(50), q=q, qd=np.zeros_like(q)), SETUP.arm
+    )
     np.testing.assert_allclose(
         fit.evaluate(np.linspace(0, 1, 20))[0], [[0.0, 0.6, 0.02, 0.0, 0.0]] * 20, atol=1e-9
     )
@@ -104,7 +106,7 @@ def test_the_cable_lands_where_the_true_path_throws_it(trajectory):
 
     cable = load_cable("cable_1")
     path, *_ = measured(trajectory, noise=ENCODER_NOISE)
-    both = GripPath.stack([trajectory.grip_path, grip_path_from_joints(path)])
+    both = GripPath.stack([trajectory.grip_path, grip_path_from_joints(path, SETUP.arm)])
     rollout = EngineWarp(segment_count=20).rollout(
         cable, cable.params, both, duration=float(both.duration.max()) + 3.0
     )
@@ -126,4 +128,4 @@ def test_joints_that_are_no_measurement_are_refused(trajectory, change, words):
     path = trajectory.joint_path
     times, q = change(path.times, path.q)
     with pytest.raises(InputError, match=words):
-        grip_path_from_joints(JointPath(times=times, q=q, qd=np.zeros_like(q)))
+        grip_path_from_joints(JointPath(times=times, q=q, qd=np.zeros_like(q)), SETUP.arm)

@@ -5,25 +5,21 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import CABLE_NAMES, load_cable
+from cablecast.cable import CABLE_NAMES
 from cablecast.conventions import polar_to_xy
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.polar_cast import (
-    PolarCastConfig,
-    PolarReach,
-    Swing,
-    plan_polar_cast,
-    polar_cast_path,
-    reset_pose,
-)
+from cablecast.motion.polar_cast import plan_polar_cast, polar_cast_path, reset_pose
+from cablecast.motion.polar_config import PolarCastConfig, Swing
+from cablecast.motion.polar_reach import PolarReach
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace, load_targets
 
-WORKSPACE = Workspace()
-CABLE = load_cable("cable_1")
-REACH = PolarReach.of(CABLE, WORKSPACE)
+SETUP = Setup()
+CABLE, WORKSPACE = SETUP.cable, SETUP.workspace
+REACH = PolarReach.of(SETUP)
 
 # Shares of the cable's length. Along the azimuth only slack and the descent from the gripper are
 # left, but a light cable that is not pulled after it has landed keeps some more slack; across it,
@@ -34,9 +30,9 @@ ASTRAY_MEDIAN = 0.04
 ASTRAY_LARGEST = 0.12
 
 
-def places(cable, count=5):
+def places(setup, count=5):
     """Far, middle and near places at several azimuths, shape [place, 2]."""
-    reach = PolarReach.of(cable, WORKSPACE)
+    reach = PolarReach.of(setup)
     polar = []
     for theta in np.linspace(-0.9, 0.9, count) * reach.theta_max:
         near, far = reach.pulled_radius(theta), reach.landing_radius(theta)
@@ -54,7 +50,7 @@ def test_the_far_bound_is_the_stretched_arm_with_the_cable_or_the_edge_of_the_ta
     theta = np.radians(40.0)
     assert REACH.landing_radius(theta) == pytest.approx(0.88 + CABLE.length)
     assert 0.88 == PolarCastConfig().cast_radius < WORKSPACE.r_max
-    assert REACH.landing_radius(0.0) == pytest.approx(WORKSPACE.table_depth - 0.01)
+    assert REACH.landing_radius(0.0) == pytest.approx(WORKSPACE.y_max - 0.01)
 
 
 def test_the_outline_holds_what_the_region_contains():
@@ -89,22 +85,31 @@ def test_the_region_explains_the_errors_of_polar_casting_in_the_paper():
     np.testing.assert_allclose(np.percentile(errors, [50, 75, 100]), published, atol=2.5)
 
 
-def test_a_cable_too_long_for_the_table_is_refused():
-    with pytest.raises(InputError, match=r"reaches nothing with a cable of 1\.2 m"):
-        PolarReach.of(dataclasses.replace(CABLE, length=1.2), WORKSPACE)
+def test_a_support_that_reaches_beyond_every_landing_leaves_nothing_to_cast_at():
+    setup = Setup(workspace=Workspace(support_depth=0.9))
+    with pytest.raises(InputError, match=r"reaches nothing with a cable of 0\.62 m"):
+        PolarReach.of(setup)
+
+
+def test_the_far_bound_follows_a_turned_table():
+    # Turned by 90 deg the table is 1.5 m wide and reaches 2.75 m ahead.
+    reach = PolarReach.of(Setup(workspace=Workspace(table_yaw_deg=90.0)))
+    assert reach.landing_radius(0.0) == pytest.approx(0.88 + CABLE.length)
+    theta = np.radians(40.0)
+    assert reach.landing_radius(theta) == pytest.approx((0.75 - 0.01) / np.sin(theta))
 
 
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_the_arm_can_follow_every_polar_cast(name):
-    cable = load_cable(name)
-    paths = [polar_cast_path(xy, cable, WORKSPACE) for xy in places(cable)]
-    feasibility = check_grip_paths(GripPath.stack(paths), WORKSPACE)
+    setup = Setup(cable=name)
+    paths = [polar_cast_path(xy, setup) for xy in places(setup)]
+    feasibility = check_grip_paths(GripPath.stack(paths), setup)
     assert feasibility.mask.all(), feasibility.reasons
 
 
 def test_the_gripper_stays_beyond_the_edge_of_the_robots_own_table_while_it_pulls():
-    for xy in places(CABLE):
-        path = polar_cast_path(xy, CABLE, WORKSPACE)
+    for xy in places(SETUP):
+        path = polar_cast_path(xy, SETUP)
         poses = path.evaluate(np.linspace(0.0, path.duration[0], 3000))[0]
         low = poses[:, 2] < WORKSPACE.grip_height + 0.01
         assert np.min(poses[low, 1]) >= WORKSPACE.support_depth - 1e-6
@@ -112,7 +117,7 @@ def test_the_gripper_stays_beyond_the_edge_of_the_robots_own_table_while_it_pull
 
 def test_the_motion_starts_at_the_reset_pose_and_ends_a_cable_length_before_the_place():
     xy = polar_to_xy([1.2, 0.5])
-    path = polar_cast_path(xy, CABLE, WORKSPACE)
+    path = polar_cast_path(xy, SETUP)
     first, last = path.evaluate([0.0, path.duration[0]])[0]
     np.testing.assert_allclose(first, reset_pose(WORKSPACE), atol=1e-12)
     np.testing.assert_allclose(last[:2], polar_to_xy([1.2 - CABLE.length, 0.5]), atol=1e-9)
@@ -121,24 +126,25 @@ def test_the_motion_starts_at_the_reset_pose_and_ends_a_cable_length_before_the_
 
 def test_a_place_beyond_reach_is_refused_by_its_bounds():
     with pytest.raises(InputError, match=r"does not reach \(0\.000, 0\.700\) m: r must be at most"):
-        polar_cast_path([0.0, 0.7], CABLE, WORKSPACE)
+        polar_cast_path([0.0, 0.7], SETUP)
 
 
 def test_a_swing_that_is_too_fast_for_the_arm_is_refused_by_the_limit_it_breaks():
     swing = Swing(durations=(0.2, 0.1, 0.15, 0.2))
     with pytest.raises(JointLimitError, match=r"polar casting: .*velocity .* is above"):
-        plan_polar_cast([0.0, 1.2], CABLE, WORKSPACE, PolarCastConfig(swing=swing))
+        plan_polar_cast([0.0, 1.2], SETUP, PolarCastConfig(swing=swing))
 
 
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
-    cable = load_cable(name)
+    setup = Setup(cable=name)
+    cable = setup.cable
     # With its attachment the engine's cable is as long as the real one; its endpoint lies before.
     whole = dataclasses.replace(
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
-    xy = places(cable, 3)
-    paths = GripPath.stack([polar_cast_path(p, cable, WORKSPACE) for p in xy])
+    xy = places(setup, 3)
+    paths = GripPath.stack([polar_cast_path(p, setup) for p in xy])
     engine = EngineWarp(segment_count=30, dt=1e-3)
     nodes = engine.rollout(whole, cable.params, paths).final_state.positions[..., :2]
     along = nodes[:, -1] - nodes[:, -2]

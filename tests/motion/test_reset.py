@@ -5,18 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import CABLE_NAMES, load_cable
+from cablecast.cable import CABLE_NAMES
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.action import MotionConfig
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import LIMIT_SHARE, check_grip_paths, feasible_uniform
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.polar_cast import PolarCastConfig, reset_pose
+from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.polar_config import PolarCastConfig
 from cablecast.motion.reset import plan_reset, reset_path
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
-WORKSPACE = Workspace()
-CASTS = cast_grip_paths(feasible_uniform(8, MotionConfig(), WORKSPACE), MotionConfig(), WORKSPACE)
+SETUP = Setup()
+CASTS = cast_grip_paths(feasible_uniform(8, SETUP), SETUP)
 ENDS = CASTS.evaluate(CASTS.duration[:, None])[:, 0]
 
 # Shares of the cable's length. What a drag does not straighten is the slack that the swing left and
@@ -29,18 +29,18 @@ BOW = 0.02
 
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_a_reset_leads_from_any_end_of_a_cast_to_the_reset_pose_within_all_limits(name):
-    cable = load_cable(name)
-    paths = [reset_path(end, cable, WORKSPACE) for end in ENDS]
+    setup = Setup(cable=name)
+    paths = [reset_path(end, setup) for end in ENDS]
     for end, path in zip(ENDS, paths, strict=True):
         poses = path.evaluate([0.0, path.duration[0]])[0]
         np.testing.assert_allclose(poses[0], end, atol=1e-9)
-        np.testing.assert_allclose(poses[1], reset_pose(WORKSPACE), atol=1e-9)
-    assert check_grip_paths(GripPath.stack(paths), WORKSPACE).mask.all()
+        np.testing.assert_allclose(poses[1], reset_pose(setup.workspace), atol=1e-9)
+    assert check_grip_paths(GripPath.stack(paths), setup).mask.all()
 
 
 def test_the_cable_hangs_clear_of_the_table_for_three_seconds():
-    cable = load_cable("cable_1")
-    path = reset_path(ENDS[0], cable, WORKSPACE)
+    cable = SETUP.cable
+    path = reset_path(ENDS[0], SETUP)
     times = np.arange(0.0, path.duration[0], 0.01)
     pose, rate = path.evaluate(times)[0], path.evaluate(times, 1)[0]
     hanging = pose[:, 2] > cable.length + cable.attachment_length
@@ -49,36 +49,35 @@ def test_the_cable_hangs_clear_of_the_table_for_three_seconds():
 
 
 def test_the_gripper_and_the_wrist_above_it_keep_off_the_table():
-    path = reset_path(ENDS[0], load_cable("cable_2"), WORKSPACE)
+    path = reset_path(ENDS[0], Setup(cable="cable_2"))
     poses = path.evaluate(np.linspace(0.0, path.duration[0], 2000))[0]
-    assert np.min(poses[:, 2]) >= WORKSPACE.grip_height - 1e-6
+    assert np.min(poses[:, 2]) >= SETUP.workspace.grip_height - 1e-6
     # The fingers and the flange reach a quarter of a metre back along the tilted tool.
     assert np.min(poses[:, 2] + 0.25 * np.cos(poses[:, 4])) > 0.1
 
 
 def test_the_joint_path_leads_the_gripper_along_the_path_without_jumps():
-    trajectory = plan_reset(ENDS[1], load_cable("cable_1"), WORKSPACE)
+    trajectory = plan_reset(ENDS[1], SETUP)
     joints = trajectory.joint_path
     assert joints is not None
     assert trajectory.action is None
     steps = np.abs(np.diff(joints.q, axis=0)).max()
-    assert steps <= LIMIT_SHARE * np.pi * MotionConfig().control_dt + 1e-9
-    from cablecast.arm.ur5 import ArmUR5
-
+    assert steps <= LIMIT_SHARE * np.pi * SETUP.motion.control_dt + 1e-9
     poses = trajectory.grip_path.evaluate(joints.times)[0]
-    np.testing.assert_allclose(ArmUR5().grip_pose(joints.q), poses, atol=1e-9)
+    np.testing.assert_allclose(SETUP.arm.grip_pose(joints.q), poses, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_a_simulated_reset_leaves_the_cable_straight_behind_the_grip(name):
-    cable = load_cable(name)
+    setup = Setup(cable=name)
+    cable = setup.cable
     # The engine's cable ends at the endpoint; with the attachment it is as long as the real one.
     whole = dataclasses.replace(
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
     engine = EngineWarp(segment_count=30, dt=1e-3)
     thrown = engine.rollout(whole, cable.params, CASTS).final_state
-    path = GripPath.stack([reset_path(end, cable, WORKSPACE) for end in ENDS])
+    path = GripPath.stack([reset_path(end, setup) for end in ENDS])
     state = engine.rollout(whole, cable.params, path, thrown).final_state
     nodes = (state.positions - state.positions[:, :1])[..., :2] / whole.length
     aside, ahead = np.abs(nodes[:, -1, 0]), nodes[:, -1, 1]
@@ -95,13 +94,14 @@ def test_a_simulated_reset_leaves_the_cable_straight_behind_the_grip(name):
 
 def test_without_hanging_first_the_cable_ends_less_aligned():
     # A test of the test: lifted in a hurry and cast at once, the swinging cable lands aside.
-    cable = load_cable("cable_3")
+    setup = Setup(cable="cable_3")
+    cable = setup.cable
     engine = EngineWarp(segment_count=30, dt=1e-3)
     thrown = engine.rollout(cable, cable.params, CASTS).final_state
     hasty = PolarCastConfig(lift_time=0.5, rise_time=0.7, arc_time=0.5, hang_time=0.1)
     aside = []
     for config in (PolarCastConfig(), hasty):
-        path = GripPath.stack([reset_path(end, cable, WORKSPACE, config) for end in ENDS])
+        path = GripPath.stack([reset_path(end, setup, config) for end in ENDS])
         ends = engine.rollout(cable, cable.params, path, thrown).final_state.positions[:, -1, 0]
         aside.append(np.sqrt(np.mean(ends**2)))
     assert aside[1] > 2 * aside[0]

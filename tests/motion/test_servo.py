@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.action import MotionConfig, mirror_actions
+from cablecast.motion.action import mirror_actions
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.joint_path import joint_path
 from cablecast.motion.servo import ServoModel
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
+SETUP = Setup()
 SERVO = ServoModel(
     delay=np.array([0.004, 0.006, 0.008, 0.01, 0.012, 0.005]),
     frequency=np.array([45.0, 55.0, 65.0, 80.0, 90.0, 75.0]),
@@ -25,7 +26,7 @@ SOLVER = 2e-5
 
 @pytest.fixture(scope="module")
 def commanded():
-    return cast_grip_paths(ACTIONS, MotionConfig(), Workspace())
+    return cast_grip_paths(ACTIONS, SETUP)
 
 
 def response(q, dt, joint):
@@ -61,10 +62,8 @@ def test_a_steady_motion_is_trailed_by_the_lag():
 
 
 def test_the_resulting_path_is_that_of_finely_sampled_joints(commanded):
-    from cablecast.arm.ur5 import ArmUR5
-
-    arm, dt = ArmUR5(), 1e-3
-    followed = SERVO.apply(commanded)
+    arm, dt = SETUP.arm, 1e-3
+    followed = SERVO.apply(commanded, SETUP.arm)
     times = np.arange(int(2.2 / dt)) * dt
     fine = arm.grip_pose(SERVO.respond(arm.inverse(commanded.evaluate(times)), dt))
     apart = np.abs(followed.evaluate(times) - fine)
@@ -74,17 +73,17 @@ def test_the_resulting_path_is_that_of_finely_sampled_joints(commanded):
 
 
 def test_the_arm_ends_where_it_was_sent_and_later(commanded):
-    followed = SERVO.apply(commanded)
+    followed = SERVO.apply(commanded, SETUP.arm)
     assert np.all(followed.duration > commanded.duration + SERVO.lag.min())
     end = np.full((len(commanded), 1), 10.0)
     np.testing.assert_allclose(followed.evaluate(end), commanded.evaluate(end), atol=FINE_POSITION)
 
 
 def test_a_path_does_not_depend_on_those_beside_it(commanded):
-    followed = SERVO.apply(commanded)
+    followed = SERVO.apply(commanded, SETUP.arm)
     times = np.linspace(0, 3, 200)
     for row in range(len(commanded)):
-        alone = SERVO.apply(commanded[row])
+        alone = SERVO.apply(commanded[row], SETUP.arm)
         np.testing.assert_allclose(
             alone.evaluate(times)[0], followed.evaluate(times)[row], atol=1e-6
         )
@@ -99,9 +98,8 @@ def test_equal_lags_keep_the_shape_of_the_mirrored_motion():
         frequency=np.full(6, 500.0),
         damping=np.full(6, 1.0),
     )
-    config, workspace = MotionConfig(), Workspace()
-    right = alike.apply(cast_grip_paths(ACTIONS, config, workspace))
-    left = alike.apply(cast_grip_paths(mirror_actions(ACTIONS), config, workspace))
+    right = alike.apply(cast_grip_paths(ACTIONS, SETUP), SETUP.arm)
+    left = alike.apply(cast_grip_paths(mirror_actions(ACTIONS), SETUP), SETUP.arm)
     times = np.linspace(0, 2, 100)
     mirrored = right.mirrored().evaluate(times)
     np.testing.assert_allclose(left.evaluate(times), mirrored, atol=2e-3)
@@ -129,8 +127,7 @@ def test_a_response_out_of_bounds_is_refused():
 
 
 def test_the_joint_path_of_a_motion_can_be_followed_directly(commanded):
-    config = MotionConfig()
-    path = joint_path(commanded[0], Workspace(), config)
-    moved = SERVO.respond(path.q, config.control_dt)
+    path = joint_path(commanded[0], SETUP)
+    moved = SERVO.respond(path.q, SETUP.motion.control_dt)
     assert moved.shape == path.q.shape
     np.testing.assert_allclose(moved[0], path.q[0], atol=1e-7)
