@@ -1,21 +1,23 @@
 import dataclasses
 import itertools
-import json
 
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.conventions import mirror_xy
-from cablecast.errors import CheckpointError, InputError, TargetError
+from cablecast.errors import InputError, TargetError
 from cablecast.models import ForwardModel
-from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions, mirror_actions
+from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
+from cablecast.motion.feasibility import check_actions
 from cablecast.policies import ForwardSearchPolicy
 from cablecast.policies.forward_search import COVERAGE_PCT, TIE_PCT
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
-CABLE = load_cable("cable_1")
-WORKSPACE = Workspace()
+SETUP = Setup()
+CABLE = SETUP.cable
+
+# The model's weights are in single precision; its landings are of the order of 1 m.
+SINGLE = 1e-6
 
 
 def linear_model(slope=0.5):
@@ -36,14 +38,14 @@ def linear_model(slope=0.5):
         endpoint_scale=1.0,
         margin_features=features,
         margins=1.0 - features[:, 3],
-        info={"dataset": {"settings": {"cable": CABLE.to_dict()}, "fingerprint": "f00d"}},
+        info={"dataset": {"settings": SETUP.to_dict(), "fingerprint": "f00d"}},
     )
 
 
 @pytest.fixture(scope="module")
 def policy():
     actions = grid_actions(ActionRanges(), (3, 60, 30, 5))
-    return ForwardSearchPolicy.from_candidates(actions, linear_model(), MotionConfig(), WORKSPACE)
+    return ForwardSearchPolicy.from_candidates(actions, linear_model())
 
 
 def some_targets(count, seed=0):
@@ -60,7 +62,7 @@ def test_the_plan_lands_on_the_target_in_the_model_that_made_it(policy):
     assert np.any(right)
     assert np.any(~right)
     np.testing.assert_allclose(
-        linear_model().predict(plan.actions[right]), plan.predicted_xy[right], atol=1e-6
+        linear_model().predict(plan.actions[right]), plan.predicted_xy[right], atol=SINGLE
     )
 
 
@@ -91,9 +93,7 @@ def test_a_candidate_that_lands_on_the_left_serves_as_its_mirror_image(policy):
 def test_among_equally_near_candidates_the_least_sensitive_is_taken():
     # Every action lands on the same spot to within the tie; only the sensitivity tells them apart.
     actions = grid_actions(ActionRanges(), (2, 1, 1, 4))
-    policy = ForwardSearchPolicy.from_candidates(
-        actions, linear_model(slope=0.0), MotionConfig(), WORKSPACE
-    )
+    policy = ForwardSearchPolicy.from_candidates(actions, linear_model(slope=0.0))
     steady = len(policy.actions) - 2
     sensitivity = np.where(np.arange(len(policy.actions)) == steady, 0.001, 0.02)
     policy = dataclasses.replace(policy, sensitivity=sensitivity)
@@ -118,8 +118,6 @@ def test_candidates_that_leave_the_table_on_their_way_are_left_out(policy):
     cautious = ForwardSearchPolicy.from_candidates(
         grid_actions(ActionRanges(), (2, 9, 9, 5)),
         linear_model(),
-        MotionConfig(),
-        WORKSPACE,
         table_margin=0.3,
     )
     assert np.all(cautious.margin >= 0.3)
@@ -130,8 +128,6 @@ def test_a_table_that_every_candidate_leaves_is_refused():
         ForwardSearchPolicy.from_candidates(
             grid_actions(ActionRanges(), (2, 2, 2, 2)),
             linear_model(),
-            MotionConfig(),
-            WORKSPACE,
             table_margin=1.2,
         )
 
@@ -151,7 +147,8 @@ def test_one_target_and_many_get_the_same_plans(policy):
     for row, target in enumerate(targets):
         alone = policy.plan(target)
         assert len(alone) == 1
-        np.testing.assert_array_equal(alone.actions[0], together.actions[row])
+        # Products of larger batches are summed in another order.
+        np.testing.assert_allclose(alone.actions[0], together.actions[row], atol=SINGLE)
 
 
 @pytest.mark.parametrize(
@@ -169,70 +166,32 @@ def test_targets_that_cannot_be_asked_for_are_refused(policy, target, words):
 
 
 def test_candidates_are_feasible_and_the_same_for_the_same_seed():
-    from cablecast.motion.feasibility import check_actions
-
-    model, config = linear_model(), MotionConfig()
-    built = [ForwardSearchPolicy.build(model, config, WORKSPACE, 300, seed) for seed in (0, 0, 1)]
+    model = linear_model()
+    built = [ForwardSearchPolicy.build(model, 300, seed) for seed in (0, 0, 1)]
     np.testing.assert_array_equal(built[0].actions, built[1].actions)
     assert not np.array_equal(built[0].actions, built[2].actions)
-    assert np.all(check_actions(built[0].actions, config, WORKSPACE).mask)
+    assert np.all(check_actions(built[0].actions, SETUP).mask)
     assert built[0].info["candidate_count"] == 300
     assert built[0].info["model_fingerprint"] == model.fingerprint
 
 
-def test_a_saved_policy_is_loaded_with_the_same_plans(policy, tmp_path):
-    policy.save(tmp_path)
-    loaded = ForwardSearchPolicy.load(tmp_path)
-    targets = some_targets(20, seed=4)
-    plan, again = policy.plan(targets), loaded.plan(targets)
-    np.testing.assert_array_equal(plan.actions, again.actions)
-    np.testing.assert_array_equal(plan.predicted_xy, again.predicted_xy)
-    assert (loaded.cable, loaded.workspace, loaded.config) == (CABLE, WORKSPACE, MotionConfig())
-    assert loaded.info == policy.info
-    assert not list(tmp_path.glob(".*"))
+def test_the_set_up_of_a_policy_is_that_of_its_model(policy):
+    slow = SETUP.with_motion(v_max=1.2)
+    info = {"dataset": {"settings": slow.to_dict()}}
+    model = dataclasses.replace(linear_model(), info=info)
+    assert ForwardSearchPolicy.build(model, 50).plan([0.2, 1.1]).setup == slow
+    assert policy.setup == SETUP
 
 
-def test_a_missing_policy_is_named(tmp_path):
-    with pytest.raises(CheckpointError, match=r"no policy at .*nowhere"):
-        ForwardSearchPolicy.load(tmp_path / "nowhere")
-
-
-@pytest.mark.parametrize("kept", [0, 10, 5000, -1])
-def test_a_truncated_policy_is_named(policy, tmp_path, kept):
-    policy.save(tmp_path)
-    file = tmp_path / "policy.npz"
-    file.write_bytes(file.read_bytes()[:kept])
-    with pytest.raises(CheckpointError, match=r"policy.npz is truncated") as caught:
-        ForwardSearchPolicy.load(tmp_path)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_flipped_bit_in_a_policy_is_detected(policy, tmp_path):
-    policy.save(tmp_path)
-    file = tmp_path / "policy.npz"
-    content = bytearray(file.read_bytes())
-    content[20_000] ^= 0x01
-    file.write_bytes(content)
-    with pytest.raises(CheckpointError, match=r"policy.npz is truncated or damaged"):
-        ForwardSearchPolicy.load(tmp_path)
-
-
-def test_a_foreign_or_pickled_archive_is_refused(policy, tmp_path):
-    np.savez(tmp_path / "policy.npz", meta=np.array([{"format": "cablecast.forward_search"}]))
-    with pytest.raises(CheckpointError, match="no policy"):
-        ForwardSearchPolicy.load(tmp_path)
-    arrays = {name: getattr(policy, name) for name in ("actions", "predicted_xy", "sensitivity")}
-    meta = json.dumps({"format": "other", "format_version": 1})
-    np.savez(tmp_path / "policy.npz", meta=np.array(meta), margin=policy.margin, **arrays)
-    with pytest.raises(CheckpointError, match="holds other of version 1"):
-        ForwardSearchPolicy.load(tmp_path)
-
-
-def test_a_policy_of_another_version_is_refused(policy, tmp_path):
-    policy.save(tmp_path)
-    with np.load(tmp_path / "policy.npz") as stored:
-        arrays = dict(stored)
-    meta = json.loads(str(arrays["meta"])) | {"motion": {"warp_factor": 9}}
-    np.savez(tmp_path / "policy.npz", **arrays | {"meta": np.array(json.dumps(meta))})
-    with pytest.raises(CheckpointError, match=r"another version .*warp_factor"):
-        ForwardSearchPolicy.load(tmp_path)
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"candidate_count": 0}, "count = 0"),
+        ({"seed": -1}, "seed = -1"),
+        ({"table_margin": float("nan")}, "table_margin = nan"),
+    ],
+    ids=str,
+)
+def test_settings_out_of_bounds_are_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        ForwardSearchPolicy.build(linear_model(), **{"candidate_count": 50} | options)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.datasets.reader import Dataset, settings_object
+from cablecast.datasets.reader import Dataset, settings_object, settings_setup
 from cablecast.errors import CheckpointError, InputError, MissingExtraError
 from cablecast.files import write_bytes, write_json
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 FORMAT_VERSION = 1
 WEIGHTS_NAME = "model.safetensors"
@@ -159,21 +159,10 @@ class LandingModel:
         """The cable whose casts it has learned."""
         return settings_object(Cable.from_dict, self.info["dataset"], "cable", "the model")
 
-    @property
-    def workspace(self) -> Workspace:
-        """The table and arm that its dataset was made for."""
-        return settings_object(
-            lambda values: Workspace(**values), self.info["dataset"], "workspace", "the model"
-        )
-
-    @property
-    def motion_config(self):
-        """The system parameters of its motions, a `MotionConfig`."""
-        from cablecast.motion.action import MotionConfig
-
-        return settings_object(
-            lambda values: MotionConfig(**values), self.info["dataset"], "motion", "the model"
-        )
+    @functools.cached_property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings of the casts that it has learned."""
+        return settings_setup(self.info["dataset"], "the model")
 
     @property
     def action_ranges(self):
@@ -185,7 +174,7 @@ class LandingModel:
 
         known = self.info["dataset"]["settings"].get("ranges")
         if known is None:
-            return ActionRanges.for_config(self.motion_config)
+            return ActionRanges.for_config(self.setup.motion)
         return settings_object(
             lambda values: ActionRanges(**{k: tuple(v) for k, v in values.items()}),
             self.info["dataset"],

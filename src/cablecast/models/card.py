@@ -56,8 +56,8 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         "",
         "## What to know before using it",
         "",
-        f"- It holds for this cable, for v_max = {model.motion_config.v_max:g} m/s and "
-        f"r0 = {model.motion_config.r0:g} m, and for actions within the ranges of its casts.",
+        f"- It holds for this cable, for v_max = {model.setup.motion.v_max:g} m/s and "
+        f"r0 = {model.setup.motion.r0:g} m, and for actions within the ranges of its casts.",
         "- It knows resting points only; whether the cable keeps to the table on its way is "
         "interpolated from the casts of its dataset.",
     ]

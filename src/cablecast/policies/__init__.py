@@ -1,5 +1,7 @@
-"""Policies: from a target to an action."""
+"""Policies: from a target to a motion."""
 
-from cablecast.policies.forward_search import ForwardSearchPolicy, Plan
+from cablecast.policies.base import Plan, Policy
+from cablecast.policies.forward_search import ForwardSearchPolicy
+from cablecast.policies.polar_casting import PolarCastingPolicy
 
-__all__ = ["ForwardSearchPolicy", "Plan"]
+__all__ = ["ForwardSearchPolicy", "Plan", "PolarCastingPolicy", "Policy"]

@@ -1,31 +1,29 @@
-"""The policy of equation 1: of many feasible actions, take the one predicted to land nearest.
+"""ForwardSearchPolicy: of many feasible actions, the one predicted to land nearest (equation 1).
 
-What the candidates are predicted to do does not depend on the target, so it is computed once and
+The predicted landings of the candidates do not depend on the target. They are computed once and
 kept; a k-d tree then answers a thousand targets in milliseconds.
 """
 
 import dataclasses
 import functools
-import io
-import json
 import pathlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable
+from cablecast.checks import check_number
 from cablecast.conventions import mirror_xy
 from cablecast.errors import CheckpointError, InputError
-from cablecast.files import write_bytes
-from cablecast.models.base import LandingModel, deviations
-from cablecast.motion.action import ActionRanges, MotionConfig, mirror_actions
+from cablecast.models.base import LandingModel, deviations, load_model
+from cablecast.motion.action import ActionRanges, mirror_actions
+from cablecast.motion.feasibility import feasible_grid
+from cablecast.policies.base import Plan, check_targets
 from cablecast.policies.refinement import refine_actions
-from cablecast.workspace import Workspace
+from cablecast.policies.storage import ARRAY_SHAPES, StoredPolicy, read_policy, write_policy
+from cablecast.setup import Setup
 
-FORMAT = "cablecast.forward_search"
-FORMAT_VERSION = 2
-POLICY_NAME = "policy.npz"
+NAME = "forward search"
 
 CANDIDATE_COUNT = 50_000
 """Candidate actions (section V-F)."""
@@ -37,7 +35,9 @@ COVERAGE_PCT = 2.0
 """A target is covered where a candidate is predicted to land this near [% of cable length]."""
 
 TABLE_MARGIN = 0.0
-"""How far the free end must keep within the table's edges on its way [m]."""
+"""Distance that the free end must keep within the table's edges on its way [m]."""
+
+TABLE_MARGIN_MAX = 5.0
 
 REACH_PCT = 6.0
 """Where the model knows how far it may be trusted, candidates that land this near the target are
@@ -51,86 +51,56 @@ _SHORTLIST_COUNT = 8
 # has to move counts as so many metres of spread.
 _MOVE_COST = 0.15
 
-_ARRAYS = ("actions", "predicted_xy", "sensitivity", "spread", "margin")
+_Chosen = tuple[
+    NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None
+]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Plan:
-    """One action per target.
-
-    Attributes:
-        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [target, 4].
-        predicted_xy: Where the model says they land [m], shape [target, 2].
-        sensitivity: How far the landing is predicted to move when the action deviates by 1 degree
-            and 1 cm [m], shape [target].
-        spread: Standard deviation along each axis with which the landing is expected to scatter
-            about the predicted one [m], shape [target]; NaN where the model cannot tell.
-        inside_coverage: Whether the target lies within the coverage, shape [target].
-    """
-
-    actions: NDArray[np.float64]
-    predicted_xy: NDArray[np.float64]
-    sensitivity: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    inside_coverage: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.actions)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ForwardSearchPolicy:
-    """Plans by searching candidates whose landings a forward model has predicted.
+    """Search candidates whose landings a model has predicted.
 
-    The candidates plan the right half of the table; a target on the left is planned for its mirror
-    image, and the action mirrored back (section V-B). A candidate that is predicted to land left of
-    the axis is kept as its mirror image, which lands on the right, so none goes to waste.
+    The candidates plan the right half of the table. A target on the left is planned as its mirror
+    image, and the action is mirrored back (section V-B). A candidate that is predicted to land left
+    of the axis is kept as its mirror image, which lands on the right.
 
     Of the candidates that land within `TIE_PCT` of the nearest one, the policy takes the one whose
-    landing moves least when the action deviates a little: on a rig, whose motion and cable are
-    never quite those of the model, it is the likeliest to land where predicted.
+    landing moves least when the action deviates a little. A rig's motion and cable never quite
+    match the model; this candidate is the likeliest to land where predicted.
 
-    With a `model` the chosen action is also moved a little, until the model predicts that it lands
-    on the target; see `refine_actions`. That costs a third of a millisecond a target, for the check
-    that the arm can still follow.
+    The chosen action is then moved a little, until the model predicts that it lands on the target;
+    see `refine_actions`. That costs a third of a millisecond a target, for the check that the arm
+    can still follow.
 
     A model that has learned from real casts knows how far they scatter about its predictions. The
     policy then takes, of all candidates within `REACH_PCT`, the one with the least expected miss:
-    what remains to the target and the spread together (docs/learning.md).
+    the distance left to the target and the spread together (docs/learning.md).
 
     Attributes:
+        model: Model that predicted the landings; it also refines the plans.
         actions: Candidates that stay on the table, shape [candidate, 4].
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
-        sensitivity: Root of the summed squares of how far the landing moves for 1 degree of theta1,
-            of theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
+        sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
+            theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
         spread: Standard deviation along each axis of real landings about the predicted ones [m],
             shape [candidate]; NaN where the model has seen no real casts.
-        margin: How far the free end is predicted to keep within the table's edges [m],
-            shape [candidate].
-        cable: The cable.
-        workspace: Table and arm.
-        config: System parameters of the motions.
-        info: Fingerprint of the model, numbers of candidates, seed.
-        model: Refines plans, where given; it is not saved.
+        margin: Predicted distance that the free end keeps within the table's edges [m], shape
+            [candidate].
+        info: Fingerprint of the model, numbers of candidates, seed, table margin.
     """
 
+    model: LandingModel
     actions: NDArray[np.float64]
     predicted_xy: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
     spread: NDArray[np.float64]
     margin: NDArray[np.float64]
-    cable: Cable
-    workspace: Workspace
-    config: MotionConfig
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
-    model: LandingModel | None = None
 
     @classmethod
     def build(
         cls,
         model: LandingModel,
-        config: MotionConfig,
-        workspace: Workspace,
         candidate_count: int = CANDIDATE_COUNT,
         seed: int = 0,
         *,
@@ -140,107 +110,123 @@ class ForwardSearchPolicy:
         """Choose candidates and predict their landings.
 
         Args:
-            model: The forward model.
-            config: System parameters of the motions.
-            workspace: Table and arm.
+            model: Model of landings; gives the set-up.
             candidate_count: Number of feasible candidates.
-            seed: Chooses them from the grid.
-            ranges: Ranges of the actions; those that suit the config where None.
-            table_margin: Leave out candidates whose free end is predicted to come nearer to an edge
-                of the table than this [m].
+            seed: Seed of their choice from the grid.
+            ranges: Ranges of the actions; those that suit the motion settings where None.
+            table_margin: Distance that the free end must keep within the table's edges [m];
+                candidates that are predicted to come nearer are left out.
 
         Raises:
             InputError: No candidate stays on the table.
         """
-        from cablecast.motion.feasibility import feasible_grid
-
-        ranges = ActionRanges.for_config(config) if ranges is None else ranges
-        actions = feasible_grid(candidate_count, config, workspace, ranges, seed)
-        info = {
-            "candidate_count": len(actions),
-            "seed": seed,
-            "table_margin": table_margin,
-            "model_fingerprint": model.fingerprint,
-            "dataset_fingerprint": model.info.get("dataset", {}).get("fingerprint", ""),
-        }
-        return cls.from_candidates(actions, model, config, workspace, table_margin, info)
+        ranges = ActionRanges.for_config(model.setup.motion) if ranges is None else ranges
+        actions = feasible_grid(candidate_count, model.setup, ranges, seed)
+        return cls.from_candidates(actions, model, table_margin, {"seed": seed})
 
     @classmethod
     def from_candidates(
         cls,
         actions: NDArray[np.float64],
         model: LandingModel,
-        config: MotionConfig,
-        workspace: Workspace,
         table_margin: float = TABLE_MARGIN,
         info: dict[str, Any] | None = None,
     ) -> "ForwardSearchPolicy":
-        """Like `build`, with candidates of one's own, shape [candidate, 4]."""
+        """Predict the landings of given candidates; see `build`.
+
+        Args:
+            actions: Candidates, shape [candidate, 4].
+            model: Model of landings; gives the set-up.
+            table_margin: Distance that the free end must keep within the table's edges [m].
+            info: More to say about the policy.
+        """
+        check_number("table_margin", table_margin, -TABLE_MARGIN_MAX, TABLE_MARGIN_MAX, "m")
         predicted_xy, margin = model.predict(actions), model.predict_margin(actions)
-        kept = (margin >= table_margin) & workspace.on_table(predicted_xy)
+        kept = (margin >= table_margin) & model.setup.workspace.on_table(predicted_xy)
         if not np.any(kept):
             raise InputError(
                 f"none of {len(actions)} candidates is predicted to keep {table_margin:g} m within "
                 "the table's edges"
             )
+        facts = {
+            "name": NAME,
+            "candidate_count": len(actions),
+            "kept_count": int(kept.sum()),
+            "table_margin": table_margin,
+            "model_fingerprint": model.fingerprint,
+            "dataset_fingerprint": model.info.get("dataset", {}).get("fingerprint", ""),
+        }
         actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
         spread = model.predict_spread(actions)
         sensitivity = model.sensitivity(actions, deviations(actions))
         left = predicted_xy[:, :1] < 0
         return cls(
+            model=model,
             actions=np.where(left, mirror_actions(actions), actions),
             predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
             sensitivity=sensitivity,
             spread=np.full(len(actions), np.nan) if spread is None else spread,
             margin=margin,
-            cable=model.cable,
-            workspace=workspace,
-            config=config,
-            info=(info or {}) | {"kept_count": int(kept.sum())},
+            info=facts | (info or {}),
         )
 
-    def plan(self, target_xy: ArrayLike) -> Plan:
+    @property
+    def setup(self) -> Setup:
+        """Set-up that the policy plans for: the model's."""
+        return self.model.setup
+
+    def plan(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: ArrayLike | None = None,
+        theta_deg: ArrayLike | None = None,
+    ) -> Plan:
         """Choose an action for each target.
 
         Args:
-            target_xy: Targets [m], shape [2] or [target, 2].
+            target_xy: Targets [m], shape [2] or [target, 2]; or else r and theta_deg.
+            r: Distances from the robot's base [m], a number or shape [target].
+            theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
+                shape [target].
 
         Raises:
+            InputError: Both forms of targets are given, or neither.
             TargetError: A target is not finite, out of reach, or off the table.
         """
-        targets = np.atleast_2d(self.workspace.check_target(target_xy, self.cable.length))
+        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
         left = targets[:, :1] < 0
         folded = np.where(left, mirror_xy(targets), targets)
         choose = self._least_sensitive if np.isnan(self.spread[0]) else self._least_risky
         chosen, actions, predicted_xy, spread = choose(folded)
-        nearest, _ = self._tree.query(folded)
         return Plan(
+            setup=self.setup,
+            target_xy=targets,
             actions=np.where(left, mirror_actions(actions), actions),
             predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
+            inside_coverage=self.inside_coverage(targets),
+            spread=np.array(np.nan) if spread is None else spread,
             sensitivity=self.sensitivity[chosen],
-            spread=spread,
-            inside_coverage=nearest <= COVERAGE_PCT / 100 * self.cable.length,
         )
 
-    def _least_sensitive(self, targets: NDArray[np.float64]):
-        """Of the candidates that are equally near, the one whose landing moves least.
+    def _least_sensitive(self, targets: NDArray[np.float64]) -> _Chosen:
+        """Choose among equally near candidates the one whose landing moves least.
 
         Args:
             targets: Targets on the right half [m], shape [target, 2].
 
         Returns:
-            Index of the chosen candidates, their actions once refined, where these land, and NaN
-            for the spread.
+            Index of the chosen candidates, their refined actions, the landings of these, and None
+            for the unknown spread.
         """
         distance, index = self._neighbors(targets, _NEIGHBOR_COUNT)
-        tied = distance <= distance[:, :1] + TIE_PCT / 100 * self.cable.length
+        tied = distance <= distance[:, :1] + TIE_PCT / 100 * self.setup.cable.length
         best = np.argmin(np.where(tied, self.sensitivity[index], np.inf), axis=1)
         chosen = index[np.arange(len(targets)), best]
-        actions, predicted_xy = self._refined(chosen, targets)
-        return chosen, actions, predicted_xy, np.full(len(targets), np.nan)
+        return chosen, *self._refined(chosen, targets), None
 
-    def _least_risky(self, targets: NDArray[np.float64]):
-        """Of the candidates within reach, the one with the least expected miss.
+    def _least_risky(self, targets: NDArray[np.float64]) -> _Chosen:
+        """Choose among the candidates within reach the one with the least expected miss.
 
         Args:
             targets: Targets on the right half [m], shape [target, 2].
@@ -249,16 +235,11 @@ class ForwardSearchPolicy:
             As `_least_sensitive`, with the spread of the refined actions [m].
         """
         distance, index = self._neighbors(targets, _REACH_COUNT)
-        cost = 1.0 if self.model is None else _MOVE_COST
-        reach = np.maximum(REACH_PCT / 100 * self.cable.length, distance[:, :1])
-        spread = self.spread[index]
-        risk = (cost * distance) ** 2 + 2.0 * spread**2
+        reach = np.maximum(REACH_PCT / 100 * self.setup.cable.length, distance[:, :1])
+        risk = (_MOVE_COST * distance) ** 2 + 2.0 * self.spread[index] ** 2
         risk[distance > reach] = np.inf
         short = np.argsort(risk, axis=1)[:, : min(_SHORTLIST_COUNT, risk.shape[1])]
         rows = np.arange(len(targets))
-        if self.model is None:
-            chosen = index[rows, short[:, 0]]
-            return chosen, self.actions[chosen], self.predicted_xy[chosen], self.spread[chosen]
         # The spread of the shortlist is taken again after each action has been moved.
         candidates = np.take_along_axis(index, short, axis=1).ravel()
         goals = np.repeat(targets, short.shape[1], axis=0)
@@ -274,28 +255,23 @@ class ForwardSearchPolicy:
         return candidates[best], actions[best], predicted_xy[best], spread[best]
 
     def _neighbors(self, targets: NDArray[np.float64], count: int):
-        """Distances and indices of the nearest candidates, nearest first, [target, candidate]."""
+        """Return distances and indices of the nearest candidates, shapes [target, candidate]."""
         count = min(count, len(self.actions))
         distance, index = self._tree.query(targets, k=count)
         return np.reshape(distance, (-1, count)), np.reshape(index, (-1, count))
 
     def _refined(self, chosen: NDArray[np.intp], targets: NDArray[np.float64]):
-        """Candidates moved onto targets where there is a model, and their predicted landings."""
-        actions, predicted_xy = self.actions[chosen], self.predicted_xy[chosen]
-        if self.model is None:
-            return actions, predicted_xy
+        """Return candidates moved onto targets, and their predicted landings."""
         return refine_actions(
-            actions,
+            self.actions[chosen],
             targets,
-            deviations(self.actions),
+            self._changes,
             model=self.model,
-            config=self.config,
-            workspace=self.workspace,
             table_margin=self.info.get("table_margin", TABLE_MARGIN),
         )
 
     def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
-        """Whether targets lie within the simulated coverage, on either half of the table.
+        """Return which targets lie within the simulated coverage, on either half of the table.
 
         A target is inside where at least one candidate that stays on the table is predicted to land
         within `COVERAGE_PCT` of the cable's length of it.
@@ -306,83 +282,37 @@ class ForwardSearchPolicy:
         targets = np.asarray(target_xy, dtype=float)
         folded = np.where(targets[..., :1] < 0, mirror_xy(targets), targets)
         distance, _ = self._tree.query(folded)
-        return np.asarray(distance <= COVERAGE_PCT / 100 * self.cable.length)
+        return np.asarray(distance <= COVERAGE_PCT / 100 * self.setup.cable.length)
 
     def save(self, folder: str | pathlib.Path) -> None:
-        """Write `policy.npz`, whole or not at all; nothing in it is pickled."""
-        meta = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "cable": self.cable.to_dict(),
-            "workspace": dataclasses.asdict(self.workspace),
-            "motion": dataclasses.asdict(self.config),
-            "info": self.info,
-        }
-        buffer = io.BytesIO()
-        np.savez(
-            buffer,
-            allow_pickle=False,
-            meta=np.array(json.dumps(meta, ensure_ascii=False)),
-            **{name: getattr(self, name) for name in _ARRAYS},
-        )
-        write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
+        """Write the model and the candidates, for `load` to read."""
+        self.model.save(folder)
+        arrays = {name: getattr(self, name) for name in ARRAY_SHAPES}
+        write_policy(folder, StoredPolicy(arrays=arrays, setup=self.setup, info=self.info))
 
     @classmethod
-    def load(
-        cls, folder: str | pathlib.Path, model: LandingModel | None = None
-    ) -> "ForwardSearchPolicy":
-        """Read what `save` wrote.
+    def load(cls, folder: str | pathlib.Path) -> "ForwardSearchPolicy":
+        """Read the model and the candidates of a folder.
 
         Args:
-            folder: The folder given to `save`.
-            model: Refine plans with this model, the one that the policy was built with.
+            folder: Folder that `save` or `cablecast train` wrote.
 
         Raises:
-            CheckpointError: It is missing, truncated, damaged, of another kind, or was built with
-                another model.
+            CheckpointError: Either is missing, damaged, or of another kind or version, or the
+                policy was built with another model.
         """
-        file = pathlib.Path(folder) / POLICY_NAME
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            raise CheckpointError(f"no policy at {file}: {error.strerror}") from None
-        import zipfile
-        import zlib
+        model, stored = load_model(folder), read_policy(folder)
+        built_with = stored.info.get("model_fingerprint")
+        if built_with != model.fingerprint or stored.setup != model.setup:
+            raise CheckpointError(
+                f"the policy in {folder} was built with another model ({str(built_with)[:40]}, not "
+                f"{model.fingerprint}): train again"
+            )
+        return cls(model=model, info=stored.info, **stored.arrays)
 
-        try:
-            with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-                meta = json.loads(str(stored["meta"]))
-                kind, version = meta["format"], meta["format_version"]
-                known = (kind, version) == (FORMAT, FORMAT_VERSION)
-                arrays = {name: stored[name] for name in _ARRAYS} if known else {}
-        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
-            raise CheckpointError(f"{file} is truncated or no policy: {error}") from None
-        except (zipfile.BadZipFile, zlib.error, AttributeError) as error:
-            raise CheckpointError(f"{file} is truncated or damaged: {error}") from None
-        if not known:
-            raise CheckpointError(
-                f"{file} holds {kind} of version {version}: it must be {FORMAT} of version "
-                f"{FORMAT_VERSION}, train again"
-            )
-        built_with = meta["info"].get("model_fingerprint") if "info" in meta else None
-        if model is not None and built_with != model.fingerprint:
-            raise CheckpointError(
-                f"{file} was built with another model ({built_with}, not {model.fingerprint}): "
-                "train again"
-            )
-        try:
-            return cls(
-                **arrays,
-                model=model,
-                cable=Cable.from_dict(meta["cable"]),
-                workspace=Workspace(**meta["workspace"]),
-                config=MotionConfig(**meta["motion"]),
-                info=meta["info"],
-            )
-        except (KeyError, TypeError, InputError) as error:
-            raise CheckpointError(
-                f"{file} was written by another version of cablecast ({error}): train again"
-            ) from None
+    @functools.cached_property
+    def _changes(self) -> NDArray[np.float64]:
+        return deviations(self.actions)
 
     @functools.cached_property
     def _tree(self):

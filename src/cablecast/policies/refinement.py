@@ -1,12 +1,12 @@
-"""Moving an action a little, until the model predicts that it lands on the target."""
+"""Refinement: small changes of actions that bring their predicted landings onto the targets."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.conventions import mirror_xy
 from cablecast.models.base import LandingModel
-from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, MotionConfig, mirror_actions
-from cablecast.workspace import Workspace
+from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, mirror_actions
+from cablecast.motion.feasibility import check_actions
 
 ITERATION_COUNT = 2
 """Newton steps: the second already lands within 0.1 % of the cable's length of the target."""
@@ -22,30 +22,24 @@ def refine_actions(
     changes: NDArray[np.float64],
     *,
     model: LandingModel,
-    config: MotionConfig,
-    workspace: Workspace,
     table_margin: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Smallest changes of actions that bring their predicted landings onto the targets.
+    """Move actions by as little as brings their predicted landings onto the targets.
 
-    Many changes of four variables move the landing to one point of the plane; each Newton step
-    takes the smallest, in units of `DEVIATION`. An action that the arm could not follow, or that
-    would leave the table, stays as it was.
+    Many changes of the four variables move the landing to the same point of the plane. Each Newton
+    step takes the smallest of them, in units of `DEVIATION`. Where the arm could not follow the
+    refined action, or the free end would leave the table, the action stays as it was.
 
     Args:
         actions: Feasible actions of either side, shape [target, 4].
         target_xy: Targets [m], shape [target, 2].
         changes: See `deviations`, shape [change, 4].
-        model: The forward model, which knows actions with theta2 > 0.
-        config: System parameters of the motions.
-        workspace: Table and arm.
-        table_margin: How far the free end must keep within the table's edges [m].
+        model: Model of landings, which knows actions with theta2 > 0.
+        table_margin: Distance that the free end must keep within the table's edges [m].
 
     Returns:
         Actions and their predicted landings [m], shapes [target, 4] and [target, 2].
     """
-    from cablecast.motion.feasibility import check_actions
-
     left = actions[:, 1:2] < 0
     start = np.where(left, mirror_actions(actions), actions)
     targets = np.where(left, mirror_xy(target_xy), target_xy)
@@ -65,7 +59,7 @@ def refine_actions(
     if np.any(nearer):
         rows = np.flatnonzero(nearer)
         stays = model.predict_margin(moved[rows]) >= table_margin
-        feasible = check_actions(moved[rows], config, workspace).mask
+        feasible = check_actions(moved[rows], model.setup).mask
         nearer[rows] = stays & feasible
     final = np.where(nearer[:, None], moved, start)
     final_xy = np.where(nearer[:, None], moved_xy, start_xy)
