@@ -1,0 +1,146 @@
+"""evaluate: cast at targets, and measure how near the cable landed."""
+
+import dataclasses
+import os
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from cablecast.evaluation.evaluate import Evaluation, evaluate_policy
+from cablecast.evaluation.results import evaluation_metrics, save_trials
+from cablecast.evaluation.split import split_errors
+from cablecast.files import write_bytes, write_text
+from cablecast.models.landing import LandingModel
+from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.pipeline.rigs import engine_rig
+from cablecast.policies.base import Policy
+from cablecast.policies.forward_search import COVERAGE_PCT, ForwardSearchPolicy
+from cablecast.rigs.checked import CheckedRig
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
+from cablecast.runs.settings import settings_differences
+from cablecast.errors import InputError
+from cablecast.workspace import load_targets
+
+TRIALS_FILE = "trials.csv"
+LANDINGS_FILE = "landings.png"
+REPORT_FILE = "report.html"
+CASTS_FOLDER = "casts"
+
+
+def evaluate(
+    policy: Policy,
+    rig: CheckedRig,
+    targets: ArrayLike | None = None,
+    *,
+    repeats: int = 1,
+    device: str = "cpu",
+    out: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Evaluation:
+    """Cast at targets and measure how far from them the cable lands (section VI).
+
+    Args:
+        policy: Policy that `train` returned, or any other.
+        rig: Rig that `make_rig` returned, with the set-up of the policy.
+        targets: Targets [m], shape [target, 2]; the paper's 32 where None.
+        repeats: Casts at each target; the paper makes 5.
+        device: Device of the simulator that splits the errors, "cpu" or "cuda".
+        out: Folder that keeps the casts, metrics.json, trials.csv, a map of the landings and a
+            report, and lets a stopped evaluation go on; none where None.
+        progress: Told how many casts are done.
+
+    Returns:
+        The casts; `summary` holds the quartiles of the errors in % of cable length.
+
+    Raises:
+        InputError: The rig has another set-up than the policy, or a value is out of bounds.
+        TargetError: A target that cannot be asked for.
+        RigError: A cast failed too often.
+        MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
+    """
+    report = progress or ignore
+    if out is not None:
+        require("the report", "matplotlib", "jinja2")
+    check_rig_setup(rig, policy)
+    target_xy = load_targets() if targets is None else targets
+    settings = {
+        **policy.setup.to_settings(),
+        "policy": policy.info,
+        "rig": dict(rig.description),
+        "repeats": repeats,
+        "targets": None if targets is None else [[float(v) for v in xy] for xy in targets],
+    }
+    task = f"Casting {policy.setup.cable.name} at targets"
+    with folder_or_temporary(out) as folder:
+        run = RunFolder.open(folder, "evaluate", settings)
+        was_done = run.metrics is not None
+        with run.begun():
+            evaluation = evaluate_policy(
+                run.path / CASTS_FOLDER,
+                policy,
+                rig,
+                target_xy,
+                repeats=repeats,
+                progress=None if was_done else counter(progress, task, "casts"),
+            )
+            if was_done:
+                report(Progress(task=task, note=DONE_NOTE))
+                return dataclasses.replace(evaluation, metrics=run.metrics or {})
+            metrics = evaluation_metrics(evaluation)
+            model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
+            if out is not None:
+                report(Progress(task="Drawing the report"))
+                metrics["error_split"] = _split(evaluation, model, device)
+                _write_files(run, evaluation, policy, model)
+                run.finish(metrics)
+        return dataclasses.replace(evaluation, metrics=metrics)
+
+
+def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:
+    """Refuse a rig whose set-up is not that of a policy.
+
+    Raises:
+        InputError: They differ; names each value.
+    """
+    there, here = rig.setup.to_settings(), policy.setup.to_settings()
+    # The rig plays any motion: r0 and v_max are the policy's. What a cable is believed to be does
+    # not matter to a rig either, but which cable it is does.
+    for values in (there, here):
+        del values["motion"]
+        del values["cable"]["params"]
+    if differences := settings_differences(there, here):
+        raise InputError(f"the rig and the policy differ: {'; '.join(differences)}")
+
+
+def _split(
+    evaluation: Evaluation, model: LandingModel | None, device: str
+) -> dict[str, Any] | None:
+    """Return the parts of the errors, where the model knows its simulator."""
+    if model is None or "params" not in model.info["dataset"]["settings"]:
+        return None
+    with engine_rig(model, device) as engine:
+        split = split_errors(evaluation, model, engine)
+    return None if split is None else split.to_dict()
+
+
+def _write_files(
+    run: RunFolder, evaluation: Evaluation, policy: Policy, model: LandingModel | None
+) -> None:
+    from cablecast.report.landings import landing_map
+    from cablecast.report.page import report_page
+    from cablecast.report.style import png_bytes
+
+    workspace = evaluation.setup.workspace
+    save_trials(evaluation, run.path / TRIALS_FILE)
+    coverage = {}
+    if isinstance(policy, ForwardSearchPolicy):
+        coverage = {
+            "simulated_xy": policy.predicted_xy,
+            "simulated_radius": COVERAGE_PCT / 100 * evaluation.cable.length,
+        }
+    figure = landing_map(evaluation, workspace, **coverage)
+    write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
+    info = {} if model is None else model.info
+    page = report_page(evaluation, workspace, info, run.config, **coverage)
+    write_text(run.path / REPORT_FILE, page)

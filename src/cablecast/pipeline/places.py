@@ -1,0 +1,51 @@
+"""Helpers that all verbs share: a folder to work in, and the extras that a verb needs."""
+
+import contextlib
+import importlib.util
+import os
+import pathlib
+import tempfile
+from collections.abc import Iterator
+from typing import Any
+
+from cablecast.errors import MissingExtraError
+
+_EXTRAS = {
+    "matplotlib": "report",
+    "jinja2": "report",
+    "shapely": "report",
+    "torch": "learn",
+    "safetensors": "learn",
+    "cma": "tune",
+    "cv2": "camera",
+}
+
+
+@contextlib.contextmanager
+def folder_or_temporary(out: str | os.PathLike[str] | None) -> Iterator[pathlib.Path]:
+    """Yield a folder of results, or one that is removed afterwards where none was asked for."""
+    if out is not None:
+        yield pathlib.Path(out)
+        return
+    with tempfile.TemporaryDirectory(prefix="cablecast-") as folder:
+        yield pathlib.Path(folder)
+
+
+def require(purpose: str, *modules: str) -> None:
+    """Refuse work whose libraries are missing, before it begins.
+
+    Args:
+        purpose: Name of the work, for the error.
+        *modules: Names of the modules that it will import.
+
+    Raises:
+        MissingExtraError: A module is not installed; names the extra that holds it.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtraError(module, _EXTRAS[module], purpose)
+
+
+def rig_settings(rig: Any) -> dict[str, Any]:
+    """Return the description of a rig for the settings of a run."""
+    return dict(rig.description)

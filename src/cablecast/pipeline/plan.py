@@ -1,0 +1,175 @@
+"""plan_motion: the motion for one target, and what to expect of it."""
+
+import dataclasses
+import os
+import pathlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import InputError
+from cablecast.files import write_text
+from cablecast.motion.action import Action
+from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import Trajectory
+from cablecast.policies.base import Policy
+from cablecast.runs.settings import settings_differences
+from cablecast.setup import Setup
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MotionPlan:
+    """One motion for one target.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings that it was planned for.
+        target_xy: Target [m], shape [2].
+        action: Action; None for a motion that no action describes.
+        predicted_xy: Predicted landing [m], shape [2].
+        spread: Standard deviation along each axis of real landings about the predicted one [m];
+            NaN where the model has seen no real casts.
+        inside_coverage: Whether simulated casts land near the target.
+        trajectory: Motion down to joint set points.
+    """
+
+    setup: Setup
+    target_xy: NDArray[np.float64]
+    action: Action | None
+    predicted_xy: NDArray[np.float64]
+    spread: float
+    inside_coverage: bool
+    trajectory: Trajectory
+
+    @property
+    def miss_pct(self) -> float:
+        """Distance from the predicted landing to the target [% of cable length]."""
+        offset = np.linalg.norm(self.predicted_xy - self.target_xy)
+        return 100.0 * float(offset) / self.setup.cable.length
+
+    @property
+    def spread_pct(self) -> float:
+        """Spread in % of cable length; NaN where unknown."""
+        return 100.0 * self.spread / self.setup.cable.length
+
+    @property
+    def joint_path(self) -> JointPath:
+        """Set points of the joints.
+
+        Raises:
+            InputError: The motion has none.
+        """
+        path = self.trajectory.joint_path
+        if path is None:
+            raise InputError("the planned motion has no joint path")
+        return path
+
+    def save(self, path: str | os.PathLike[str], setup: Setup, *, force: bool = False) -> None:
+        """Write the motion for a robot as CSV: t [s], q1..q6 [rad], qd1..qd6 [rad/s].
+
+        The header states the arm's geometry that the joint angles hold for.
+
+        Args:
+            path: File to write.
+            setup: Set-up of the robot, whose arm a person has measured. Its geometry must be that
+                of the plan: with another gripper the same angles drive into the table.
+            force: Whether a regular file that exists is overwritten.
+
+        Raises:
+            InputError: The arm was not measured or is another one, or the file exists.
+        """
+        check_measured(setup)
+        mine, theirs = self.setup.to_settings()["arm"], setup.to_settings()["arm"]
+        if differences := settings_differences(mine, theirs):
+            raise InputError(
+                f"the motion was planned for another arm: {'; '.join(differences)}. Simulate and "
+                "train with the lab file of this arm"
+            )
+        path = pathlib.Path(path)
+        check_writable(path, force)
+        write_text(path, motion_csv(self.joint_path, self.setup))
+
+
+def plan_motion(
+    policy: Policy,
+    *,
+    target_xy: NDArray[np.float64] | None = None,
+    r: float | None = None,
+    theta_deg: float | None = None,
+) -> MotionPlan:
+    """Plan the motion that lands the cable's free end on a target.
+
+    Args:
+        policy: Policy that `train` returned, or any other.
+        target_xy: Target [m], shape [2]; or else r and theta_deg.
+        r: Distance from the robot's base [m].
+        theta_deg: Angle from straight ahead, positive to the robot's right [deg].
+
+    Raises:
+        TargetError: The target is not finite, out of reach, or off the table.
+    """
+    plan = policy.plan(target_xy, r=r, theta_deg=theta_deg)
+    if len(plan) != 1:
+        raise InputError(f"plan_motion takes one target, not {len(plan)}: use policy.plan")
+    trajectory = plan.trajectories[0]
+    return MotionPlan(
+        setup=plan.setup,
+        target_xy=np.asarray(plan.target_xy[0]),
+        action=trajectory.action,
+        predicted_xy=np.asarray(plan.predicted_xy[0]),
+        spread=float(plan.spread[0]),
+        inside_coverage=bool(plan.inside_coverage[0]),
+        trajectory=trajectory,
+    )
+
+
+def check_measured(setup: Setup) -> None:
+    """Refuse a set-up whose arm nobody has measured.
+
+    Raises:
+        InputError: `arm.measured` is not true; says what to measure.
+    """
+    if not setup.arm.measured:
+        arm = setup.arm
+        raise InputError(
+            "a motion for a robot needs a lab file whose arm was measured: state arm.model "
+            f"({arm.model}), base_height ({arm.base_height:g} m above the table), base_yaw_deg "
+            f"({arm.base_yaw_deg:g}), gripper_length ({arm.gripper_length:g} m from flange to "
+            f"cable), grip_offset ({arm.grip_offset:g} m) and measured: true, and give it with "
+            "--setup"
+        )
+
+
+def check_writable(path: pathlib.Path, force: bool) -> None:
+    """Refuse to overwrite anything but a regular file, and that only if it is forced.
+
+    Raises:
+        InputError: The path exists.
+    """
+    if not (path.exists() or path.is_symlink()):
+        return
+    if not path.is_file() or path.is_symlink():
+        raise InputError(f"{path} is no regular file: give another path")
+    if not force:
+        raise InputError(f"{path} exists: give --force to overwrite it")
+
+
+def motion_csv(path: JointPath, setup: Setup) -> str:
+    """Return a joint path as CSV, with the arm that it holds for in comment lines.
+
+    Args:
+        path: Set points at the robot's control cycle.
+        setup: Set-up that they were planned for.
+    """
+    arm = setup.arm
+    lines = [
+        f"# arm: {arm.model}, base {arm.base_height:g} m above the table, turned by "
+        f"{arm.base_yaw_deg:g} deg",
+        f"# gripper: {arm.gripper_length:g} m from flange to cable, cable leaves "
+        f"{arm.grip_offset:g} m in front of the flange axis",
+        f"# grip: {setup.workspace.grip_height:g} m above the table; cable: {setup.cable.name}",
+    ]
+    joints = range(1, path.q.shape[1] + 1)
+    lines.append(",".join(["t", *(f"q{k}" for k in joints), *(f"qd{k}" for k in joints)]))
+    for t, q, qd in zip(path.times, path.q, path.qd, strict=True):
+        lines.append(",".join([f"{t:.6f}", *(f"{value:.9f}" for value in (*q, *qd))]))
+    return "\n".join(lines) + "\n"

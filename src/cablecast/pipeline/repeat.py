@@ -1,0 +1,167 @@
+"""repeat: make equal casts again and again, and measure how far apart they land."""
+
+import dataclasses
+import os
+import typing
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.checks import check_count, check_number, check_seed
+from cablecast.conventions import Array
+from cablecast.errors import InputError
+from cablecast.evaluation.repeatability import (
+    REPEAT_COUNT,
+    Repeatability,
+    measure_repeatability,
+    repeat_actions,
+    save_actions,
+)
+from cablecast.files import write_bytes
+from cablecast.motion.action import check_action_values
+from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.reading import read_csv
+from cablecast.rigs.checked import CheckedRig
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.progress import Progress, ProgressCallback, counter, ignore
+
+FIGURE_FILE = "repeatability.png"
+ACTIONS_FILE = "actions.csv"
+
+# Combinations that the paper repeated (section V-E): speed, and whether the wrist turns.
+COMBINATIONS = {
+    "1.2": (1.2, False),
+    "1.5": (1.5, False),
+    "1.5-psi": (1.5, True),
+    "1.8": (1.8, False),
+    "1.8-psi": (1.8, True),
+}
+Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
+
+_ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Repeated:
+    """Scatter of equal casts by combination of speed and wrist turn.
+
+    Attributes:
+        results: Casts and scatter by the name of the combination.
+        metrics: Figures, as metrics.json holds them.
+    """
+
+    results: dict[str, Repeatability]
+    metrics: dict[str, Any]
+
+
+def repeat(
+    rig: CheckedRig,
+    *,
+    combinations: Sequence[Combination] = ("1.5-psi",),
+    repeats: int = REPEAT_COUNT,
+    action_count: int | None = None,
+    actions: ArrayLike | None = None,
+    seed: int = 0,
+    out: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Repeated:
+    """Repeat casts on a rig, and measure how far apart equal casts land (section VI-B).
+
+    Args:
+        rig: Rig that `make_rig` returned; its set-up gives r0, the combination the speed.
+        combinations: Speeds of the gripper [m/s], with psi where the wrist turns, too.
+        repeats: Casts of each action.
+        action_count: Number of actions of each of the paper's grids, chosen by chance; all that the
+            arm can make where None.
+        actions: Actions to repeat instead, shape [action, 4].
+        seed: Seed of the choice of actions.
+        out: Folder that keeps the casts, a table of the actions and a picture, and lets a stopped
+            run go on; none where None.
+        progress: Told how many casts are done.
+
+    Raises:
+        RigError: A cast failed too often.
+        InputError: A value out of bounds, or a folder that holds something else.
+        MissingExtraError: A picture is to be drawn, and matplotlib is missing.
+    """
+    report = progress or ignore
+    check_seed(seed)
+    check_count("repeats", repeats, 2, 100_000)
+    if not combinations or any(name not in COMBINATIONS for name in combinations):
+        raise InputError(
+            f"combinations {list(combinations)} must be some of {', '.join(COMBINATIONS)}"
+        )
+    chosen = None if actions is None else check_action_values(actions)
+    if out is not None:
+        require("drawing the landings", "matplotlib")
+    settings = {
+        **rig.setup.to_settings(),
+        "rig": dict(rig.description),
+        "repeats": repeats,
+        "action_count": action_count,
+        "actions": None if chosen is None else chosen.tolist(),
+        "seed": seed,
+    }
+    # Each combination has a speed of its own, and further ones may be added to a folder.
+    del settings["motion"]["v_max"]
+    with folder_or_temporary(out) as folder:
+        run = RunFolder.open(folder, "repeat", settings)
+        results = {}
+        with run.begun():
+            for name in combinations:
+                v_max, with_psi = COMBINATIONS[name]
+                setup = rig.setup.with_motion(v_max=v_max)
+                made = chosen
+                if made is None:
+                    made = repeat_actions(
+                        setup, with_psi=with_psi, action_count=action_count, seed=seed
+                    )
+                task = f"Repeating {len(made)} casts, v_max {name}"
+                results[name] = measure_repeatability(
+                    run.path / name / "casts",
+                    rig,
+                    setup,
+                    actions=made,
+                    repeats=repeats,
+                    progress=counter(progress, task, "casts"),
+                )
+                if out is not None:
+                    save_actions(results[name], run.path / name / ACTIONS_FILE)
+            metrics = {"combinations": [result.to_dict() for result in results.values()]}
+            if out is not None:
+                report(Progress(task="Drawing the landings"))
+                _draw(run, list(results.values()), rig)
+                run.finish(metrics)
+    return Repeated(results=results, metrics=metrics)
+
+
+def _draw(run: RunFolder, results: list[Repeatability], rig: CheckedRig) -> None:
+    from cablecast.report.repeatability import repeatability_map
+    from cablecast.report.style import png_bytes
+
+    figure = repeatability_map(results, rig.setup.workspace)
+    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
+
+
+def read_actions(path: str | os.PathLike[str]) -> Array:
+    """Return the actions of a CSV file, shape [action, 4].
+
+    Args:
+        path: File with the columns theta1_deg, theta2_deg, r2_m and psi_deg.
+
+    Raises:
+        InputError: It cannot be read, or holds something that is no action.
+    """
+    rows = read_csv(os.fspath(path), _ACTION_COLUMNS)
+    try:
+        values = [[float(row[name]) for name in _ACTION_COLUMNS] for row in rows]
+    except ValueError as error:
+        raise InputError(f"{path} holds a cell that is no number: {error}") from None
+    if not values:
+        raise InputError(f"{path} holds no action")
+    actions: NDArray[np.float64] = np.array(values)
+    actions[:, [0, 1, 3]] = np.radians(actions[:, [0, 1, 3]])
+    check_number("number of actions", len(actions), 1, 1_000_000)
+    return check_action_values(actions)

@@ -1,0 +1,246 @@
+"""select: choose r0, v_max and whether the wrist turns."""
+
+import dataclasses
+import os
+from typing import Any
+
+from cablecast.cable import Cable, CableParams
+from cablecast.checks import check_count, check_number
+from cablecast.errors import InputError
+from cablecast.evaluation.coverage import (
+    R0_CHOICES,
+    V_MAX_CHOICES,
+    covered_share,
+    measure_coverage,
+    outlines,
+    polar_casting_region,
+)
+from cablecast.evaluation.selection import (
+    SCATTER_MAX_PCT,
+    Candidate,
+    Choice,
+    choose,
+    choose_r0,
+)
+from cablecast.files import write_bytes
+from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.pipeline.repeat import Repeated
+from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.tuned import Tuned
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.settings import settings_differences
+from cablecast.setup import Setup
+
+COVERAGE_FOLDER = "coverage"
+FIGURE_FILE = "coverage.png"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Chosen system parameters.
+
+    Attributes:
+        setup: Set-up with the chosen motion settings.
+        with_psi: Whether the wrist turns.
+        metrics: Coverage of every combination and the reasons, as metrics.json holds them.
+    """
+
+    setup: Setup
+    with_psi: bool
+    metrics: dict[str, Any]
+
+
+def select(
+    setup: Setup,
+    tuned: Tuned | CableParams | None = None,
+    *,
+    repeated: Repeated | list[dict[str, Any]] | None = None,
+    scatter_max_pct: float = SCATTER_MAX_PCT,
+    grid: int = 15,
+    grid_psi: int = 10,
+    device: str = "cpu",
+    out: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Selection:
+    """Compare what grids of casts cover for several r0 and v_max, and choose (section V-E).
+
+    Nine combinations of r0 and v_max are simulated without a turn of the wrist, and the three
+    speeds of the best r0 with one.
+
+    Args:
+        setup: Cable, workspace and arm.
+        tuned: Result of `tune`, or parameters of the cable; the cable's own where None.
+        repeated: Result of `repeat`, or its metrics, to weigh against coverage; coverage alone
+            decides where None.
+        scatter_max_pct: Largest acceptable scatter of repeated casts [% of cable length].
+        grid: Values of each action variable without a turn of the wrist; the paper has 15.
+        grid_psi: Values of each action variable with one; the paper has 10, and half as many turns.
+        device: "cpu" or "cuda".
+        out: Folder that keeps the results and a figure, and lets a stopped run go on; none where
+            None.
+        progress: Told the combinations done.
+
+    Raises:
+        InputError: A value out of bounds, or a folder that holds something else.
+        MissingExtraError: shapely or matplotlib is missing.
+    """
+    check_number("scatter_max_pct", scatter_max_pct, 1e-6, 1e6, "%")
+    check_count("grid", grid, 1, 100)
+    check_count("grid_psi", grid_psi, 1, 40)
+    require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))
+    tuned = Tuned.of(tuned, setup)
+    rows = _scatter_rows(repeated, setup.cable)
+    settings = {
+        **setup.to_settings(),
+        "params": tuned.params.to_dict(),
+        "servo": None if tuned.servo is None else tuned.servo.to_dict(),
+        "repeatability": rows,
+        "scatter_max_pct": scatter_max_pct,
+        "grid": grid,
+        "grid_psi": grid_psi,
+        "device": device,
+    }
+    report = progress or ignore
+    with folder_or_temporary(out) as folder:
+        run = RunFolder.open(folder, "select", settings)
+        metrics = run.metrics
+        if metrics is None:
+            with run.begun():
+                survey = _Survey(setup, tuned, run, (grid, grid_psi), device, report)
+                metrics = survey.choose(rows, scatter_max_pct, out is not None)
+                if out is not None:
+                    run.finish(metrics)
+        else:
+            report(Progress(task=f"Selecting for {setup.cable.name}", note=DONE_NOTE))
+    choice = metrics["choice"]
+    return Selection(
+        setup=setup.with_motion(r0=choice["r0"], v_max=choice["v_max"]),
+        with_psi=choice["with_psi"],
+        metrics=metrics,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Survey:
+    """Coverage of combinations of r0, v_max and wrist turn."""
+
+    setup: Setup
+    tuned: Tuned
+    run: RunFolder
+    grids: tuple[int, int]
+    device: str
+    report: ProgressCallback
+
+    def choose(
+        self, rows: list[dict[str, Any]], scatter_max_pct: float, draw: bool
+    ) -> dict[str, Any]:
+        """Measure, choose, draw, and return the metrics."""
+        pairs = [(r0, v_max) for r0 in R0_CHOICES for v_max in V_MAX_CHOICES]
+        total = len(pairs) + len(V_MAX_CHOICES)
+        results = []
+        for r0, v_max in pairs:
+            results.append(self._coverage(r0, v_max, False, len(results), total))
+        best_r0, _ = choose_r0([_candidate(result) for result in results])
+        for v_max in V_MAX_CHOICES:
+            results.append(self._coverage(best_r0, v_max, True, len(results), total))
+        for result in results:
+            key = _key(result)
+            result["repeatability"] = next((row for row in rows if _key(row) == key), None)
+        choice: Choice = choose([_candidate(result) for result in results], scatter_max_pct)
+        polar = polar_casting_region(self.setup)
+        radius = self.setup.workspace.reach(self.setup.cable.length)
+        if draw:
+            self._draw(results, outlines(polar)[0])
+        return {
+            "cable": self.setup.cable.name,
+            "half_disc_radius_m": radius,
+            "coverage": results,
+            "polar_casting": {
+                "share": covered_share(polar, radius),
+                "outline_xy": outlines(polar)[0].round(4).tolist(),
+            },
+            "choice": choice.to_dict(),
+        }
+
+    def _coverage(
+        self, r0: float, v_max: float, with_psi: bool, done: int, total: int
+    ) -> dict[str, Any]:
+        """Return the coverage of one combination, from the disk where it was measured before."""
+        grid, grid_psi = self.grids
+        counts = (grid_psi,) * 3 + (max(grid_psi // 2, 1),) if with_psi else (grid,) * 3
+        note = f"r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi
+
+        def measure() -> dict[str, Any]:
+            self.report(
+                Progress(
+                    task=f"Coverage of {self.setup.cable.name}",
+                    done=done,
+                    total=total,
+                    unit="combinations",
+                    note=note,
+                )
+            )
+            return measure_coverage(
+                self.setup.with_motion(r0=r0, v_max=v_max),
+                self.tuned.params,
+                make_engine(device=self.device),
+                counts,
+                self.tuned.servo,
+            ).to_dict()
+
+        name = f"r0_{r0:g}-v_max_{v_max:g}" + "-psi" * with_psi
+        return self.run.parts(COVERAGE_FOLDER).get_or_make(name, measure)
+
+    def _draw(self, results: list[dict[str, Any]], polar_outline: Any) -> None:
+        from cablecast.report.coverage import coverage_figure
+        from cablecast.report.style import png_bytes
+
+        setup = self.setup
+        figure = coverage_figure(results, polar_outline, setup.workspace, setup.cable.length)
+        write_bytes(self.run.path / FIGURE_FILE, png_bytes(figure))
+
+
+def load_repeated(folder: str | os.PathLike[str], cable: Cable) -> list[dict[str, Any]]:
+    """Return what `cablecast repeat` measured of each combination.
+
+    Raises:
+        InputError: The folder holds no finished run of it, or one with another cable.
+    """
+    config = RunFolder.read_config(folder)
+    run = RunFolder.open(folder, "repeat", config["settings"]) if config else None
+    if config is None or config["command"] != "repeat" or run is None or run.metrics is None:
+        raise InputError(f"{folder} holds no finished run of `cablecast repeat`")
+    stored = config["settings"]["cable"]
+    if differences := settings_differences(stored, cable.to_dict()):
+        raise InputError(f"{folder} was made with another cable: {'; '.join(differences)}")
+    return run.metrics["combinations"]
+
+
+def _scatter_rows(
+    repeated: Repeated | list[dict[str, Any]] | None, cable: Cable
+) -> list[dict[str, Any]]:
+    if not isinstance(repeated, Repeated):
+        return list(repeated or [])
+    for result in repeated.results.values():
+        if result.cable.name != cable.name:
+            raise InputError(f"the repeated casts are of {result.cable.name}, not of {cable.name}")
+    return repeated.metrics["combinations"]
+
+
+def _key(result: dict[str, Any]) -> tuple[float, float, bool]:
+    """Return r0, v_max and whether the wrist turns, as coverage and repeatability name them."""
+    return result["r0"], result["v_max"], result["with_psi"]
+
+
+def _candidate(result: dict[str, Any]) -> Candidate:
+    repeated = result.get("repeatability") or {}
+    r0, v_max, with_psi = _key(result)
+    return Candidate(
+        r0=r0,
+        v_max=v_max,
+        with_psi=with_psi,
+        coverage=result["share"],
+        scatter_pct=repeated.get("scatter_pct"),
+        off_table_share=repeated.get("off_table_share"),
+    )

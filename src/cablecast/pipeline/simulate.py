@@ -1,0 +1,93 @@
+"""simulate: many casts in the simulator, for the model to learn from."""
+
+import os
+from typing import Any
+
+from cablecast.cable import CableParams
+from cablecast.datasets.reader import Dataset
+from cablecast.datasets.simulate import SIMULATED_COUNT, simulate_dataset
+from cablecast.motion.action import ActionRanges
+from cablecast.pipeline.places import folder_or_temporary
+from cablecast.pipeline.tuned import Tuned
+from cablecast.runs.folder import record_run
+from cablecast.runs.progress import Progress, ProgressCallback, counter, ignore
+from cablecast.setup import Setup
+
+
+def simulate(
+    setup: Setup,
+    tuned: Tuned | CableParams | None = None,
+    *,
+    count: int = SIMULATED_COUNT,
+    psi: bool = True,
+    seed: int = 0,
+    segment_count: int | None = None,
+    dt: float | None = None,
+    device: str = "cpu",
+    out: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Dataset:
+    """Simulate casts and record where each one lands (D_sim of section V-F).
+
+    The actions are spread evenly over what the arm can do.
+
+    Args:
+        setup: Cable, workspace, arm and motion settings.
+        tuned: Parameters of the cable and servo of the arm that `tune` found, or parameters alone.
+            The cable's own parameters and an arm without lag where None.
+        count: Number of casts.
+        psi: Whether the wrist turns (the action set A2 of the paper).
+        seed: Seed of the actions. The same seed gives the same dataset.
+        segment_count: Segments of the simulated cable; what the convergence study chose where None.
+        dt: Time step [s]; what the convergence study chose where None.
+        device: "cpu" or "cuda".
+        out: Folder that keeps the dataset and lets a stopped run go on; none where None.
+        progress: Told how many casts are done.
+
+    Returns:
+        The simulated casts.
+
+    Raises:
+        DatasetError: The folder holds something else.
+        InputError: A value out of bounds.
+    """
+    tuned = Tuned.of(tuned, setup)
+    engine = make_engine(segment_count, dt, device)
+    task = f"Simulating {setup.cable.name}"
+    (progress or ignore)(Progress(task=f"Choosing {count} motions that the arm can make"))
+    with folder_or_temporary(out) as folder:
+        dataset = simulate_dataset(
+            folder,
+            setup,
+            tuned.params,
+            engine,
+            count=count,
+            seed=seed,
+            ranges=ActionRanges.for_config(setup.motion, psi),
+            servo=tuned.servo,
+            progress=counter(progress, task, "casts"),
+        )
+        if out is not None:
+            record_run(
+                folder,
+                "simulate",
+                {**dataset.info["settings"], "device": device},
+                {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
+            )
+    return dataset
+
+
+def make_engine(
+    segment_count: int | None = None, dt: float | None = None, device: str = "cpu"
+) -> Any:
+    """Return the simulator; what is not given is what the convergence study chose.
+
+    Args:
+        segment_count: Segments of the simulated cable.
+        dt: Time step [s].
+        device: "cpu" or "cuda".
+    """
+    from cablecast.engines.warp_ import EngineWarp
+
+    given = {"segment_count": segment_count, "dt": dt}
+    return EngineWarp(device=device, **{k: v for k, v in given.items() if v is not None})

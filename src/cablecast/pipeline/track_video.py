@@ -1,0 +1,284 @@
+"""track_video: find the endpoint's track in a recorded video."""
+
+import dataclasses
+import hashlib
+import itertools
+import math
+import os
+import pathlib
+from typing import Any
+
+import numpy as np
+
+from cablecast.checks import check_number
+from cablecast.errors import InputError
+from cablecast.files import write_bytes, write_text
+from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.tracking.marker import MarkerConfig
+from cablecast.tracking.opencv import load_cv2
+from cablecast.tracking.tags import TagLayout, default_layout
+from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
+from cablecast.tracking.video import read_video
+
+TRACK_FILE = "track.csv"
+FRAMES_FILE = "frames.csv"
+CALIBRATION_FILE = "calibration.json"
+PICTURE_FILE = "track.png"
+
+_CALIBRATION_FRAMES = 12
+_BOARD_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrackConfig:
+    """Description of a recording.
+
+    Attributes:
+        calibration: A calibration.json of the same camera at the same place; computed from the tags
+            in the video where None.
+        tags: YAML file of the tags' places on the table; 11 along its edges where None.
+        board: Folder of pictures of a calibration board, which tell the lens; found from the tags
+            where None.
+        view_deg: Angle of view of the camera over the diagonal [deg], where neither a calibration
+            nor a board tells it.
+        begin: Point near the endpoint when the video begins [m]; straight ahead at the end of the
+            cable where None.
+        start: Time at which the motion begins, from the first frame on [s].
+        marker: Length and width of the marker along and across the cable [m].
+    """
+
+    calibration: pathlib.Path | None = None
+    tags: pathlib.Path | None = None
+    board: pathlib.Path | None = None
+    view_deg: float = 78.0
+    begin: tuple[float, float] | None = None
+    start: float = 0.0
+    marker: tuple[float, float] = (0.038, 0.016)
+
+    def __post_init__(self):
+        if self.calibration is not None and (self.tags or self.board):
+            raise InputError("a calibration says it all: give either it, or tags and board")
+        check_number("view_deg", self.view_deg, 5.0, 175.0, "deg")
+        check_number("start", self.start, 0.0, 3600.0, "s")
+        for name, value in zip(("marker length", "marker width"), self.marker, strict=True):
+            check_number(name, value, 0.001, 0.5, "m")
+        for name, value in zip(("begin x", "begin y"), self.begin or (0.0, 0.0), strict=True):
+            check_number(name, value, -10.0, 10.0, "m")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VideoTrack:
+    """Track of an endpoint in a video.
+
+    Attributes:
+        track: The track, every 100 ms; read back from the files it has no frames.
+        metrics: Status, final point, frames seen and calibration, as metrics.json holds them.
+    """
+
+    track: EndpointTrack
+    metrics: dict[str, Any]
+
+
+def track_video(
+    video: str | os.PathLike[str],
+    setup: Setup,
+    *,
+    config: TrackConfig | None = None,
+    out: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> VideoTrack:
+    """Find the green marker in a video from above, and where the endpoint went (section V-C).
+
+    Args:
+        video: Any video that FFmpeg reads, from a camera that did not move.
+        setup: Gives the table, and the cable: its length and how high the marker lies.
+        config: Camera, tags, marker and time of the motion.
+        out: Folder that keeps the track, the calibration and a picture; none where None.
+        progress: Told how many frames are done.
+
+    Raises:
+        InputError: There is no such video, it does not fit the calibration, or a value is out of
+            bounds.
+        MissingExtraError: OpenCV is not installed.
+    """
+    require("tracking", "cv2")
+    config, video, report = config or TrackConfig(), pathlib.Path(video), progress or ignore
+    if not video.is_file():
+        raise InputError(f"there is no video {video}")
+    settings = {
+        **setup.to_settings(),
+        "video": str(video),
+        "video_sha256": _digest(video),
+        "calibration_sha256": _digest(config.calibration),
+        "tags_sha256": _digest(config.tags),
+        "board_sha256": _digest(config.board),
+        "view_deg": config.view_deg,
+        "begin": config.begin,
+        "start": config.start,
+        "marker": config.marker,
+    }
+    with folder_or_temporary(out) as folder:
+        run = RunFolder.open(folder, "track", settings)
+        if run.metrics is not None:
+            report(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
+            return VideoTrack(track=_read_track(run), metrics=run.metrics)
+        tracker, calibration, image = _track(video, setup, config, report)
+        with run.begun():
+            track, metrics = tracker.track(), _metrics(tracker, calibration)
+            if out is not None:
+                _write_files(run, tracker, calibration, image)
+                run.finish(metrics)
+        return VideoTrack(track=track, metrics=metrics)
+
+
+def _digest(path: pathlib.Path | None) -> str | None:
+    """Return the checksum of a file, or of all files of a folder."""
+    if path is None:
+        return None
+    digest = hashlib.sha256()
+    files = sorted(f for f in path.iterdir() if f.is_file()) if path.is_dir() else [path]
+    for file in files:
+        try:
+            with file.open("rb") as stream:
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
+        except FileNotFoundError:
+            raise InputError(f"there is no file {file}") from None
+    return digest.hexdigest()[:16]
+
+
+def _track(
+    video: pathlib.Path, setup: Setup, config: TrackConfig, report: ProgressCallback
+) -> tuple[EndpointTracker, Calibration, Any]:
+    calibration = _calibrate(video, config, report)
+    info, frames = read_video(video)
+    lens = calibration.view.lens
+    if (info.width, info.height) != (lens.width, lens.height):
+        raise InputError(
+            f"{video} has {info.width} x {info.height} px, but the camera was calibrated with "
+            f"{lens.width} x {lens.height} px"
+        )
+    length, width = config.marker
+    tracker = EndpointTracker(
+        calibration.view,
+        setup.workspace,
+        TrackerConfig(
+            marker=MarkerConfig(length=length, width=width),
+            marker_z=setup.cable.radius,
+            exposure_max=min(1.0 / 120, 1.0 / info.rate),
+        ),
+        start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
+    )
+    count_frames = counter(report, f"Tracking {video.name}", "frames")
+    image = None
+    for count, (time, frame) in enumerate(frames, start=1):
+        image = frame
+        tracker.update(time - config.start, lambda w, f=frame: f[w[1] : w[3], w[0] : w[2]])
+        if count_frames is not None and count % 60 == 0:
+            count_frames(count, max(info.frame_count, count))
+    return tracker, calibration, image
+
+
+def _calibrate(
+    video: pathlib.Path, config: TrackConfig, report: ProgressCallback
+) -> Calibration:
+    """Return the calibration that was given, or one from the tags in the video."""
+    if config.calibration is not None:
+        return Calibration.load(config.calibration)
+    layout = default_layout() if config.tags is None else TagLayout.load(config.tags)
+    report(Progress(task="Looking for tags in the video"))
+    _, frames = read_video(video)
+    pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
+    lens = None if config.board is None else _lens_from_board(config.board, report)
+    view = math.radians(config.view_deg)
+    return calibrate_view(pictures, layout, lens=lens, diagonal_view=view)
+
+
+def _lens_from_board(folder: pathlib.Path, report: ProgressCallback) -> Any:
+    """Return the intrinsics from a folder of pictures of the default board."""
+    cv2 = load_cv2()
+    if not folder.is_dir():
+        raise InputError(f"board folder {folder}: there is no such folder")
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in _BOARD_SUFFIXES)
+    images = [image for image in (cv2.imread(str(file)) for file in files) if image is not None]
+    if not images:
+        raise InputError(f"board folder {folder} holds no pictures")
+    lens, rms = calibrate_lens(images, Board())
+    report(Progress(task=f"Lens from {len(images)} pictures", note=f"rms {rms:.2f} px"))
+    return lens
+
+
+def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, Any]:
+    track = tracker.track()
+    times, xy = tracker.frames
+    landed = track.final_xy
+    return {
+        "status": track.status.code,
+        "meaning": track.status.value,
+        "final_xy": landed.tolist() if np.isfinite(landed).all() else None,
+        "sample_count": len(track.times),
+        "samples_seen": int(np.isfinite(track.endpoint_xy).all(axis=1).sum()),
+        "frame_count": len(times),
+        "frames_seen": int(np.isfinite(xy).all(axis=1).sum()),
+        "calibration_rms_mm": 1e3 * calibration.rms,
+        "tags_used": len(calibration.tag_ids),
+        "tags_rejected": list(calibration.rejected_ids),
+    }
+
+
+def _write_files(
+    run: RunFolder, tracker: EndpointTracker, calibration: Calibration, image: Any
+) -> None:
+    calibration.save(run.path / CALIBRATION_FILE)
+    track = tracker.track()
+    times, xy = tracker.frames
+    write_text(run.path / FRAMES_FILE, _csv("frame", times, xy))
+    write_text(run.path / TRACK_FILE, _csv("sample", track.times, track.endpoint_xy))
+    if image is not None:
+        _draw(run.path / PICTURE_FILE, image, tracker)
+
+
+def _csv(index_name: str, times: Any, xy: Any) -> str:
+    """Return a table of positions; cells are empty where nothing was seen."""
+    lines = [f"{index_name},time_s,x_m,y_m"]
+    for i, (time, (x, y)) in enumerate(zip(times, xy, strict=True)):
+        place = f"{x:.5f},{y:.5f}" if np.isfinite(x) else ","
+        lines.append(f"{i},{time:.5f},{place}")
+    return "\n".join(lines) + "\n"
+
+
+def _read_track(run: RunFolder) -> EndpointTrack:
+    from cablecast.reading import read_csv
+
+    rows = read_csv(run.path / TRACK_FILE, ("time_s", "x_m", "y_m"))
+    cells = [[float(row[n]) if row[n] else math.nan for n in ("time_s", "x_m", "y_m")] for row in rows]
+    values = np.array(cells).reshape(-1, 3)
+    return EndpointTrack(
+        times=values[:, 0],
+        endpoint_xy=values[:, 1:],
+        status=TrialStatus.from_code((run.metrics or {})["status"]),
+    )
+
+
+def _draw(path: pathlib.Path, image: Any, tracker: EndpointTracker) -> None:
+    """Draw the endpoint's path into the last frame: thin where seen, a ring at each sample."""
+    cv2 = load_cv2()
+    picture = image.copy()
+    _, xy = tracker.frames
+    z = np.full(len(xy), tracker.config.marker_z)
+    pixels = tracker.view.to_image(np.column_stack([xy, z]))
+    for a, b in itertools.pairwise(pixels):
+        if np.isfinite(a).all() and np.isfinite(b).all():
+            ends = [tuple(np.round(p).astype(int).tolist()) for p in (a, b)]
+            cv2.line(picture, ends[0], ends[1], (200, 0, 200), 2, cv2.LINE_AA)
+    track = tracker.track()
+    z = np.full(len(track.times), tracker.config.marker_z)
+    for pixel in tracker.view.to_image(np.column_stack([track.endpoint_xy, z])):
+        if np.isfinite(pixel).all():
+            centre = tuple(np.round(pixel).astype(int).tolist())
+            cv2.circle(picture, centre, 7, (200, 0, 200), 2, cv2.LINE_AA)
+    write_bytes(path, cv2.imencode(".png", picture)[1].tobytes())

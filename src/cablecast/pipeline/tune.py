@@ -1,0 +1,206 @@
+"""tune: make the simulator move its cable as the real one moved."""
+
+import dataclasses
+import os
+import pathlib
+import typing
+from typing import TYPE_CHECKING, Any
+
+from cablecast.datasets.reader import Dataset
+from cablecast.datasets.simulate import engine_settings
+from cablecast.errors import InputError
+from cablecast.files import write_bytes, write_json
+from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.tuned import Tuned, load_tuned
+from cablecast.reading import seal
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.tuning.result import PARAMS_FILE, params_file
+from cablecast.tuning.servo import ServoFit, identify_servo
+from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
+from cablecast.tuning.tune import TuneConfig, TuneProgress, split_tracks, tune_params
+
+if TYPE_CHECKING:
+    from cablecast.tuning.tune import TuneResult
+
+CHECKPOINT_FILE = "generations.json"
+TRACKS_FILE = "tracks.png"
+
+PathSource = typing.Literal["auto", "commanded", "measured"]
+
+
+def tune(
+    casts: Dataset,
+    *,
+    config: TuneConfig | None = None,
+    validation_count: int | None = None,
+    path: PathSource = "auto",
+    segment_count: int | None = None,
+    dt: float | None = None,
+    device: str = "cpu",
+    out: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Tuned:
+    """Find the ten parameters with which the simulator follows measured casts (section V-D).
+
+    The servo of the arm is identified from the same casts. A part of the casts is held out to
+    measure the result.
+
+    Args:
+        casts: Casts that `collect` recorded.
+        config: Search method, budget and seed.
+        validation_count: Casts that are held out; a quarter where None, as in the paper.
+        path: Motion of the gripper to simulate: the commanded one, or what the arm reported.
+            "auto" takes the reported one where there is one.
+        segment_count: Segments of the simulated cable; what the convergence study chose where None.
+        dt: Time step [s]; what the convergence study chose where None.
+        device: "cpu" or "cuda".
+        out: Folder that keeps the results and lets a stopped search go on; none where None.
+        progress: Told after every generation how the search stands.
+
+    Returns:
+        The parameters, the servo, and how well they follow the held-out casts.
+
+    Raises:
+        InputError: Too few casts, a value out of bounds, or a folder that holds something else.
+        DatasetError: The casts hold no tracks.
+        MissingExtraError: The results are to be kept, and matplotlib is missing.
+    """
+    report = progress or ignore
+    config = config or TuneConfig()
+    if casts.kind == "sim":
+        raise InputError("tuning needs casts of a rig: these were simulated")
+    if out is not None:
+        require("drawing the tracks", "matplotlib")
+    if config.method == "cmaes":
+        require("the search method cmaes", "cma")
+    tracks = MeasuredTracks.from_dataset(casts, path_source=path)
+    split = split_tracks(tracks, validation_count)
+    engine = make_engine(segment_count, dt, device)
+    coarse = make_engine(
+        min(config.coarse_segment_count, engine.segment_count),
+        max(config.coarse_dt, engine.dt),
+        device,
+    )
+    settings = {
+        **casts.setup.to_settings(),
+        "dataset_fingerprint": casts.fingerprint,
+        "tuning": dataclasses.asdict(config),
+        "training_count": len(split[0]),
+        "validation_count": len(split[1]),
+        "path": tracks.path_source,
+        "engine": engine_settings(engine),
+        "coarse_engine": engine_settings(coarse),
+    }
+    with folder_or_temporary(out) as folder:
+        run = RunFolder.open(folder, "tune", settings)
+        if run.metrics is None:
+            with run.begun():
+                return _search(run, casts, split, (coarse, engine), config, report, out is not None)
+        report(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
+        return dataclasses.replace(
+            load_tuned(folder, casts.setup), metrics=run.metrics or {}, path=folder
+        )
+
+
+def _search(
+    run: RunFolder,
+    casts: Dataset,
+    split: tuple[MeasuredTracks, MeasuredTracks],
+    engines: tuple[Any, Any],
+    config: TuneConfig,
+    report: ProgressCallback,
+    keep: bool,
+) -> Tuned:
+    training, validation = split
+    cable = casts.cable
+    servo = None
+    if has_measured_joints(casts):
+        report(Progress(task="Identifying the arm's servo"))
+        servo = identify_servo(casts, len(training))
+    task = f"Tuning {cable.name}"
+    result = tune_params(
+        cable,
+        training,
+        validation,
+        *engines,
+        config,
+        checkpoint=run.path / CHECKPOINT_FILE if keep else None,
+        progress=lambda state: report(_progress(task, state)),
+    )
+    values = {
+        "cable": cable.name,
+        "dataset_fingerprint": casts.fingerprint,
+        **params_file(result, cable.length, None if servo is None else servo.model),
+    }
+    metrics = {
+        **values,
+        "servo_fit": _servo_metrics(servo),
+        "history": [
+            {
+                "stage": stage,
+                "best_pct": 100 * best / cable.length,
+                "spread_pct": 100 * spread / cable.length,
+            }
+            for stage, best, spread in result.history
+        ],
+    }
+    if keep:
+        report(Progress(task="Drawing the tracks"))
+        write_bytes(run.path / TRACKS_FILE, _figure(casts, validation, engines[1], result))
+        write_json(run.path / PARAMS_FILE, seal(values))
+        run.finish(metrics)
+    return Tuned(
+        setup=casts.setup,
+        params=result.params,
+        servo=None if servo is None else servo.model,
+        metrics=metrics,
+        path=pathlib.Path(run.path) if keep else None,
+    )
+
+
+def _progress(task: str, state: TuneProgress) -> Progress:
+    return Progress(
+        task=task,
+        done=state.generation,
+        total=state.generation_count,
+        unit="generations",
+        note=f"{state.stage}, best {state.best_pct:.2f} %, spread {state.spread_pct:.2f} %",
+        seconds_left=state.seconds_left,
+    )
+
+
+def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
+    if servo is None:
+        return None
+    return {
+        "commanded_rms_m": servo.commanded_rms,
+        "model_rms_m": servo.model_rms,
+        "trial_count": servo.trial_count,
+        "lag_s": servo.model.lag.tolist(),
+    }
+
+
+def _figure(
+    casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult"
+) -> bytes:
+    """Return a picture of some held-out tracks, simulated before and after."""
+    import numpy as np
+
+    from cablecast.cable import CableParams
+    from cablecast.report.style import png_bytes
+    from cablecast.report.tracks import chosen_tracks, track_panels
+    from cablecast.tuning.objective import TrackObjective
+
+    cable = casts.cable
+    both = CableParams.from_array(np.stack([cable.params.to_array(), result.params.to_array()]))
+    xy, _ = TrackObjective(engine, cable, validation).tracks_of(both)
+    figure = track_panels(
+        validation,
+        [("default parameters", xy[0, :, :-1]), ("tuned parameters", xy[1, :, :-1])],
+        casts.setup.workspace,
+        chosen_tracks(result.validation.mean[1]),
+        cable.length,
+    )
+    return png_bytes(figure)
