@@ -7,7 +7,7 @@ from cablecast.cable import load_cable
 from cablecast.conventions import mirror_xy
 from cablecast.errors import CheckpointError
 from cablecast.models import ForwardModel
-from cablecast.models.base import DEVIATION, deviations
+from cablecast.models.features import DEVIATION, deviations
 from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions, mirror_actions
 from cablecast.motion.feasibility import check_actions
 from cablecast.policies import ForwardSearchPolicy

@@ -18,7 +18,8 @@ from cablecast.cable import Cable
 from cablecast.conventions import mirror_xy
 from cablecast.errors import CheckpointError, InputError
 from cablecast.files import write_bytes
-from cablecast.models.base import LandingModel, deviations
+from cablecast.models.features import deviations
+from cablecast.models.landing import LandingModel
 from cablecast.motion.action import ActionRanges, MotionConfig, mirror_actions
 from cablecast.policies.refinement import refine_actions
 from cablecast.workspace import Workspace
