@@ -11,7 +11,7 @@ import numpy as np
 
 from cablecast.conventions import polar_to_xy
 from cablecast.datasets.reader import read_dataset
-from cablecast.models.training import TrainingConfig, train_forward_model
+from cablecast.models import TrainingConfig, train_forward_model
 from cablecast.policies.forward_search import ForwardSearchPolicy
 
 

@@ -9,7 +9,7 @@ from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation, Trial
 from cablecast.evaluation.split import PART_NAMES, split_errors
-from cablecast.models.base import LandingModel
+from cablecast.models.landing import LandingModel
 from cablecast.motion.action import Action, MotionConfig
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.track import EndpointTrack, TrialStatus

@@ -188,7 +188,7 @@ def test_first_weights_keep_the_variance_through_the_layers():
 
 def test_threads_that_wait_leave_the_processor_to_others():
     # libgomp prints, when loaded, what it has read.
-    code = "from cablecast.models.training import check_device; check_device('cpu')"
+    code = "from cablecast.models.torch_ import check_device; check_device('cpu')"
     environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"}
     done = subprocess.run(
         [sys.executable, "-c", code + "; import os; assert 'OMP_WAIT_POLICY' not in os.environ"],

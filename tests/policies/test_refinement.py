@@ -2,7 +2,7 @@ import numpy as np
 
 from cablecast.conventions import mirror_xy
 from cablecast.models import ForwardModel
-from cablecast.models.base import DEVIATION, deviations
+from cablecast.models.features import DEVIATION, deviations
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.feasibility import check_actions
 from cablecast.policies import ForwardSearchPolicy

@@ -18,7 +18,7 @@ from cablecast.cli.options import (
 
 if TYPE_CHECKING:
     from cablecast.cable import Cable
-    from cablecast.models.base import LandingModel
+    from cablecast.models.landing import LandingModel
     from cablecast.policies.forward_search import ForwardSearchPolicy
     from cablecast.policies.polar_casting import PolarCastingPolicy
     from cablecast.rigs.base import Rig
@@ -160,7 +160,7 @@ def load_policy(
         folder: What `cablecast train` wrote; the one by default where None.
         asked: The cable that it must have been trained for, or None.
     """
-    from cablecast.models.base import load_model
+    from cablecast.models.load import load_model
     from cablecast.policies.forward_search import ForwardSearchPolicy
 
     folder = find_model(folder, asked)

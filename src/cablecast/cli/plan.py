@@ -39,7 +39,7 @@ class Plan:
         from cablecast.cable import load_cable
         from cablecast.conventions import polar_to_xy
         from cablecast.errors import InputError, TargetError
-        from cablecast.models.base import load_model
+        from cablecast.models.load import load_model
         from cablecast.motion.action import Action
         from cablecast.motion.trajectory import plan_trajectory
         from cablecast.policies.forward_search import ForwardSearchPolicy

@@ -19,7 +19,7 @@ from cablecast.cli.options import (
 
 if TYPE_CHECKING:
     from cablecast.datasets.reader import Dataset
-    from cablecast.models.base import LandingModel
+    from cablecast.models.landing import LandingModel
 
 Mode = typing.Literal["sim", "real", "both"]
 Method = typing.Literal["correction", "fine-tuning", "network", "gaussian-process"]
@@ -85,7 +85,7 @@ class Train:
         from cablecast.cable import load_cable
         from cablecast.cli.run_folder import RunFolder
         from cablecast.datasets.reader import read_dataset
-        from cablecast.models.training import check_device
+        from cablecast.models.torch_ import check_device
         from cablecast.policies.forward_search import ForwardSearchPolicy
 
         mode, method = self._mode_and_method()
@@ -142,7 +142,7 @@ class Train:
 
     def _settings(self, cable, mode, method, casts) -> dict[str, Any]:
         from cablecast.models.adaptation import REAL_ONLY, FineTuningConfig
-        from cablecast.models.gaussian_process import GaussianProcessConfig
+        from cablecast.models.gaussian_process_training import GaussianProcessConfig
         from cablecast.models.training import TrainingConfig
 
         configs: dict[str, Any] = {
@@ -172,7 +172,7 @@ class Train:
     def _model(self, method: Method, casts: "dict[str, Dataset]") -> "LandingModel":
         from cablecast.datasets.progress import console_progress
         from cablecast.models.adaptation import correct_model, fine_tune, train_on_real
-        from cablecast.models.gaussian_process import train_gaussian_process
+        from cablecast.models.gaussian_process_training import train_gaussian_process
 
         seed, device = self.seed, self.device
         if "sim" not in casts:
@@ -192,7 +192,8 @@ class Train:
 
     def _train(self, simulated: "Dataset"):
         from cablecast.datasets.progress import console_progress
-        from cablecast.models.training import TrainingConfig, train_forward_model
+        from cablecast.models.forward_training import train_forward_model
+        from cablecast.models.training import TrainingConfig
 
         config = TrainingConfig(epochs=self.epochs)
         with console_progress("Training", "epochs") as progress:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation
-from cablecast.models.base import LandingModel
 from cablecast.models.forward import ForwardModel
+from cablecast.models.landing import LandingModel
 from cablecast.motion.action import mirror_actions
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.track import TrialStatus

@@ -1,6 +1,7 @@
-"""Forward models: from an action to where the cable's free end comes to rest."""
+"""Models that predict where the free end of the cable comes to rest after an action."""
 
 from cablecast.models.forward import ForwardModel
-from cablecast.models.training import TrainingConfig, train_forward_model
+from cablecast.models.forward_training import train_forward_model
+from cablecast.models.training import TrainingConfig
 
 __all__ = ["ForwardModel", "TrainingConfig", "train_forward_model"]

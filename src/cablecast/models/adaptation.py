@@ -1,68 +1,56 @@
-"""Learning from real casts: what a few hundred of them add to what the simulator has taught.
+"""Learning from real casts.
 
-Two ways, and the network that has only the real casts:
-
-- `fine_tune` goes on training the network on D_real, as the paper does (section V-F).
-- `correct_model` leaves the network as it is and adds a `LandingCorrection`, which also knows how
-  far it may be trusted where; a policy can then choose casts that are likely to land where they
-  should. `cablecast reproduce` compares them.
+- `correct_model` keeps the network and adds a `LandingCorrection`. It also estimates the spread of
+  real landings, by which a policy can choose casts that are likely to succeed.
+- `fine_tune` continues the training of the network on D_real, as in the paper (section V-F).
+- `train_on_real` trains a network on D_real alone.
 
 Each is cross-validated on D_real: every real cast is predicted once by a model that has not seen
-it. Casts that left the table or were not seen have no endpoint and teach nothing here.
+it. Casts that left the table or were not seen have no endpoint and are not used.
 """
 
 import dataclasses
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.datasets.reader import Dataset
-from cablecast.datasets.schema import settings_differences
 from cablecast.errors import InputError
-from cablecast.models.base import (
-    action_features,
-    dataset_summary,
-    deviations,
-    known_margins,
+from cablecast.machine import library_versions
+from cablecast.models.correction_fit import fit_correction
+from cablecast.models.features import deviations
+from cablecast.models.forward import ForwardModel, Weights
+from cablecast.models.forward_training import untrained_model
+from cablecast.models.real_casts import (
+    Progress,
+    Rows,
+    cross_validate,
+    real_metrics,
+    real_rows,
+    with_adaptation,
 )
-from cablecast.models.correction import MIN_REAL_ROWS, fit_correction
-from cablecast.models.forward import ForwardModel
-from cablecast.models.training import (
-    TrainingConfig,
-    check_device,
-    fit_network,
-    initial_weights,
-    library_versions,
-    one_thread,
-)
+from cablecast.models.rows import dataset_summary
+from cablecast.models.torch_ import check_device, one_thread
+from cablecast.models.training import Casts, TrainingConfig, fit_network, normalized_casts
 
-FOLD_COUNT = 5
-"""Parts that D_real is cut into; each is predicted from the others."""
-
-Progress = Callable[[int, int], None]
-"""Called with the number of fits done and of all."""
-
-Predict = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Curve = list[dict[str, float]]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FineTuningConfig:
-    """How the network goes on learning from real casts.
-
-    `cablecast reproduce` compares it with the correction on the same casts.
+    """Settings of fine-tuning.
 
     Attributes:
         epochs: Passes over the training rows.
-        learning_rate: Greatest learning rate.
-        batch_size: Rows of a step.
+        learning_rate: Maximum learning rate.
+        batch_size: Number of rows per step.
         weight_decay: Decoupled weight decay.
-        real_fraction: Share of real casts among the training rows. At 1 there are no others, as
-            in the paper; below, simulated casts are kept and the real ones repeated, as in its
+        real_fraction: Fraction of real casts among the training rows. At 1 there are no others, as
+            in the paper. Below 1, simulated casts are kept and the real ones repeated, as in its
             sibling (arXiv 2111.04814), which took 0.3 to 0.4.
-        real_weight: How much a real cast counts against a simulated one.
+        real_weight: Weight of a real cast in the loss, relative to a simulated one.
     """
 
     epochs: int = 400
@@ -80,7 +68,7 @@ class FineTuningConfig:
         self.training()
 
     def training(self) -> TrainingConfig:
-        """The same as settings of the optimiser, which then runs to its last epoch."""
+        """Return the settings of the optimiser, which then runs to its last epoch."""
         return TrainingConfig(
             epochs=self.epochs,
             learning_rate=self.learning_rate,
@@ -93,48 +81,50 @@ class FineTuningConfig:
 REAL_ONLY = TrainingConfig(
     epochs=300, batch_size=64, learning_rate=3e-3, weight_decay=1e-2, patience=300
 )
-"""How a network is trained from nothing on a few hundred real casts."""
+"""Settings for training a network on a few hundred real casts alone."""
 
 
 def correct_model(
     model: ForwardModel, real: Dataset, *, seed: int = 0, progress: Progress | None = None
 ) -> ForwardModel:
-    """Add what real casts teach to a model trained on simulated ones.
+    """Fit a correction to real casts and add it to a model.
+
+    The metric `spread_calibration` is the root mean square of the cross-validated errors along x
+    and y, each divided by its predicted spread: 1 if the spread is right.
 
     Args:
-        model: The model.
+        model: Model trained on simulated casts.
         real: D_real.
-        seed: Chooses the parts of the cross-validation.
-        progress: Told how many fits are done.
+        seed: Seed for the folds of the cross-validation.
+        progress: Called with the number of completed fits.
 
     Raises:
-        InputError: Too few real casts, or they are of another cable or other motions.
+        InputError: There are too few real casts, they are of another cable or other motions, or
+            there is no finite fit.
+        MissingExtraError: torch is not installed.
     """
-    actions, endpoints = _real_rows(real, model)
+    actions, endpoint_xy = real_rows(real, model)
     changes = deviations(real.actions)
     began = time.monotonic()
 
-    def fit(rows: NDArray[np.intp]) -> ForwardModel:
-        correction = fit_correction(model, actions[rows], endpoints[rows], changes)
-        return dataclasses.replace(model.uncorrected, correction=correction)
+    def fit(rows: Rows, held_out: Rows) -> ForwardModel:
+        del held_out
+        correction = fit_correction(model, actions[rows], endpoint_xy[rows], changes)
+        return dataclasses.replace(model, correction=correction)
 
-    folds = list(_folds(len(actions), seed))
-    predicted, spread = np.empty_like(endpoints), np.empty(len(actions))
-    for done, (rows, held_out) in enumerate(folds):
-        _report(progress, done, len(folds) + 1)
-        fold_model = fit(rows)
+    parts, corrected = cross_validate(len(actions), fit, seed, progress)
+    predicted, spread = np.empty_like(endpoint_xy), np.empty(len(actions))
+    for held_out, fold_model in parts:
         predicted[held_out] = fold_model.predict(actions[held_out])
         spread[held_out] = fold_model.predict_spread(actions[held_out])
-    _report(progress, len(folds), len(folds) + 1)
-    corrected = fit(np.arange(len(actions)))
-    _report(progress, len(folds) + 1, len(folds) + 1)
-    # Offsets along x and y, in units of the spread that was predicted: 1 if it is right.
-    offset = (predicted - endpoints) / spread[:, None]
-    metrics = _real_metrics(real, model, actions, endpoints, predicted) | {
+    offset = (predicted - endpoint_xy) / spread[:, None]
+    metrics = real_metrics(real, model, actions, endpoint_xy, predicted) | {
         "spread_calibration": float(np.sqrt(np.mean(offset**2))),
         "adaptation_seconds": round(time.monotonic() - began, 2),
     }
-    return _with_info(corrected, model, real, "correction", {}, seed, metrics)
+    return with_adaptation(
+        corrected, model.info, real, method="correction", seed=seed, metrics=metrics
+    )
 
 
 def fine_tune(
@@ -147,45 +137,54 @@ def fine_tune(
     device: str = "cpu",
     progress: Progress | None = None,
 ) -> ForwardModel:
-    """Go on training a model on real casts.
+    """Continue the training of a model on real casts.
 
     Args:
-        model: A model trained on simulated casts.
+        model: Model trained on simulated casts. A correction that it has is dropped.
         real: D_real.
-        simulated: D_sim, where `real_fraction` is below 1.
-        config: How to train.
-        seed: Chooses the parts of the cross-validation and the order of the rows.
+        simulated: D_sim, needed if `real_fraction` is below 1.
+        config: Settings of fine-tuning.
+        seed: Seed for the folds of the cross-validation and the order of the rows.
         device: "cpu" or "cuda".
-        progress: Told how many fits are done.
+        progress: Called with the number of completed fits.
 
     Raises:
-        InputError: Too few real casts, or they are of another cable or other motions.
+        InputError: There are too few real casts, or they are of another cable or other motions.
+        MissingExtraError: torch is not installed.
     """
     config = config or FineTuningConfig()
     if config.real_fraction < 1.0 and simulated is None:
         raise InputError(f"real_fraction = {config.real_fraction:g} needs simulated casts")
     check_device(device)
-    actions, endpoints = _real_rows(real, model)
+    actions, endpoint_xy = real_rows(real, model)
 
-    def fit(rows: NDArray[np.intp], held_out: NDArray[np.intp]):
-        training, weights = _mixture(model, actions[rows], endpoints[rows], simulated, config)
+    def fit(rows: Rows, held_out: Rows) -> tuple[Weights, Curve]:
+        training, row_weights = training_mixture(
+            model, actions[rows], endpoint_xy[rows], simulated, config
+        )
         return fit_network(
             model.weights,
             training,
-            _normalized(model, actions[held_out], endpoints[held_out]),
+            normalized_casts(model, actions[held_out], endpoint_xy[held_out]),
             config=config.training(),
             seed=seed,
             device=device,
             metre=model.endpoint_scale,
-            row_weights=weights,
+            row_weights=row_weights,
             keep_last=True,
         )
 
-    network, curve, predicted = _cross_validate(model, actions, endpoints, fit, seed, progress)
-    tuned = dataclasses.replace(model, weights=network, correction=None)
-    metrics = _real_metrics(real, model, actions, endpoints, predicted)
-    values = dataclasses.asdict(config)
-    return _with_info(tuned, model, real, "fine-tuning", values, seed, metrics, curve)
+    tuned, curve, predicted = _cross_validate_network(model, actions, fit, seed, progress)
+    return with_adaptation(
+        tuned,
+        model.info,
+        real,
+        method="fine-tuning",
+        config=dataclasses.asdict(config),
+        seed=seed,
+        metrics=real_metrics(real, model, actions, endpoint_xy, predicted),
+        curve=curve,
+    )
 
 
 def train_on_real(
@@ -196,42 +195,29 @@ def train_on_real(
     device: str = "cpu",
     progress: Progress | None = None,
 ) -> ForwardModel:
-    """Train the network on real casts alone: the paper's f_forw with D_real.
+    """Train a network on real casts alone, the paper's f_forw with D_real.
 
     Args:
         real: D_real.
-        config: How to train.
-        seed: Chooses first weights, order of rows, and the parts of the cross-validation.
+        config: Settings of the training.
+        seed: Seed for the initial weights, the order of the rows and the folds.
         device: "cpu" or "cuda".
-        progress: Told how many fits are done.
+        progress: Called with the number of completed fits.
 
     Raises:
-        InputError: Too few real casts.
+        InputError: There are too few real casts.
+        MissingExtraError: torch is not installed.
     """
     config = config or REAL_ONLY
     check_device(device)
-    actions, endpoints = _real_rows(real, None)
-    features = action_features(actions)
-    feature_scale = features.std(axis=0)
-    known, margins = known_margins(real)
-    feature_scale = np.where(feature_scale > 1e-9, feature_scale, 1.0)
-    blank = ForwardModel(
-        weights=initial_weights(config, features.shape[1], seed),
-        feature_mean=features.mean(axis=0),
-        feature_scale=feature_scale,
-        endpoint_mean=endpoints.mean(axis=0),
-        endpoint_scale=max(float(endpoints.std(axis=0).mean()), 1e-6),
-        margin_features=np.empty((0, 4), dtype=np.float32),
-        margins=margins.astype(np.float32),
-        info={"dataset": dataset_summary(real)},
-    )
-    blank = dataclasses.replace(blank, margin_features=blank.normalize(real.actions[known]))
+    actions, endpoint_xy = real_rows(real, None)
+    blank = untrained_model(actions, endpoint_xy, config, seed).with_margins(real)
 
-    def fit(rows: NDArray[np.intp], held_out: NDArray[np.intp]):
+    def fit(rows: Rows, held_out: Rows) -> tuple[Weights, Curve]:
         return fit_network(
             blank.weights,
-            _normalized(blank, actions[rows], endpoints[rows]),
-            _normalized(blank, actions[held_out], endpoints[held_out]),
+            normalized_casts(blank, actions[rows], endpoint_xy[rows]),
+            normalized_casts(blank, actions[held_out], endpoint_xy[held_out]),
             config=config,
             seed=seed,
             device=device,
@@ -239,138 +225,85 @@ def train_on_real(
             keep_last=True,
         )
 
-    network, curve, predicted = _cross_validate(blank, actions, endpoints, fit, seed, progress)
-    model = dataclasses.replace(blank, weights=network)
-    metrics = _real_metrics(real, None, actions, endpoints, predicted)
+    model, curve, predicted = _cross_validate_network(blank, actions, fit, seed, progress)
     info = {
         "config": dataclasses.asdict(config),
         "device": device,
         "versions": library_versions(),
+        "dataset": dataset_summary(real),
     }
-    blank = dataclasses.replace(blank, info=blank.info | info)
-    return _with_info(model, blank, real, "real only", {}, seed, metrics, curve)
+    return with_adaptation(
+        model,
+        info,
+        real,
+        method="real only",
+        seed=seed,
+        metrics=real_metrics(real, None, actions, endpoint_xy, predicted),
+        curve=curve,
+    )
 
 
-def _cross_validate(model, actions, endpoints, fit, seed, progress):
-    """Fit to all but each part in turn, and to all.
+def training_mixture(
+    model: ForwardModel,
+    actions: NDArray[np.float64],
+    endpoint_xy: NDArray[np.float64],
+    simulated: Dataset | None,
+    config: FineTuningConfig,
+) -> tuple[Casts, NDArray[np.float64] | None]:
+    """Return the training rows of fine-tuning and their weights in the loss.
+
+    Real casts are repeated a whole number of times, so that their fraction is as near to
+    `real_fraction` as that allows.
+
+    Args:
+        model: Model that holds the means and scales.
+        actions: Actions of the real casts, shape [cast, 4].
+        endpoint_xy: Their endpoints [m], shape [cast, 2].
+        simulated: D_sim, used if `real_fraction` is below 1.
+        config: Settings of fine-tuning.
 
     Returns:
-        Weights from all casts, the learning curve with the held-out loss averaged over the parts,
-        and the held-out predictions [m].
+        Normalised casts, and weights of shape [row], or None if all are equal.
     """
-    folds = list(_folds(len(actions), seed))
-    predicted = np.empty_like(endpoints)
-    held_out_losses = []
-    every = np.arange(len(actions))
-    with one_thread():
-        for done, (rows, held_out) in enumerate(folds):
-            _report(progress, done, len(folds) + 1)
-            network, fold_curve = fit(rows, held_out)
-            predicted[held_out] = dataclasses.replace(
-                model, weights=network, correction=None
-            ).predict(actions[held_out])
-            held_out_losses.append([row["held_out_loss"] for row in fold_curve])
-        _report(progress, len(folds), len(folds) + 1)
-        network, curve = fit(every, every)
-    _report(progress, len(folds) + 1, len(folds) + 1)
-    for row, loss in zip(curve, np.mean(held_out_losses, axis=0), strict=True):
-        row["held_out_loss"] = float(loss)
-    return network, curve, predicted
-
-
-def _mixture(model, actions, endpoints, simulated, config):
-    """Normalised training rows, and how much each counts."""
-    inputs, outputs = _normalized(model, actions, endpoints)
+    inputs, outputs = normalized_casts(model, actions, endpoint_xy)
     if config.real_fraction >= 1.0 or simulated is None:
         return (inputs, outputs), None
     rows = simulated.finite
-    sim_inputs, sim_outputs = _normalized(
+    sim_inputs, sim_outputs = normalized_casts(
         model, simulated.actions[rows], simulated.endpoint_xy[rows]
     )
-    share = config.real_fraction / (1.0 - config.real_fraction)
-    copies = max(1, round(share * len(sim_inputs) / len(inputs)))
-    weights = np.repeat([1.0, config.real_weight], [len(sim_inputs), copies * len(inputs)])
+    ratio = config.real_fraction / (1.0 - config.real_fraction)
+    copies = max(1, round(ratio * len(sim_inputs) / len(inputs)))
+    row_weights = np.repeat([1.0, config.real_weight], [len(sim_inputs), copies * len(inputs)])
     mixed = (
         np.concatenate([sim_inputs, np.tile(inputs, (copies, 1))]),
         np.concatenate([sim_outputs, np.tile(outputs, (copies, 1))]),
     )
-    return mixed, weights
+    return mixed, row_weights
 
 
-def _normalized(model, actions, endpoints):
-    outputs = (endpoints - model.endpoint_mean) / model.endpoint_scale
-    return model.normalize(actions), outputs.astype(np.float32)
-
-
-def _folds(count: int, seed: int):
-    """Rows to learn from and rows to predict, for each part."""
-    order = np.random.default_rng([seed, 7]).permutation(count)
-    for held_out in np.array_split(order, FOLD_COUNT):
-        yield np.setdiff1d(order, held_out), held_out
-
-
-def _real_rows(real: Dataset, model: ForwardModel | None):
-    """Actions and endpoints of the real casts that came to rest on the table and were seen."""
-    if model is not None:
-        there, here = model.info["dataset"]["settings"], real.info["settings"]
-        for name in ("cable", "motion", "workspace"):
-            if differences := settings_differences(there.get(name, {}), here.get(name, {})):
-                raise InputError(
-                    f"the real casts do not fit the model: {name}.{'; '.join(differences)}"
-                )
-    rows = np.flatnonzero(real.ok & real.finite)
-    if len(rows) < MIN_REAL_ROWS:
-        raise InputError(
-            f"{len(rows)} of {len(real)} real casts came to rest on the table and were seen: "
-            f"learning from them needs {MIN_REAL_ROWS}"
-        )
-    return real.actions[rows], real.endpoint_xy[rows]
-
-
-def _real_metrics(
-    real: Dataset,
-    model: ForwardModel | None,
+def _cross_validate_network(
+    model: ForwardModel,
     actions: NDArray[np.float64],
-    endpoints: NDArray[np.float64],
-    predicted: NDArray[np.float64],
-) -> dict[str, Any]:
-    """Errors on the real casts, each predicted by a model that has not seen it."""
+    fit: Callable[[Rows, Rows], tuple[Weights, Curve]],
+    seed: int,
+    progress: Progress | None,
+) -> tuple[ForwardModel, Curve, NDArray[np.float64]]:
+    """Cross-validate a network, and train it on all casts.
 
-    def errors_pct(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.linalg.norm(xy - endpoints, axis=1) / real.cable.length * 100
-
-    metrics: dict[str, Any] = {
-        "real_count": len(real),
-        "real_used_count": len(actions),
-        "real_fold_count": FOLD_COUNT,
-    }
-    errors = {"real": errors_pct(predicted)}
-    if model is not None:
-        errors["real_before"] = errors_pct(model.uncorrected.predict(actions))
-    for name, values in errors.items():
-        metrics |= {
-            f"{name}_median_pct": float(np.median(values)),
-            f"{name}_p90_pct": float(np.percentile(values, 90)),
-            f"{name}_mean_pct": float(np.mean(values)),
-        }
-    return metrics
-
-
-def _with_info(model, base, real, method, config, seed, metrics, curve=None) -> ForwardModel:
-    """The model with the story of its adaptation added to that of its base."""
-    info = base.info | {
-        "metrics": base.info.get("metrics", {}) | metrics,
-        "adaptation": {
-            "method": method,
-            "config": config,
-            "seed": seed,
-            "dataset": dataset_summary(real),
-            "curve": curve or [],
-        },
-    }
-    return dataclasses.replace(model, info=info)
-
-
-def _report(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)
+    Returns:
+        The model trained on all casts, its learning curve with the held-out loss averaged over the
+        folds, and the cross-validated predictions [m], shape [cast, 2].
+    """
+    with one_thread():
+        parts, (weights, curve) = cross_validate(len(actions), fit, seed, progress)
+    predicted = np.empty((len(actions), 2))
+    for held_out, (fold_weights, _) in parts:
+        fold_model = dataclasses.replace(model, weights=fold_weights, correction=None)
+        predicted[held_out] = fold_model.predict(actions[held_out])
+    losses = [[row["held_out_loss"] for row in fold_curve] for _, (_, fold_curve) in parts]
+    curve = [
+        row | {"held_out_loss": float(loss)}
+        for row, loss in zip(curve, np.mean(losses, axis=0), strict=True)
+    ]
+    return dataclasses.replace(model, weights=weights, correction=None), curve, predicted

@@ -1,112 +1,139 @@
-"""MODELCARD.md: what a model is, what it learned from, and how far it may be trusted."""
+"""Text of MODELCARD.md: what a model is, its training data, and its prediction errors."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from cablecast.models.base import LandingModel
 from cablecast.models.forward import ForwardModel
+from cablecast.models.gaussian_process import GaussianProcessModel
+from cablecast.models.landing import LandingModel
 
 _KINDS = {
-    ForwardModel.FORMAT: "A network from an action to where the free end comes to rest "
+    ForwardModel.FORMAT: "A neural network from an action to where the free end comes to rest "
     "(f_forw, arXiv 2405.09581, section V-F).",
-    "cablecast.gaussian_process": "A Gaussian process from an action to where the free end comes "
+    GaussianProcessModel.FORMAT: "A Gaussian process from an action to where the free end comes "
     "to rest, the learned baseline of arXiv 2405.09581, section VI-A.",
 }
 
 _ADAPTATIONS = {
-    "correction": "A Gaussian process over the action and the predicted landing adds what real "
-    "casts do differently, and says how far they scatter about the prediction.",
-    "fine-tuning": "The network went on training on real casts, as in the paper.",
-    "real only": "The network has seen nothing but real casts.",
+    "correction": "A Gaussian process over the action and the predicted landing corrects the "
+    "network by real casts, and estimates how far real landings scatter about the prediction.",
+    "fine-tuning": "The training of the network continued on real casts, as in the paper.",
+    "real only": "The network was trained on real casts alone.",
 }
+
+# Prefix of the metrics, key of the number of casts, and words for the casts.
+_ERROR_ROWS = (
+    ("held_out", "held_out_count", "held-out casts of its own dataset"),
+    ("real_before", "real_used_count", "real casts, before it learned from them"),
+    ("real", "real_used_count", "real casts, cross-validated"),
+)
 
 
 def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None) -> str:
-    """The card of a trained model, in Markdown.
+    """Return the card of a trained model in Markdown.
 
     Args:
-        model: The model.
-        policy_info: What the search that was prepared with it says of itself.
+        model: Trained model.
+        policy_info: Description of the search policy that was built with it.
     """
-    info, cable = model.info, model.cable
-    dataset, adaptation = info["dataset"], info.get("adaptation")
+    info = model.info
     lines = [
-        f"# Where casts of {cable.name} land",
+        f"# Where casts of {model.cable.name} land",
         "",
         _KINDS[model.FORMAT],
         "",
-        "It takes (theta1, theta2, r2, psi) in radians and metres and answers with x and y on the "
-        "table in metres: the robot's base is at (0, 0), y points away from it, x to its right. It "
-        "was made for theta2 > 0; other actions are mirrored.",
+        "Its input is (theta1, theta2, r2, psi) in radians and metres, its output x and y on the "
+        "table in metres. The robot's base is at (0, 0), y points away from it, and x to its "
+        "right. The model holds for theta2 > 0; other actions are mirrored.",
         "",
-        "## What it learned from",
+        "## Training data",
         "",
-        f"- {_dataset_line(dataset)}",
+        *_data_lines(info),
+        "",
+        "## Prediction errors",
+        "",
+        *_error_lines(info["metrics"], model.cable.length),
+        "",
+        "## Limits",
+        "",
+        *_limit_lines(model),
+        "",
+        "## Settings",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *(f"| {name} | {value} |" for name, value in _flatten(_settings(info, policy_info))),
     ]
-    if adaptation:
-        if adaptation["method"] != "real only":
-            lines.append(f"- {_dataset_line(adaptation['dataset'])}")
-        lines += ["", _ADAPTATIONS[adaptation["method"]]]
-    lines += ["", "## How well it predicts", "", *_error_lines(info["metrics"])]
-    lines += [
-        "",
-        "These are errors of prediction, in % of cable length "
-        f"({cable.length:g} m). How near casts come to targets is another matter: see "
-        "`cablecast evaluate`.",
-        "",
-        "## What to know before using it",
-        "",
-        f"- It holds for this cable, for v_max = {model.setup.motion.v_max:g} m/s and "
-        f"r0 = {model.setup.motion.r0:g} m, and for actions within the ranges of its casts.",
-        "- It knows resting points only; whether the cable keeps to the table on its way is "
-        "interpolated from the casts of its dataset.",
-    ]
-    if not (adaptation or dataset.get("kind") == "real"):
-        lines.append("- It has seen no real cast: how far a rig differs from it is unknown to it.")
-    lines += ["", "## Settings", "", "| setting | value |", "|---|---|"]
-    settings = {
-        "seed": info.get("seed"),
-        "training": info.get("config"),
-        "kernel": info.get("kernel"),
-        "adaptation": adaptation and {"method": adaptation["method"]} | adaptation["config"],
-        "policy": policy_info,
-        "versions": info.get("versions"),
-    }
-    lines += [f"| {name} | {value} |" for name, value in _flatten(settings)]
     return "\n".join(lines) + "\n"
 
 
-def _dataset_line(dataset: Mapping[str, Any]) -> str:
-    kinds = {"sim": "simulated casts (D_sim)", "real": "casts on a rig (D_real)"}
-    rig = dataset["settings"].get("rig", {}).get("rig")
-    where = f" on the {rig} rig" if rig else ""
-    what = kinds.get(dataset["kind"], "casts")
-    if where:
-        what = what.replace(" on a rig", where)
-    return f"{dataset['row_count']} {what}, fingerprint `{dataset['fingerprint']}`"
-
-
-def _error_lines(metrics: Mapping[str, Any]) -> list[str]:
-    rows = []
-    for key, count, words in (
-        ("held_out", "held_out_count", "casts of its own dataset that were held out"),
-        ("real_before", "real_used_count", "real casts, before it learned from them"),
-        ("real", "real_used_count", "real casts, each predicted without having been seen"),
-    ):
-        if f"{key}_median_pct" in metrics:
-            values = " | ".join(f"{metrics[f'{key}_{name}_pct']:.2f}" for name in ("median", "p90"))
-            rows.append(f"| {metrics[count]} {words} | {values} |")
-    lines = ["| on | median | 90 % are below |", "|---|---|---|", *rows]
-    if "spread_calibration" in metrics:
-        lines += [
-            "",
-            "Offsets of these real casts are "
-            f"{metrics['spread_calibration']:.2f} times as large as it expected (rms; 1 is right).",
-        ]
+def _data_lines(info: Mapping[str, Any]) -> list[str]:
+    lines = [f"- {_dataset_line(info['dataset'])}"]
+    if adaptation := info.get("adaptation"):
+        if adaptation["method"] != "real only":
+            lines.append(f"- {_dataset_line(adaptation['dataset'])}")
+        lines += ["", _ADAPTATIONS[adaptation["method"]]]
     return lines
 
 
+def _dataset_line(dataset: Mapping[str, Any]) -> str:
+    rig = dataset["settings"].get("rig", {}).get("rig")
+    words = {
+        "sim": "simulated casts (D_sim)",
+        "real": f"casts on {f'the {rig}' if rig else 'a'} rig (D_real)",
+    }
+    what = words.get(dataset["kind"], "casts")
+    return f"{dataset['row_count']} {what}, fingerprint `{dataset['fingerprint']}`"
+
+
+def _error_lines(metrics: Mapping[str, Any], cable_length: float) -> list[str]:
+    lines = ["| on | median | 90 % are below |", "|---|---|---|"]
+    for name, count, words in _ERROR_ROWS:
+        if f"{name}_median_pct" in metrics:
+            median, p90 = metrics[f"{name}_median_pct"], metrics[f"{name}_p90_pct"]
+            lines.append(f"| {metrics[count]} {words} | {median:.2f} | {p90:.2f} |")
+    if "spread_calibration" in metrics:
+        lines += [
+            "",
+            f"The errors on these real casts are {metrics['spread_calibration']:.2f} times as "
+            "large as the spread that it predicted (root mean square; 1 is right).",
+        ]
+    lines += [
+        "",
+        f"These are errors of prediction, in % of cable length ({cable_length:g} m). "
+        "`cablecast evaluate` measures how near casts come to targets.",
+    ]
+    return lines
+
+
+def _limit_lines(model: LandingModel) -> list[str]:
+    config, info = model.setup.motion, model.info
+    lines = [
+        f"- It holds for this cable, for v_max = {config.v_max:g} m/s and r0 = {config.r0:g} m, "
+        "and for actions within the ranges of its casts.",
+        "- It predicts endpoints only. Whether a cast keeps the cable on the table is interpolated "
+        "from the casts of its dataset.",
+    ]
+    if not (info.get("adaptation") or info["dataset"].get("kind") == "real"):
+        lines.append("- It has seen no real casts, so its error on a rig is not known.")
+    return lines
+
+
+def _settings(info: Mapping[str, Any], policy_info: Mapping[str, Any] | None) -> dict[str, Any]:
+    adaptation = info.get("adaptation")
+    return {
+        "seed": info.get("seed"),
+        "training": info.get("config"),
+        "kernel": info.get("kernel"),
+        "adaptation": adaptation
+        and {"method": adaptation["method"], "seed": adaptation["seed"]} | adaptation["config"],
+        "policy": policy_info,
+        "versions": info.get("versions"),
+    }
+
+
 def _flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Return the leaves of nested settings with dotted names; a leaf that is None is left out."""
     rows = []
     for key, value in values.items():
         if isinstance(value, Mapping):

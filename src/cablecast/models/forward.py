@@ -1,4 +1,4 @@
-"""The forward model f_forw: a network from an action to where the free end comes to rest."""
+"""Forward model f_forw: a neural network from an action to the endpoint (paper, section V-F)."""
 
 import dataclasses
 from typing import Any
@@ -6,36 +6,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.models.base import LandingModel
 from cablecast.models.correction import LandingCorrection
+from cablecast.models.landing import LandingModel
 
-# Rows at once through the network: large enough for fast products, small enough for the cache.
+# Rows per pass through the network: enough for fast products, few enough for the cache.
 _CHUNK_ROWS = 4096
+
+# Least relative shift of which the logarithm is taken.
+_SHIFT_MIN = 1e-6
+
+Weights = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
+"""Matrix, shape [in, out], and offset, shape [out], of each layer."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ForwardModel(LandingModel):
-    """A trained network with everything needed to use it again.
+    """A trained network, with an optional correction from real casts.
 
     Attributes:
-        weights: Matrix [in, out] and offset [out] of each layer; SiLU follows all but the last.
-        correction: What real casts have taught beyond the network, if they have.
+        weights: Matrix and offset of each layer. SiLU follows every layer but the last.
+        correction: Correction fitted to real casts, if there is one.
     """
 
-    weights: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
+    weights: Weights
     correction: LandingCorrection | None = None
 
     FORMAT = "cablecast.forward_model"
 
     def predict(self, actions: ArrayLike) -> NDArray[np.float64]:
-        """Where the free end will come to rest.
-
-        Args:
-            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
-
-        Returns:
-            Endpoints [m], shape [action, 2].
-        """
+        """Predict where the free end comes to rest; see `LandingModel.predict`."""
         endpoints = self.predict_uncorrected(actions)
         if self.correction is None:
             return endpoints
@@ -43,7 +42,14 @@ class ForwardModel(LandingModel):
         return endpoints + self.correction.shift(*inputs)
 
     def predict_uncorrected(self, actions: ArrayLike) -> NDArray[np.float64]:
-        """What the network alone says of the endpoints [m], shape [action, 2]."""
+        """Predict the endpoints by the network alone.
+
+        Args:
+            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+
+        Returns:
+            Endpoints [m], shape [action, 2].
+        """
         features = self.normalize(actions)
         outputs = np.empty((len(features), 2))
         for start in range(0, len(features), _CHUNK_ROWS):
@@ -51,14 +57,14 @@ class ForwardModel(LandingModel):
             for layer, (matrix, offset) in enumerate(self.weights):
                 hidden = hidden @ matrix + offset
                 if layer < len(self.weights) - 1:
-                    # exp overflows to infinity far below zero, where SiLU is rightly zero.
+                    # Far below zero exp overflows to infinity, and SiLU is then zero as it should.
                     with np.errstate(over="ignore"):
                         hidden /= 1.0 + np.exp(-hidden)
             outputs[start : start + _CHUNK_ROWS] = hidden
         return self.endpoint_mean + self.endpoint_scale * outputs
 
     def predict_spread(self, actions: ArrayLike) -> NDArray[np.float64] | None:
-        """How far real landings are expected to lie from the predicted ones; see the base class."""
+        """Predict how far real landings scatter; see `LandingModel.predict_spread`."""
         if self.correction is None:
             return None
         return self.correction.spread(*self.correction_inputs(actions, self.correction.changes))
@@ -66,7 +72,7 @@ class ForwardModel(LandingModel):
     def sensitivity(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """How far the network alone says that landings move; see the base class."""
+        """Return the sensitivity of the network alone; see `LandingModel.sensitivity`."""
         shifts = self.uncorrected.landing_shifts(actions, changes)
         return np.linalg.norm(shifts, axis=(1, 2))
 
@@ -76,26 +82,26 @@ class ForwardModel(LandingModel):
         changes: NDArray[np.float64],
         endpoints: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What a correction sees of actions.
+        """Return the inputs of a correction for actions.
 
         Args:
-            actions: Shape [action, 4].
-            changes: Deviations of an action, shape [change, 4]; see `deviations`.
-            endpoints: What `predict_uncorrected` says of them, if it is known already.
+            actions: Actions, shape [action, 4].
+            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+            endpoints: Result of `predict_uncorrected`, if it is known already.
 
         Returns:
-            Where the correction is looked up: normalised features and the normalised endpoint that
-            the network predicts, shape [action, 6]. What its size depends on: the features, and the
-            logarithm of how far the endpoint moves when the action deviates, shape [action, 5].
+            Places, at which the process is evaluated: the normalised features and the normalised
+            endpoint of the network, shape [action, 6]. Arguments of the local size: the features
+            and the logarithm of the normalised sensitivity, shape [action, 5].
         """
         actions = np.asarray(actions, dtype=float)
         if endpoints is None:
             endpoints = self.predict_uncorrected(actions)
         features = self.normalize(actions).astype(float)
-        place = (endpoints - self.endpoint_mean) / self.endpoint_scale
         shift = self.sensitivity(actions, changes)
-        size = np.log(np.maximum(shift / self.endpoint_scale, 1e-6))
-        return np.hstack([features, place]), np.hstack([features, size[:, None]])
+        log_shift = np.log(np.maximum(shift / self.endpoint_scale, _SHIFT_MIN))
+        places = np.hstack([features, self.normalize_endpoints(endpoints)])
+        return places, np.hstack([features, log_shift[:, None]])
 
     @property
     def uncorrected(self) -> "ForwardModel":

@@ -1,44 +1,43 @@
-"""Training the forward model on the L2 error of equation 5."""
+"""Training of a network on normalised casts with the L2 error of equation 5 as its loss."""
 
-import contextlib
 import dataclasses
 import itertools
-import os
-import platform
-import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import cablecast
-from cablecast.datasets.reader import Dataset
-from cablecast.errors import InputError, MissingExtraError
-from cablecast.models.base import action_features, dataset_summary, known_margins
-from cablecast.models.forward import ForwardModel
+from cablecast.errors import InputError
+from cablecast.models.forward import Weights
+from cablecast.models.landing import LandingModel
+from cablecast.models.torch_ import check_device, import_torch
 
-MIN_ROWS = 50
-"""Fewer rows than this cannot be split into a training and a held-out part that mean anything."""
+# Fraction of the steps in which the learning rate rises, and the factor by which it falls below its
+# initial value at the end.
+_RISE_FRACTION = 0.15
+_FINAL_DIVISOR = 1e3
 
 TrainingCallback = Callable[[dict[str, float]], None]
 """Called after every epoch with a row of the learning curve."""
 
+Casts = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Normalised features, shape [row, 4], and normalised endpoints, shape [row, 2]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
-    """How the network is trained; widths are the paper's (section V-F).
+    """Settings of the training. The widths are the paper's (section V-F).
 
     Attributes:
-        hidden_width: Units of each hidden layer.
+        hidden_width: Number of units of each hidden layer.
         hidden_count: Number of hidden layers.
-        epochs: Passes over the training rows, along which the learning rate rises and falls.
-        batch_size: Rows of a step.
-        learning_rate: Greatest learning rate.
+        epochs: Passes over the training rows, during which the learning rate rises and falls once.
+        batch_size: Number of rows per step.
+        learning_rate: Maximum learning rate.
         weight_decay: Decoupled weight decay.
-        held_out_fraction: Part of the rows that only validates.
-        patience: Epochs without a better held-out loss after which training stops.
+        held_out_fraction: Fraction of the rows that is used for validation only.
+        patience: Epochs without a better held-out loss after which the training stops.
     """
 
     hidden_width: int = 256
@@ -66,140 +65,13 @@ class TrainingConfig:
                 raise InputError(f"{name} = {value} is outside [{low:g}, {high:g}]")
 
 
-def train_forward_model(
-    dataset: Dataset,
-    *,
-    config: TrainingConfig | None = None,
-    seed: int = 0,
-    device: str = "cpu",
-    start: ForwardModel | None = None,
-    on_epoch: TrainingCallback | None = None,
-) -> ForwardModel:
-    """Train the forward model on a dataset.
-
-    Every row with a known resting point is used, those off the table too: the simulated plane has
-    no edge, so their resting points are as physical as the others, and the map is smooth across the
-    edge. They support the network where it matters, just inside. Whether an action stays on the
-    table is told by `ForwardModel.predict_margin`, not by the network.
+def initial_weights(config: TrainingConfig, input_count: int, seed: int) -> Weights:
+    """Return random weights that keep the variance from layer to layer (He).
 
     Args:
-        dataset: Trials.
-        config: How to train.
-        seed: Chooses the held-out rows, the first weights and the order of the rows. The same seed
-            gives the same weights on the same machine.
-        device: "cpu" or "cuda".
-        start: Go on from this model's weights and normalisation instead of from random weights.
-        on_epoch: Told after every epoch how the losses stand.
-
-    Raises:
-        InputError: Too few rows with a known endpoint, or a device that is not there.
-        MissingExtraError: torch is not installed.
-    """
-    config = config or TrainingConfig()
-    rows = np.flatnonzero(dataset.finite)
-    if len(rows) < MIN_ROWS:
-        raise InputError(
-            f"{len(rows)} of {len(dataset)} rows have a known endpoint: training needs {MIN_ROWS}"
-        )
-    cable_length = dataset.cable.length
-    features, endpoints = action_features(dataset.actions[rows]), dataset.endpoint_xy[rows]
-    order = np.random.default_rng(seed).permutation(len(rows))
-    held_out_count = max(1, round(config.held_out_fraction * len(rows)))
-    held_out, training = order[:held_out_count], order[held_out_count:]
-    if start is None:
-        feature_mean, feature_scale = (
-            features[training].mean(axis=0),
-            features[training].std(axis=0),
-        )
-        # An action set without psi has a feature that never varies.
-        feature_scale = np.where(feature_scale > 1e-9, feature_scale, 1.0)
-        endpoint_mean = endpoints[training].mean(axis=0)
-        endpoint_scale = max(float(endpoints[training].std(axis=0).mean()), 1e-6)
-        weights = initial_weights(config, features.shape[1], seed)
-    else:
-        feature_mean, feature_scale = start.feature_mean, start.feature_scale
-        endpoint_mean, endpoint_scale = start.endpoint_mean, start.endpoint_scale
-        weights = start.weights
-
-    inputs = ((features - feature_mean) / feature_scale).astype(np.float32)
-    outputs = ((endpoints - endpoint_mean) / endpoint_scale).astype(np.float32)
-    began = time.monotonic()
-    with one_thread():
-        weights, curve = fit_network(
-            weights,
-            (inputs[training], outputs[training]),
-            (inputs[held_out], outputs[held_out]),
-            config=config,
-            seed=seed,
-            device=device,
-            metre=endpoint_scale,
-            on_epoch=on_epoch,
-        )
-    known, margins = known_margins(dataset)
-    model = ForwardModel(
-        weights=weights,
-        feature_mean=feature_mean,
-        feature_scale=feature_scale,
-        endpoint_mean=endpoint_mean,
-        endpoint_scale=endpoint_scale,
-        margin_features=(
-            (action_features(dataset.actions[known]) - feature_mean) / feature_scale
-        ).astype(np.float32),
-        margins=margins.astype(np.float32),
-    )
-    error = np.linalg.norm(
-        model.predict(dataset.actions[rows[held_out]]) - endpoints[held_out], axis=1
-    )
-    metrics: dict[str, Any] = {
-        "held_out_count": len(held_out),
-        "held_out_median_pct": float(np.median(error) / cable_length * 100),
-        "held_out_p90_pct": float(np.percentile(error, 90) / cable_length * 100),
-        "held_out_mean_pct": float(np.mean(error) / cable_length * 100),
-        "training_count": len(training),
-        "unknown_endpoint_count": len(dataset) - len(rows),
-        "off_table_count": int(np.sum(dataset.status == "off_table")),
-        "epoch_count": len(curve),
-        "best_epoch": min(curve, key=lambda row: row["held_out_loss"])["epoch"],
-        "training_seconds": round(time.monotonic() - began, 2),
-    }
-    info = {
-        "config": dataclasses.asdict(config),
-        "seed": seed,
-        "device": device,
-        "versions": library_versions(),
-        "metrics": metrics,
-        "curve": curve,
-        "dataset": dataset_summary(dataset),
-    }
-    return dataclasses.replace(model, info=info)
-
-
-def check_device(device: str) -> None:
-    """Refuse a device that training cannot run on.
-
-    Args:
-        device: "cpu" or "cuda".
-
-    Raises:
-        InputError: Another name, or no CUDA device was found.
-        MissingExtraError: torch is not installed.
-    """
-    if device not in ("cpu", "cuda"):
-        raise InputError(f"device {device!r} must be 'cpu' or 'cuda'")
-    torch = _torch()
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("device 'cuda' is not available: no CUDA device was found, use cpu")
-
-
-def initial_weights(
-    config: TrainingConfig, input_count: int, seed: int
-) -> tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]:
-    """Random first weights, scaled so that every layer keeps the variance (He).
-
-    Args:
-        config: Widths.
+        config: Widths of the layers.
         input_count: Number of features.
-        seed: Chooses them, on any machine and device the same.
+        seed: Seed of the weights, which are the same on any machine and device.
     """
     generator = np.random.default_rng([seed, 1])
     widths = [input_count, *[config.hidden_width] * config.hidden_count, 2]
@@ -210,142 +82,168 @@ def initial_weights(
     return tuple(layers)
 
 
-def fit_network(
-    weights,
-    training,
-    held_out,
-    *,
-    config,
-    seed,
-    device,
-    metre,
-    on_epoch=None,
-    row_weights=None,
-    keep_last=False,
-):
-    """Run the optimiser; returns the weights of the best epoch and the learning curve.
+def normalized_casts(
+    model: LandingModel, actions: NDArray[np.float64], endpoint_xy: NDArray[np.float64]
+) -> Casts:
+    """Return casts as the network of a model is trained on them.
 
     Args:
-        weights: First weights by layer.
-        training: Normalised inputs and outputs to learn.
-        held_out: Normalised inputs and outputs to validate with.
-        config: How to train.
-        seed: Chooses the order of the rows.
+        model: Model that holds the means and scales.
+        actions: Actions, shape [row, 4].
+        endpoint_xy: Endpoints [m], shape [row, 2].
+    """
+    return model.normalize(actions), model.normalize_endpoints(endpoint_xy).astype(np.float32)
+
+
+def fit_network(
+    weights: Weights,
+    training: Casts,
+    held_out: Casts,
+    *,
+    config: TrainingConfig,
+    seed: int,
+    device: str,
+    metre: float,
+    on_epoch: TrainingCallback | None = None,
+    row_weights: NDArray | None = None,
+    keep_last: bool = False,
+) -> tuple[Weights, list[dict[str, float]]]:
+    """Train a network.
+
+    Args:
+        weights: Initial weights.
+        training: Rows to learn.
+        held_out: Rows to validate with.
+        config: Settings of the training.
+        seed: Seed for the order of the rows.
         device: "cpu" or "cuda".
-        metre: Metres per unit of the normalised outputs.
-        on_epoch: Told after every epoch.
-        row_weights: How much each training row counts, shape [row]; all the same where None.
-        keep_last: Keep the weights of the last epoch rather than of the best.
+        metre: Length of one unit of the normalised endpoints [m].
+        on_epoch: Called after every epoch.
+        row_weights: Weight of each training row in the loss, shape [row]; equal if None.
+        keep_last: Whether to return the weights of the last epoch instead of the best.
+
+    Returns:
+        The weights of the epoch with the least held-out loss, and the learning curve. Its losses
+        are mean distances [m].
+
+    Raises:
+        InputError: The device is not available, or no held-out loss was finite.
+        MissingExtraError: torch is not installed.
     """
     check_device(device)
-    torch = _torch()
-
-    def tensor(values):
-        return torch.tensor(np.asarray(values), device=device)
-
-    layers = [(tensor(m).requires_grad_(), tensor(o).requires_grad_()) for m, o in weights]
-    parameters = [p for layer in layers for p in layer]
-    (x, y), (x_held_out, y_held_out) = ([tensor(a) for a in pair] for pair in (training, held_out))
-
-    def network(hidden):
-        for matrix, offset in layers[:-1]:
-            hidden = torch.nn.functional.silu(torch.addmm(offset, hidden, matrix))
-        return torch.addmm(layers[-1][1], hidden, layers[-1][0])
-
-    counts = None if row_weights is None else tensor(np.asarray(row_weights, dtype=np.float32))
-
-    def loss(predicted, wanted, count=None):
-        # The norm itself, not its square (equation 5): outliers near folds of the map do not rule.
-        distance = torch.linalg.vector_norm(predicted - wanted, dim=1)
-        return distance.mean() if count is None else (count * distance).sum() / count.sum()
-
-    batch_size = min(config.batch_size, len(x))
-    batch_count = -(-len(x) // batch_size)
-    optimizer = torch.optim.AdamW(
-        parameters, lr=config.learning_rate, weight_decay=config.weight_decay
-    )
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer,
-        max_lr=config.learning_rate,
-        total_steps=config.epochs * batch_count,
-        pct_start=0.15,
-        final_div_factor=1e3,
-    )
-    shuffle = np.random.default_rng([seed, 2])
-    best, best_loss, best_epoch, curve = None, np.inf, 0, []
+    network = _TorchNetwork(weights, device)
+    epochs = _Epochs(network, training, row_weights, config, seed)
+    inputs, wanted = network.tensors(held_out)
+    torch = network.torch
+    best, best_loss, best_epoch = None, np.inf, 0
+    curve: list[dict[str, float]] = []
     for epoch in range(1, config.epochs + 1):
-        order = tensor(shuffle.permutation(len(x)))
-        total = 0.0
-        for rows in order.split(batch_size):
-            optimizer.zero_grad(set_to_none=True)
-            value = loss(network(x[rows]), y[rows], None if counts is None else counts[rows])
-            value.backward()
-            optimizer.step()
-            schedule.step()
-            total += value.detach() * len(rows)
+        training_loss = epochs.run()
         with torch.no_grad():
-            held_out_loss = float(loss(network(x_held_out), y_held_out)) * metre
+            held_out_loss = float(network.loss(inputs, wanted)) * metre
         curve.append(
             {
                 "epoch": epoch,
-                "loss": float(total) / len(x) * metre,
+                "loss": training_loss * metre,
                 "held_out_loss": held_out_loss,
-                "learning_rate": optimizer.param_groups[0]["lr"],
+                "learning_rate": epochs.learning_rate,
             }
         )
         if on_epoch is not None:
             on_epoch(curve[-1])
         if held_out_loss < best_loss or (keep_last and np.isfinite(held_out_loss)):
             best_loss, best_epoch = held_out_loss, epoch
-            best = [(m.detach().clone(), o.detach().clone()) for m, o in layers]
+            best = network.weights()
         elif epoch - best_epoch >= config.patience:
             break
     if best is None:
         raise InputError(
             f"training diverged: no finite loss with learning_rate = {config.learning_rate:g}"
         )
-    return tuple((m.cpu().numpy(), o.cpu().numpy()) for m, o in best), curve
+    return best, curve
 
 
-@contextlib.contextmanager
-def one_thread():
-    """Keep torch to one thread for a while.
+class _TorchNetwork:
+    """The network of a forward model in torch."""
 
-    A few hundred rows through 256 units are microseconds of work: threads that wait for each other
-    at every layer cost more than they bring, and on a busy machine ten times as much.
-    """
-    torch = _torch()
-    thread_count = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(thread_count)
+    def __init__(self, weights: Weights, device: str):
+        self.torch = import_torch("training the forward model")
+        self.device = device
+        self.layers = [
+            tuple(tensor.requires_grad_() for tensor in self.tensors(layer)) for layer in weights
+        ]
+
+    def tensors(self, arrays) -> list[Any]:
+        """Copy arrays to the device."""
+        return [self.torch.tensor(np.asarray(array), device=self.device) for array in arrays]
+
+    def loss(self, inputs, wanted, row_weights=None):
+        """Return the mean distance between predicted and wanted endpoints, normalised."""
+        torch, hidden = self.torch, inputs
+        for matrix, offset in self.layers[:-1]:
+            hidden = torch.nn.functional.silu(torch.addmm(offset, hidden, matrix))
+        predicted = torch.addmm(self.layers[-1][1], hidden, self.layers[-1][0])
+        # Equation 5 takes the norm, not its square, so outliers near folds of the map count less.
+        distance = torch.linalg.vector_norm(predicted - wanted, dim=1)
+        if row_weights is None:
+            return distance.mean()
+        return (row_weights * distance).sum() / row_weights.sum()
+
+    def weights(self) -> Weights:
+        """Return a copy of the current weights."""
+        return tuple(
+            (matrix.detach().cpu().numpy().copy(), offset.detach().cpu().numpy().copy())
+            for matrix, offset in self.layers
+        )
 
 
-def _torch():
-    # OpenMP's threads wait for each other by spinning, some forty times a step. When anything else
-    # runs on the same cores, they mostly spin for one that is not running: training then took 15
-    # times as long as on one thread. They read this wish once, when the library is loaded.
-    wish = "OMP_WAIT_POLICY"
-    is_ours = "torch" not in sys.modules and wish not in os.environ
-    if is_ours:
-        os.environ[wish] = "PASSIVE"
-    try:
-        import torch
-    except ImportError:
-        raise MissingExtraError("torch", "learn", "training the forward model") from None
-    finally:
-        if is_ours:
-            del os.environ[wish]
-    return torch
+class _Epochs:
+    """The optimiser of a network, which runs one epoch at a time."""
 
+    def __init__(
+        self,
+        network: _TorchNetwork,
+        training: Casts,
+        row_weights: NDArray | None,
+        config: TrainingConfig,
+        seed: int,
+    ):
+        optim = network.torch.optim
+        self.network = network
+        self.inputs, self.wanted = network.tensors(training)
+        self.row_weights = None
+        if row_weights is not None:
+            (self.row_weights,) = network.tensors([row_weights.astype(np.float32)])
+        self.batch_size = min(config.batch_size, len(self.inputs))
+        batch_count = -(-len(self.inputs) // self.batch_size)
+        self.optimizer = optim.AdamW(
+            [parameter for layer in network.layers for parameter in layer],
+            lr=config.learning_rate,
+            weight_decay=config.weight_decay,
+        )
+        self.schedule = optim.lr_scheduler.OneCycleLR(
+            self.optimizer,
+            max_lr=config.learning_rate,
+            total_steps=config.epochs * batch_count,
+            pct_start=_RISE_FRACTION,
+            final_div_factor=_FINAL_DIVISOR,
+        )
+        self.shuffle = np.random.default_rng([seed, 2])
 
-def library_versions() -> dict[str, str]:
-    """Versions of what decides the weights."""
-    return {
-        "cablecast": cablecast.__version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "torch": str(_torch().__version__),
-    }
+    @property
+    def learning_rate(self) -> float:
+        return self.optimizer.param_groups[0]["lr"]
+
+    def run(self) -> float:
+        """Take a step for every batch and return the mean loss, normalised."""
+        (order,) = self.network.tensors([self.shuffle.permutation(len(self.inputs))])
+        total = 0.0
+        for rows in order.split(self.batch_size):
+            self.optimizer.zero_grad(set_to_none=True)
+            row_weights = None if self.row_weights is None else self.row_weights[rows]
+            value = self.network.loss(self.inputs[rows], self.wanted[rows], row_weights)
+            value.backward()
+            self.optimizer.step()
+            self.schedule.step()
+            total += value.detach() * len(rows)
+        return float(total) / len(self.inputs)

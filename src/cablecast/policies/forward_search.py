@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.checks import check_number
 from cablecast.conventions import mirror_xy
 from cablecast.errors import CheckpointError, InputError
-from cablecast.models.base import LandingModel, deviations, load_model
+from cablecast.models.features import deviations
+from cablecast.models.landing import LandingModel
+from cablecast.models.load import load_model
 from cablecast.motion.action import ActionRanges, mirror_actions
 from cablecast.motion.feasibility import feasible_grid
 from cablecast.policies.base import Plan, check_targets

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.conventions import mirror_xy
-from cablecast.models.base import LandingModel
+from cablecast.models.landing import LandingModel
 from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, mirror_actions
 from cablecast.motion.feasibility import check_actions
 

@@ -1,0 +1,262 @@
+"""Base of the models that predict where a cast lands.
+
+Prediction needs NumPy alone; torch is needed only for training, so that planning starts at once.
+"""
+
+import dataclasses
+import functools
+import json
+import pathlib
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable
+from cablecast.datasets.reader import Dataset, settings_object, settings_setup
+from cablecast.errors import CheckpointError, InputError
+from cablecast.models.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
+from cablecast.models.features import FEATURE_COUNT, action_features
+from cablecast.models.rows import known_margins
+from cablecast.setup import Setup
+
+if TYPE_CHECKING:
+    from cablecast.motion.action import ActionRanges
+
+MARGIN_NEIGHBORS = 8
+"""Number of nearest training actions from which the table margin is interpolated."""
+
+_SHARED = ("feature_mean", "feature_scale", "endpoint_mean", "margin_features", "margins")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LandingModel:
+    """Predict the endpoint of a cast from its action.
+
+    Attributes:
+        feature_mean: Mean of each feature over the training rows, shape [4].
+        feature_scale: Standard deviation of each feature, shape [4].
+        endpoint_mean: Mean endpoint [m], shape [2].
+        endpoint_scale: Scale of the endpoint [m], the same for x and y to preserve distances.
+        margin_features: Normalised features of the rows with a known table margin, shape [row, 4].
+        margins: Least distance of the free end from the table's edges during these casts, negative
+            where it left the table [m], shape [row].
+        info: Configuration, metrics, learning curve, versions, and the settings and fingerprint of
+            the dataset.
+    """
+
+    feature_mean: NDArray[np.float64]
+    feature_scale: NDArray[np.float64]
+    endpoint_mean: NDArray[np.float64]
+    endpoint_scale: float
+    margin_features: NDArray[np.float32] = dataclasses.field(
+        default_factory=lambda: np.empty((0, FEATURE_COUNT), dtype=np.float32)
+    )
+    margins: NDArray[np.float32] = dataclasses.field(
+        default_factory=lambda: np.empty(0, dtype=np.float32)
+    )
+    info: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    FORMAT: ClassVar[str]
+
+    def predict(self, actions: ArrayLike) -> NDArray[np.float64]:
+        """Predict where the free end comes to rest.
+
+        Args:
+            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+
+        Returns:
+            Endpoints [m], shape [action, 2].
+        """
+        raise NotImplementedError
+
+    def predict_spread(self, actions: ArrayLike) -> NDArray[np.float64] | None:
+        """Predict how far real landings scatter about the predicted endpoints.
+
+        Args:
+            actions: Actions, shape [action, 4].
+
+        Returns:
+            Standard deviation along each of x and y [m], shape [action]; None for a model that has
+            no estimate of it.
+        """
+        del actions
+        return None
+
+    def landing_shifts(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the change of the predicted endpoint for each change of an action.
+
+        Args:
+            actions: Actions, shape [action, 4].
+            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+
+        Returns:
+            Shift of the endpoint by central differences [m], shape [action, 2, change].
+        """
+        shifts = [
+            (self.predict(actions + change) - self.predict(actions - change)) / 2
+            for change in changes
+        ]
+        return np.stack(shifts, axis=2)
+
+    def sensitivity(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the root of the summed squared endpoint shifts of each action.
+
+        Args:
+            actions: Actions, shape [action, 4].
+            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+
+        Returns:
+            Sensitivity [m], shape [action].
+        """
+        return np.linalg.norm(self.landing_shifts(actions, changes), axis=(1, 2))
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """Prediction errors, row counts and training time."""
+        return self.info["metrics"]
+
+    @property
+    def cable(self) -> Cable:
+        """Cable of the training casts."""
+        return settings_object(Cable.from_dict, self.info["dataset"], "cable", "the model")
+
+    @functools.cached_property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings of the training casts."""
+        return settings_setup(self.info["dataset"], "the model")
+
+    @property
+    def action_ranges(self) -> "ActionRanges":
+        """Ranges from which the training actions were chosen.
+
+        For a dataset of given actions, the default ranges of its motion parameters.
+        """
+        from cablecast.motion.action import ActionRanges
+
+        known = self.info["dataset"]["settings"].get("ranges")
+        if known is None:
+            return ActionRanges.for_config(self.setup.motion)
+        return settings_object(
+            lambda values: ActionRanges(**{k: tuple(v) for k, v in values.items()}),
+            self.info["dataset"],
+            "ranges",
+            "the model",
+        )
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Short name of this model: the start of the SHA-256 of all its arrays."""
+        return digest(self.tensors())
+
+    def normalize(self, actions: ArrayLike) -> NDArray[np.float32]:
+        """Return the normalised features of actions, shape [action, 4]."""
+        features = (action_features(actions) - self.feature_mean) / self.feature_scale
+        return features.astype(np.float32)
+
+    def normalize_endpoints(self, endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return normalised endpoints, shape [action, 2]."""
+        return (endpoint_xy - self.endpoint_mean) / self.endpoint_scale
+
+    def predict_margin(self, actions: ArrayLike) -> NDArray[np.float64]:
+        """Predict the least distance of the free end from the table's edges during a cast.
+
+        The margin is interpolated between the nearest training actions by inverse distance. It has
+        kinks where another edge becomes the nearest, which a small network would round off.
+
+        Args:
+            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+
+        Returns:
+            Margins [m], negative where the free end leaves the table, shape [action].
+        """
+        neighbor_count = min(MARGIN_NEIGHBORS, len(self.margins))
+        distance, index = self._margin_tree.query(
+            self.normalize(actions), k=neighbor_count, workers=-1
+        )
+        distance, index = (np.reshape(a, (-1, neighbor_count)) for a in (distance, index))
+        weight = 1.0 / np.maximum(distance, 1e-9)
+        return np.sum(weight * self.margins[index], axis=1) / weight.sum(axis=1)
+
+    @functools.cached_property
+    def _margin_tree(self):
+        from scipy.spatial import KDTree
+
+        return KDTree(self.margin_features)
+
+    def with_margins(self, dataset: Dataset) -> Self:
+        """Return this model with the table margins of a dataset.
+
+        Args:
+            dataset: Simulated or real casts.
+        """
+        rows, margins = known_margins(dataset)
+        return dataclasses.replace(
+            self,
+            margin_features=self.normalize(dataset.actions[rows]),
+            margins=margins.astype(np.float32),
+        )
+
+    def save(self, folder: str | pathlib.Path) -> None:
+        """Write the checkpoint.
+
+        Args:
+            folder: Folder for `model.safetensors` and `model.json`.
+        """
+        write_checkpoint(folder, self.FORMAT, self.tensors(), self.info)
+
+    @classmethod
+    def load(cls, folder: str | pathlib.Path) -> Self:
+        """Read a checkpoint of this kind of model; see `load_model` for any kind.
+
+        Args:
+            folder: Folder given to `save`.
+
+        Raises:
+            CheckpointError: The file is missing, truncated, damaged, or of another kind.
+        """
+        return cls.from_checkpoint(read_checkpoint(folder))
+
+    @classmethod
+    def from_checkpoint(cls, checkpoint: Checkpoint) -> Self:
+        """Verify a checkpoint and build the model from it.
+
+        Args:
+            checkpoint: Contents of the file.
+
+        Raises:
+            CheckpointError: The file is damaged, incomplete, or of another kind.
+        """
+        checkpoint.check(cls.FORMAT)
+        tensors = checkpoint.tensors
+        try:
+            shared: dict[str, Any] = {name: tensors[name] for name in _SHARED}
+            return cls(
+                **shared,
+                endpoint_scale=float(tensors["endpoint_scale"][0]),
+                info=json.loads(checkpoint.header["info"]),
+                **cls._own_fields(tensors),
+            )
+        except (KeyError, ValueError, InputError) as error:
+            raise CheckpointError(f"{checkpoint.file} is incomplete: {error}") from None
+
+    def tensors(self) -> dict[str, NDArray]:
+        """Return all arrays by name, as stored in the checkpoint."""
+        tensors: dict[str, NDArray] = {name: getattr(self, name) for name in _SHARED}
+        tensors["endpoint_scale"] = np.array([self.endpoint_scale])
+        tensors |= self._own_tensors()
+        # safetensors writes the bytes in memory order, which would scramble a transposed view.
+        return {name: np.ascontiguousarray(value) for name, value in tensors.items()}
+
+    def _own_tensors(self) -> dict[str, NDArray]:
+        """Return the arrays of this kind of model beyond the shared ones."""
+        raise NotImplementedError
+
+    @classmethod
+    def _own_fields(cls, tensors: dict[str, NDArray]) -> dict[str, Any]:
+        """Return the fields stored by `_own_tensors`, as arguments of the class."""
+        raise NotImplementedError
