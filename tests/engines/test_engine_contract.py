@@ -243,9 +243,13 @@ def test_an_initial_state_with_other_segments_is_refused(name):
         engine(name).rollout(CABLE, CABLE.params, sweep(0.1), state, duration=0.1)
 
 
-@pytest.mark.parametrize("options", [{"duration": 0.0}, {"duration": 0.1, "sample_dt": -0.1}])
-def test_a_duration_or_interval_that_is_not_positive_is_refused(name, options):
-    with pytest.raises(InputError, match="must be positive"):
+@pytest.mark.parametrize(
+    "options",
+    [{"duration": 0.0}, {"duration": np.inf}, {"duration": 0.1, "sample_dt": -0.1}],
+    ids=str,
+)
+def test_a_duration_or_interval_out_of_bounds_is_refused(name, options):
+    with pytest.raises(InputError, match=r"(duration|sample_dt) = .* s is outside"):
         engine(name).rollout(CABLE, CABLE.params, sweep(0.1), **options)
 
 

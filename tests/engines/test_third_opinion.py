@@ -9,9 +9,8 @@ import pytest
 
 from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.action import MotionConfig
 from cablecast.motion.cast import cast_grip_paths
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 spec = importlib.util.spec_from_file_location(
     "explicit_rod", pathlib.Path(__file__).with_name("explicit_rod.py")
@@ -38,7 +37,7 @@ DURATION = 2.2
 
 @pytest.fixture(scope="module")
 def paths():
-    return cast_grip_paths(ACTIONS, MotionConfig(), Workspace())
+    return cast_grip_paths(ACTIONS, Setup())
 
 
 def difference_pct(a, b):

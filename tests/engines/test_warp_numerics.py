@@ -9,9 +9,8 @@ from cablecast.cable import CableParams, load_cable
 from cablecast.conventions import mirror_xy
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.motion.action import MotionConfig
 from cablecast.motion.cast import cast_grip_paths
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 CABLE = load_cable("cable_1")
 
@@ -26,7 +25,7 @@ def random_actions(count, seed):
 
 
 def casts(count, seed=0, v_max=1.5):
-    return cast_grip_paths(random_actions(count, seed), MotionConfig(v_max=v_max), Workspace())
+    return cast_grip_paths(random_actions(count, seed), Setup().with_motion(v_max=v_max))
 
 
 def distance_pct(a, b):

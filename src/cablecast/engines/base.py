@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
+from cablecast.checks import check_number
 from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
@@ -14,6 +15,9 @@ from cablecast.motion.grip_path import GripPath
 REFERENCE_SEGMENT_COUNT = 18
 """Number of capsules of the paper's simulator (its sibling names 18). Angular damping slows the
 rotation of such a segment at the given rate, however finely an engine divides the cable itself."""
+
+DURATION_MAX = 600.0
+"""Longest rollout [s]: ten minutes, far beyond any motion of an arm."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,7 +49,11 @@ class CableState:
 
     @classmethod
     def at_rest(cls, positions: NDArray[np.float64]) -> "CableState":
-        """Cables at rest and untwisted in a given shape [m], shape [world, node, 3]."""
+        """Return cables at rest and untwisted.
+
+        Args:
+            positions: Nodes [m], shape [world, node, 3].
+        """
         world_count, node_count, _ = positions.shape
         segments = np.zeros((world_count, node_count - 1))
         return cls(
@@ -58,7 +66,7 @@ class CableState:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """What a batch of simulated motions did.
+    """Result of a batch of simulated motions.
 
     Attributes:
         times: Sample times [s], shape [step]; the first is 0.
@@ -66,7 +74,8 @@ class Rollout:
         final_state: State at the end of the rollout.
         finite: False for a world that became non-finite; its samples are NaN from then on,
             shape [world].
-        nodes: Cable shapes at the sample times [m], shape [world, step, node, 3], where asked for.
+        nodes: Cable shapes at the sample times [m], shape [world, step, node, 3]; None unless
+            `record_nodes` was set.
     """
 
     times: NDArray[np.float64]
@@ -82,7 +91,7 @@ class Rollout:
 
 
 class Engine(Protocol):
-    """A cable simulator; implementations are `EngineWarp`, and others behind the same call."""
+    """A cable simulator: `EngineWarp`, `EngineMujoco` and `EnginePybullet` answer this call."""
 
     segment_count: int
     dt: float
@@ -103,27 +112,26 @@ class Engine(Protocol):
 
         Args:
             cable: Geometry, shared by all worlds.
-            params: Shared, or one value per world.
-            grip_path: One row, or one per world.
-            initial_state: One row, or one per world; by default the reset state, see
-                `reset_state`.
-            duration: How long to simulate [s]; by default the longest motion plus two seconds.
-            sample_dt: Time between samples [s].
-            far_path: Holds the far end on this path; free where None.
-            record_nodes: Also return the cable's shapes.
+            params: Parameters, shared or one value per world.
+            grip_path: Path of the gripper, one row or one per world.
+            initial_state: State at time 0, one row or one per world; by default `reset_state`.
+            duration: Simulated time [s]; by default the longest motion plus `SETTLE_TIME`.
+            sample_dt: Time between samples [s], rounded to whole steps of the engine.
+            far_path: Path that the far end is held on; free where None.
+            record_nodes: True to return the cable's shapes, too.
 
         Raises:
-            InputError: Batches of different sizes, or a duration or step that is not positive.
+            InputError: Batches of different sizes, or a duration or interval out of bounds.
         """
         ...
 
 
 SETTLE_TIME = 2.0
-"""How long a rollout goes on after the motion by default [s]: casts settle within 1.5 s."""
+"""Time that a rollout goes on after the motion by default [s]: casts settle within 1.5 s."""
 
 
 def batch_size(*counts: int | None) -> int:
-    """The number of worlds that several arguments agree on; None and 1 go with any.
+    """Return the number of worlds that several arguments agree on; None and 1 go with any.
 
     Raises:
         InputError: Two arguments disagree.
@@ -137,7 +145,7 @@ def batch_size(*counts: int | None) -> int:
 def reset_state(
     cable: Cable, params: CableParams, grip_path: GripPath, segment_count: int
 ) -> CableState:
-    """The cable as the paper's reset leaves it: straight, at rest, pulled towards the robot.
+    """Return the cable as the paper's reset leaves it: straight, at rest, pulled to the robot.
 
     The gripper holds the near end a little above the table; from there the cable descends as a
     heavy elastic beam, clamped level at height h, that touches down with no slope and no moment:
@@ -146,8 +154,8 @@ def reset_state(
 
     Args:
         cable: Geometry.
-        params: Bend stiffness and mass shape the descent; shared or per world.
-        grip_path: Its start gives the grip pose, so the cable points along the initial yaw.
+        params: Parameters, shared or per world; bend stiffness and mass shape the descent.
+        grip_path: Path whose start gives the grip pose; the cable points along its yaw.
         segment_count: Number of segments.
 
     Returns:
@@ -189,10 +197,10 @@ def reset_state(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RolloutPlan:
-    """What the arguments of a rollout come down to once every default is filled in.
+    """Arguments of a rollout with every default filled in.
 
     Attributes:
-        initial_state: One row, or one per world.
+        initial_state: State at time 0, one row or one per world.
         world_count: Number of worlds.
         steps_per_sample: Steps of the engine between two samples.
         sample_count: Number of samples, the first at time 0.
@@ -214,11 +222,11 @@ def plan_rollout(
     sample_dt: float,
     far_path: GripPath | None,
 ) -> RolloutPlan:
-    """Check the arguments of `Engine.rollout` and fill in its defaults, alike for every engine.
+    """Check the arguments of `Engine.rollout` and fill in their defaults, alike for every engine.
 
     Raises:
         InputError: Batches of different sizes, a state of another number of segments, or a
-            duration or step that is not positive.
+            duration or interval out of bounds.
     """
     if initial_state is None:
         initial_state = reset_state(cable, params, grip_path, engine.segment_count)
@@ -229,8 +237,8 @@ def plan_rollout(
         )
     if duration is None:
         duration = float(grip_path.duration.max()) + SETTLE_TIME
-    if not duration > 0 or not sample_dt > 0:
-        raise InputError(f"duration {duration} s and sample_dt {sample_dt} s must be positive")
+    check_number("duration", duration, 1e-6, DURATION_MAX, "s")
+    check_number("sample_dt", sample_dt, 1e-6, DURATION_MAX, "s")
     steps_per_sample = max(1, round(sample_dt / engine.dt))
     return RolloutPlan(
         initial_state=initial_state,

@@ -12,21 +12,20 @@ is built so that it converges to the same continuum as `EngineWarp`:
   through damped tendons, as in `EngineWarp`, and slows the roll of each segment.
 - The table is a plane, which touches every node once.
 
-What differs from `EngineWarp` (tests/engines/test_third_opinion.py, docs/other_engines.md):
+Differences from `EngineWarp` (tests/engines/test_third_opinion.py, docs/other_engines.md):
 
 - The bending moment grows with the angle phi at a node as 2 tan(phi / 2) / cos(phi / 2)^2, not as
   phi. Both are right in the limit of short segments.
-- Where contacts slide, MuJoCo's friction points not quite against the velocity but also against
-  the other forces on the node, the more so the larger the friction, whatever step and softness.
+- MuJoCo's sliding friction points not quite against the velocity but partly against the other
+  forces on the node, the more so the larger the friction, whatever step and softness.
 - Lengths and contacts are stiff springs, and friction acts on the cable's surface, not its axis.
 
-A twist that is thousands of times stiffer than the bending must not be asked for to suppress
-rolling: the implicit step then adds inertia to the bending, too. `rolling=False` is for that.
+To suppress rolling use `rolling=False`, not a twist stiffness thousands of times that of bending:
+with the latter the implicit step adds inertia to the bending as well.
 """
 
 import contextlib
 import dataclasses
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -34,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
+from cablecast.checks import check_count, check_number
 from cablecast.engines.base import (
     GRAVITY,
     REFERENCE_SEGMENT_COUNT,
@@ -41,7 +41,8 @@ from cablecast.engines.base import (
     Rollout,
     plan_rollout,
 )
-from cablecast.errors import InputError, MissingExtraError
+from cablecast.engines.mujoco_model import HAND_DOF_COUNT, HAND_MASS, SERVO_OMEGA, rod_model
+from cablecast.errors import MissingExtraError
 from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
 
@@ -49,24 +50,9 @@ DEFAULT_SEGMENT_COUNT = 20
 DEFAULT_DT = 1e-3
 
 GROUP_SIZE = 128
-"""Worlds that are in memory at once."""
+"""Number of worlds in memory at once."""
 
 _STEPS_PER_CALL = 200
-_HAND_DOF_COUNT = 5
-_STUB = 1e-3
-"""Length of the clamped stub behind the grip, in segments."""
-
-# The hand outweighs what the cable pulls by far; the servo only removes the drift of integration.
-_HAND_MASS = 100.0
-_SERVO_OMEGA = 400.0
-_SERVO = f'kp="{_HAND_MASS * _SERVO_OMEGA**2}" kv="{2.0 * _HAND_MASS * _SERVO_OMEGA}"'
-
-# The solver measures its progress against the mean inertia, which the hand dominates.
-_TOLERANCE = 1e-13
-# A contact much stiffer than the step throws a sliding node up by centimetres: within one step it
-# gives the node a normal velocity of friction x sliding speed x 2 dt / time constant.
-_CONTACT_TIME = 4e-3
-_SOLIMP = "0.9999 0.9999 0.001"
 _ROLL_INERTIA_MIN = 1e-11
 _ROLL_INERTIA_HELD = 1.0
 
@@ -75,7 +61,7 @@ _ROLL_INERTIA_HELD = 1.0
 _RECORD, _RECORD_BEND, _RECORD_TWIST = 10, 4, 8
 
 _BROKEN_DISTANCE = 1e3
-"""A node that far away [m] belongs to a world that has blown up."""
+"""Distance of a node from the base [m] beyond which its world has blown up."""
 
 
 class EngineMujoco:
@@ -88,7 +74,7 @@ class EngineMujoco:
         dt: Step [s].
         thread_count: CPU threads; by default all cores that this process may use.
         gravity: Acceleration of free fall [m/s²].
-        rolling: Whether segments may roll about their axis. Without it they slide only.
+        rolling: True where segments may roll about their axis; otherwise they only slide.
 
     Raises:
         InputError: A count or step out of bounds.
@@ -104,10 +90,10 @@ class EngineMujoco:
         *,
         rolling: bool = True,
     ):
-        if not 2 <= segment_count <= 500:
-            raise InputError(f"segment_count = {segment_count} is outside [2, 500]")
-        if not 1e-6 <= dt <= 1e-2:
-            raise InputError(f"dt = {dt} s is outside [1e-6, 1e-2]")
+        segment_count = check_count("segment_count", segment_count, 2, 500)
+        dt = check_number("dt", dt, 1e-6, 1e-2, "s")
+        if thread_count is not None:
+            check_count("thread_count", thread_count, 1, 1024)
         try:
             import mujoco.batch  # noqa: F401
         except ModuleNotFoundError:
@@ -167,12 +153,13 @@ class EngineMujoco:
         )
 
     def _model(self, cable: Cable, held: bool) -> Any:
-        """The compiled model of a geometry; parameters are set per world later."""
+        """Return the compiled model of a geometry; parameters are set per world later."""
         key = (cable.length, cable.radius, held)
         if key not in self._models:
             from mujoco import MjModel  # pyright: ignore[reportAttributeAccessIssue]
 
-            self._models[key] = MjModel.from_xml_string(_mjcf(self, cable, held))
+            xml = rod_model(cable, self.segment_count, self.dt, self.gravity, held=held)
+            self._models[key] = MjModel.from_xml_string(xml)
         return self._models[key]
 
 
@@ -189,8 +176,8 @@ class _Group:
         self.segment_length = cable.length / count
         self.rest = np.zeros((count, 3))
         self.rest[:, 1] = np.arange(1, count + 1) * self.segment_length
-        self.slides = slice(_HAND_DOF_COUNT, _HAND_DOF_COUNT + 3 * count)
-        self.rolls = slice(_HAND_DOF_COUNT + 3 * count, model.nv)
+        self.slides = slice(HAND_DOF_COUNT, HAND_DOF_COUNT + 3 * count)
+        self.rolls = slice(HAND_DOF_COUNT + 3 * count, model.nv)
         threads = min(engine.thread_count, self.world_count)
         self.batch: Any = Batch(model, self.world_count, threads)
         self.qpos = self.batch.bind("qpos")
@@ -200,13 +187,13 @@ class _Group:
 
     def _set_params(self, cable: Cable, params: CableParams) -> None:
         batch, count = self.batch, self.engine.segment_count
-        held = self.model.nu > _HAND_DOF_COUNT
+        held = self.model.nu > HAND_DOF_COUNT
         column = {name: np.asarray(getattr(params, name))[:, None] for name in params.names()}
         segment_mass = column["mass"] / count
         mass = np.repeat(segment_mass, count, axis=1)
         mass[:, -1:] = 0.5 * segment_mass + column["endpoint_mass"]
         if held:
-            mass[:, -1] = _HAND_MASS
+            mass[:, -1] = HAND_MASS
         roll_inertia = np.maximum(0.5 * segment_mass * cable.radius**2, _ROLL_INERTIA_MIN)
         if not self.engine.rolling:
             roll_inertia[:] = _ROLL_INERTIA_HELD
@@ -235,7 +222,7 @@ class _Group:
     def start(self, state: CableState, grip_path: GripPath, far_path: GripPath | None) -> None:
         """Put the cables into a state, gripped at the start of their paths."""
         worlds = self.world_count
-        self.paths = [(grip_path, slice(0, _HAND_DOF_COUNT))]
+        self.paths = [(grip_path, slice(0, HAND_DOF_COUNT))]
         if far_path is not None:
             self.paths.append((far_path, slice(0, 3)))
         self.qpos[:, self.slides] = (state.positions[:, 1:] - self.rest).reshape(worlds, -1)
@@ -245,18 +232,22 @@ class _Group:
         zero = np.zeros(1)
         self.driven = np.concatenate([p.evaluate(zero)[:, 0, c] for p, c in self.paths], axis=1)
         self.speed = np.concatenate([p.evaluate(zero, 1)[:, 0, c] for p, c in self.paths], axis=1)
-        self.qpos[:, :_HAND_DOF_COUNT] = self.driven[:, :_HAND_DOF_COUNT]
-        self.qvel[:, :_HAND_DOF_COUNT] = self.speed[:, :_HAND_DOF_COUNT]
+        self.qpos[:, :HAND_DOF_COUNT] = self.driven[:, :HAND_DOF_COUNT]
+        self.qvel[:, :HAND_DOF_COUNT] = self.speed[:, :HAND_DOF_COUNT]
         self.origin = np.zeros(self.model.nu)
         if far_path is not None:
             last = slice(self.slides.stop - 3, self.slides.stop)
-            self.origin[_HAND_DOF_COUNT:] = self.rest[-1]
-            self.qpos[:, last] = self.driven[:, _HAND_DOF_COUNT:] - self.rest[-1]
-            self.qvel[:, last] = self.speed[:, _HAND_DOF_COUNT:]
+            self.origin[HAND_DOF_COUNT:] = self.rest[-1]
+            self.qpos[:, last] = self.driven[:, HAND_DOF_COUNT:] - self.rest[-1]
+            self.qvel[:, last] = self.speed[:, HAND_DOF_COUNT:]
         self.broken = ~(np.isfinite(self.qpos).all(axis=1) & np.isfinite(self.qvel).all(axis=1))
 
     def run(self, sample_count: int, steps_per_sample: int) -> NDArray[np.float64]:
-        """Cable shapes at the sample times, NaN once a world is broken, [world, step, node, 3]."""
+        """Simulate, and return the cable's shapes at the sample times.
+
+        Returns:
+            Nodes [m], NaN once a world is broken, shape [world, step, node, 3].
+        """
         shape = (self.world_count, sample_count, self.engine.segment_count + 1, 3)
         nodes = np.full(shape, np.nan)
         step = 0
@@ -285,8 +276,8 @@ class _Group:
         velocity = np.diff(poses, axis=1, prepend=self.driven[:, None]) / dt
         acceleration = np.diff(velocity, axis=1, prepend=self.speed[:, None]) / dt
         self.driven, self.speed = poses[:, -1], velocity[:, -1]
-        control = poses - self.origin + 2.0 * velocity / _SERVO_OMEGA
-        control += acceleration / _SERVO_OMEGA**2
+        control = poses - self.origin + 2.0 * velocity / SERVO_OMEGA
+        control += acceleration / SERVO_OMEGA**2
         active = np.flatnonzero(~self.broken)
         if not len(active):
             return
@@ -305,7 +296,7 @@ class _Group:
         return nodes
 
     def state(self) -> CableState:
-        """The state now; NaN where a world is broken.
+        """Return the present state; NaN where a world is broken.
 
         MuJoCo counts the roll from frames that are carried along in time, and keeps the twist
         between them; ours is counted from frames carried along the cable from the grip.
@@ -347,70 +338,3 @@ def _rows(values: NDArray, worlds: NDArray[np.intp]) -> NDArray:
 
 def _path_rows(path: GripPath, worlds: NDArray[np.intp]) -> GripPath:
     return path[worlds if len(path) > 1 else np.zeros_like(worlds)]
-
-
-def _mjcf(engine: EngineMujoco, cable: Cable, held: bool) -> str:
-    """The model as XML, with the cable straight along y from the origin."""
-    count = engine.segment_count
-    length = cable.length / count
-    second_moment = math.pi * cable.radius**4 / 4
-    hand_joints = ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "hinge 0 0 -1", "hinge 1 0 0")
-    joints, servos, bodies, rolls, tendons = [], [], [], [], []
-    for index, joint in enumerate(hand_joints):
-        kind, axis = joint.split(" ", 1)
-        joints.append(f'<joint name="hand_{index}" type="{kind}" axis="{axis}"/>')
-        servos.append(f'<position joint="hand_{index}" {_SERVO}/>')
-    for node in range(1, count + 1):
-        driven = held and node == count
-        slides = "".join(
-            f'<joint name="node_{node}_{c}" type="slide" axis="{axis}"/>'
-            for c, axis in enumerate(("1 0 0", "0 1 0", "0 0 1"))
-        )
-        bodies.append(
-            f'<body name="node_{node}" pos="0 {node * length:.17g} 0" gravcomp="{int(driven)}">'
-            f'<inertial pos="0 0 0" mass="1" diaginertia="1e-9 1e-9 1e-9"/>{slides}</body>'
-        )
-        # MuJoCo finds the roll joint of each edge by these names.
-        name = "cable_twist" if node == count else f"cable_twist_{node}"
-        rolls.append(
-            f'<body name="{name}"><inertial pos="0 0 0" mass="1e-9" diaginertia="1 1 1"/>'
-            f'<joint name="{name}" type="hinge" axis="0 1 0"/></body>'
-        )
-        for c in range(3):
-            before = f"hand_{c}" if node == 1 else f"node_{node - 1}_{c}"
-            tendons.append(
-                f'<fixed damping="1"><joint joint="{before}" coef="-1"/>'
-                f'<joint joint="node_{node}_{c}" coef="1"/></fixed>'
-            )
-            if driven:
-                servos.append(f'<position joint="node_{node}_{c}" {_SERVO}/>')
-    names = " ".join(["hand", "hand", *(f"node_{node}" for node in range(1, count + 1))])
-    vertices = f"0 {-_STUB * length:.17g} 0 " + "0 0 0 " * (count + 1)
-    elements = " ".join(f"{edge} {edge + 1}" for edge in range(count + 1))
-    contact_time = max(_CONTACT_TIME, engine.dt)
-    return f"""<mujoco model="cablecast cable">
-<option integrator="discrete" timestep="{engine.dt:.17g}" cone="elliptic" iterations="100"
-        tolerance="{_TOLERANCE}" ls_tolerance="1e-6" gravity="0 0 {-engine.gravity:.17g}">
-  <flag autoreset="disable"/>
-</option>
-<worldbody>
-  <geom name="table" type="plane" size="0 0 1"/>
-  <body name="hand" gravcomp="1">
-    <inertial pos="0 0 0" mass="{_HAND_MASS}"
-              diaginertia="{_HAND_MASS} {_HAND_MASS} {_HAND_MASS}"/>{"".join(joints)}
-  </body>
-  {"".join(bodies)}
-  {"".join(rolls)}
-</worldbody>
-<deformable>
-  <flex name="cable" dim="1" radius="{cable.radius:.17g}" body="{names}" vertex="{vertices}"
-        element="{elements}">
-    <contact condim="6" friction="1 0.001 0.001" priority="1" solref="{contact_time:.17g} 1"
-             solimp="{_SOLIMP}" selfcollide="none"/>
-    <elasticity young="{1.0 / second_moment:.17g}" shear="{0.5 / second_moment:.17g}" damping="0"/>
-  </flex>
-</deformable>
-<equality><flex flex="cable" solref="{engine.dt:.17g} 1" solimp="{_SOLIMP}"/></equality>
-<tendon>{"".join(tendons)}</tendon>
-<actuator>{"".join(servos)}</actuator>
-</mujoco>"""

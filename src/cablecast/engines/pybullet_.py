@@ -4,16 +4,16 @@ The paper joins capsules by Bullet's 6-DOF spring constraints, which its Python 
 The nearest is one articulated body: capsules on spherical joints, so that lengths are exact, with
 spring torques that we compute and apply before each step. The hand is five driven joints.
 
-How the ten parameters are mapped, and what differs from `EngineWarp`:
+Mapping of the ten parameters, and differences from `EngineWarp`:
 
 - bend_stiffness, twist_stiffness: torques EI phi / l and GJ tau / l at each joint, twice that at
   the grip, explicit in time. A joint stiffer than the step can take is softened to m l^2 / (24
   dt^2); a segment too light for its twist gets a larger moment of inertia about its axis.
 - mass, endpoint_mass: uniform capsules, and a point at the end of the last one.
 - lateral_friction, worksurface_friction: Bullet's own; it multiplies them, as we do. A capsule
-  touches the table with two points, and friction is a pyramid, regularised by Bullet's solver.
+  touches the table at two points, and friction is a pyramid, regularised by Bullet's solver.
 - spinning_friction, rolling_friction: Bullet multiplies them by the other body's lateral friction,
-  which is divided out. They act on a capsule as a whole.
+  which we divide out. They act on a capsule as a whole.
 - linear_damping, angular_damping: Bullet's own for articulated bodies, c (1 + |v|) v per mass and
   c (1 + |w|) w per moment of inertia, scaled to be right at 1 m/s and at 10 rad/s: too weak for a
   slower motion, too strong for a faster one.
@@ -23,62 +23,19 @@ leaves the table or sinks into it by more than 5 mm. More damping in the joints 
 """
 
 import dataclasses
-import functools
-import math
-import os
-import sys
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.conventions import tangent
-from cablecast.engines.base import (
-    GRAVITY,
-    CableState,
-    Rollout,
-    plan_rollout,
-)
-from cablecast.errors import InputError, MissingExtraError
+from cablecast.checks import check_count, check_number
+from cablecast.engines.base import GRAVITY, CableState, Rollout, plan_rollout
+from cablecast.engines.pybullet_client import load_pybullet
+from cablecast.engines.pybullet_world import BulletWorld
 from cablecast.motion.grip_path import GripPath
 
 DEFAULT_SEGMENT_COUNT = 18
 DEFAULT_DT = 1.0 / 480.0
-
-_HAND_DOF_COUNT = 5
-# A hand not much heavier than the cable keeps Bullet's iterative solver well conditioned.
-_HAND_MASS = 1.0
-_HAND_INERTIA = 1e-2
-_HAND_FORCE = 1e5
-_BROKEN_DISTANCE = 50.0
-"""A node that far away [m] belongs to a world that has blown up."""
-_FOLDED = 0.3
-"""Bound of 1 + cos(phi); below it a joint counts as folded, and its twist acts no more strongly."""
-_LINEAR_SPEED = 1.0
-_ANGULAR_SPEED = 10.0
-"""Where Bullet's damping, linear plus quadratic, is made equal to ours [m/s, rad/s]."""
-_SPEED_MAX = 2e3
-_AXIS = np.array([0.0, 1.0, 0.0])
-"""Direction of a segment in its own frame."""
-
-
-def _load_pybullet() -> Any:
-    """The module, without the build time that it prints on the process's error stream."""
-    if (library := sys.modules.get("pybullet")) is not None:
-        return library
-    sys.stderr.flush()
-    saved, silent = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(silent, 2)
-        import pybullet
-    except ModuleNotFoundError:
-        raise MissingExtraError("pybullet", "pybullet", "EnginePybullet") from None
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(silent)
-    return pybullet
 
 
 class EnginePybullet:
@@ -101,11 +58,9 @@ class EnginePybullet:
         gravity: float = GRAVITY,
     ):
         # Bullet packs the links of one body into messages of a fixed size.
-        if not 2 <= segment_count <= 100:
-            raise InputError(f"segment_count = {segment_count} is outside [2, 100]")
-        if not 1e-6 <= dt <= 1e-2:
-            raise InputError(f"dt = {dt} s is outside [1e-6, 1e-2]")
-        _load_pybullet()
+        segment_count = check_count("segment_count", segment_count, 2, 100)
+        dt = check_number("dt", dt, 1e-6, 1e-2, "s")
+        load_pybullet()
         self.segment_count = segment_count
         self.dt = dt
         self.gravity = gravity
@@ -141,7 +96,15 @@ class EnginePybullet:
             path = grip_path[min(index, len(grip_path) - 1)]
             far = None if far_path is None else far_path[min(index, len(far_path) - 1)]
             row = CableParams.from_array(values[index])
-            world = _World(self, cable, row, path, far)
+            world = BulletWorld(
+                cable,
+                row,
+                path,
+                far,
+                segment_count=self.segment_count,
+                dt=self.dt,
+                gravity=self.gravity,
+            )
             try:
                 world.start(state)
                 finite[index] = world.run(nodes[index], plan.steps_per_sample)
@@ -159,309 +122,6 @@ class EnginePybullet:
         )
 
 
-class _Client:
-    """PyBullet's functions for a client of our own: its default one belongs to the user."""
-
-    def __init__(self):
-        self._library = _load_pybullet()
-        self._id = self._library.connect(self._library.DIRECT)
-
-    def __getattr__(self, name: str) -> Any:
-        value = getattr(self._library, name)
-        if callable(value):
-            value = functools.partial(value, physicsClientId=self._id)
-        setattr(self, name, value)
-        return value
-
-
-class _World:
-    """One cable on one table."""
-
-    def __init__(
-        self,
-        engine: EnginePybullet,
-        cable: Cable,
-        params: CableParams,
-        path: GripPath,
-        far_path: GripPath | None,
-    ):
-        self.engine = engine
-        self.count = engine.segment_count
-        self.length = cable.length / engine.segment_count
-        self.path = path
-        self.far_path = far_path
-        self.client = _Client()
-        self.client.setPhysicsEngineParameter(
-            fixedTimeStep=engine.dt, numSubSteps=0, deterministicOverlappingPairs=1
-        )
-        self.client.setGravity(0.0, 0.0, -engine.gravity)
-        self.hand = list(range(_HAND_DOF_COUNT))
-        self.links = list(range(_HAND_DOF_COUNT, _HAND_DOF_COUNT + self.count))
-        self.body = self._build(cable, float(params.mass), float(params.endpoint_mass))
-        self._set_params(cable, params)
-        self.hold = None
-
-    def _build(self, cable: Cable, mass: float, endpoint_mass: float) -> int:
-        client, count, length = self.client, self.count, self.length
-        capsule = client.createCollisionShape(
-            client.GEOM_CAPSULE,
-            radius=cable.radius,
-            height=length,
-            collisionFramePosition=[0.0, length / 2, 0.0],
-            # Bullet's capsules lie along z; turn them into the y of the segment.
-            collisionFrameOrientation=[math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)],
-        )
-        no_turn = [0.0, 0.0, 0.0, 1.0]
-        prismatic, revolute = client.JOINT_PRISMATIC, client.JOINT_REVOLUTE
-        has_weight = endpoint_mass > 0
-        weights = int(has_weight)
-        total = _HAND_DOF_COUNT + count + weights
-        positions = [[0.0, 0.0, 0.0]] * (_HAND_DOF_COUNT + 1)
-        positions += [[0.0, length, 0.0]] * (count - 1 + weights)
-        return client.createMultiBody(
-            baseMass=0.0,
-            baseCollisionShapeIndex=-1,
-            linkMasses=[_HAND_MASS] * _HAND_DOF_COUNT
-            + [mass / count] * count
-            + [endpoint_mass] * weights,
-            linkCollisionShapeIndices=[-1] * _HAND_DOF_COUNT + [capsule] * count + [-1] * weights,
-            linkVisualShapeIndices=[-1] * total,
-            linkPositions=positions,
-            linkOrientations=[no_turn] * total,
-            linkInertialFramePositions=[[0.0, 0.0, 0.0]] * _HAND_DOF_COUNT
-            + [[0.0, length / 2, 0.0]] * count
-            + [[0.0, 0.0, 0.0]] * weights,
-            linkInertialFrameOrientations=[no_turn] * total,
-            linkParentIndices=list(range(total)),
-            linkJointTypes=[prismatic] * 3
-            + [revolute] * 2
-            + [client.JOINT_SPHERICAL] * count
-            + [client.JOINT_FIXED] * weights,
-            linkJointAxis=[[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 0]]
-            + [[0, 1, 0]] * (count + weights),
-        )
-
-    def _set_params(self, cable: Cable, params: CableParams) -> None:
-        client, dt, length = self.client, self.engine.dt, self.length
-        segment_mass = float(params.mass) / self.count
-        bend = float(params.bend_stiffness) / length
-        self.bend = np.full(self.count, min(bend, segment_mass * length**2 / (24.0 * dt**2)))
-        self.twist = np.full(self.count, float(params.twist_stiffness) / length)
-        across = segment_mass * length**2 / 12.0
-        along = max(0.5 * segment_mass * cable.radius**2, 2.0 * self.twist[0] * dt**2)
-        # Half a cell lies between the clamp and the middle of the first segment.
-        self.bend[0] *= 2.0
-        self.twist[0] *= 2.0
-        client.changeDynamics(
-            self.body,
-            -1,
-            linearDamping=float(params.linear_damping) / (1.0 + _LINEAR_SPEED),
-            angularDamping=float(params.angular_damping) / (1.0 + _ANGULAR_SPEED),
-            maxJointVelocity=_SPEED_MAX,
-        )
-        for link in range(client.getNumJoints(self.body)):
-            inertia = [_HAND_INERTIA] * 3 if link in self.hand else [across, along, across]
-            if link > self.links[-1]:
-                inertia = [1e-9] * 3
-            client.changeDynamics(
-                self.body,
-                link,
-                localInertiaDiagonal=inertia,
-                maxJointVelocity=_SPEED_MAX,
-                jointDamping=0.0,
-            )
-        surface = float(params.worksurface_friction)
-        plane = client.createCollisionShape(client.GEOM_PLANE)
-        table = client.createMultiBody(baseMass=0.0, baseCollisionShapeIndex=plane)
-        client.changeDynamics(
-            table, -1, lateralFriction=surface, spinningFriction=0.0, rollingFriction=0.0
-        )
-        share = 1.0 / surface if surface > 0 else 0.0
-        for link in self.links:
-            client.changeDynamics(
-                self.body,
-                link,
-                lateralFriction=float(params.lateral_friction),
-                spinningFriction=share * float(params.spinning_friction),
-                rollingFriction=share * float(params.rolling_friction),
-                restitution=0.0,
-            )
-        # Bullet starts every joint with a motor that brakes it.
-        client.setJointMotorControlMultiDofArray(
-            self.body,
-            self.links,
-            client.POSITION_CONTROL,
-            targetPositions=[[0.0, 0.0, 0.0, 1.0]] * self.count,
-            positionGains=[0.0] * self.count,
-            velocityGains=[0.0] * self.count,
-            forces=[[0.0, 0.0, 0.0]] * self.count,
-        )
-
-    def start(self, state: dict[str, NDArray[np.float64]]) -> None:
-        """Put the cable into a state; what stretches a segment is lost."""
-        client = self.client
-        pose = self.path.evaluate(np.zeros(1))[0, 0]
-        speed = self.path.evaluate(np.zeros(1), 1)[0, 0]
-        for joint in self.hand:
-            client.resetJointState(self.body, joint, pose[joint], speed[joint])
-        frames = _frames(state["positions"], pose, state["roll"])
-        relative = np.einsum("nji,njk->nik", frames[:-1], frames[1:])
-        direction = frames[1:, :, 1]
-        difference = np.diff(state["velocities"], axis=0)
-        spin = np.cross(direction, difference) / self.length
-        spin += state["roll_rate"][:, None] * direction
-        hand_spin = -speed[3] * np.array([0.0, 0.0, 1.0]) + speed[4] * frames[0, :, 0]
-        change = np.diff(np.concatenate([hand_spin[None], spin]), axis=0)
-        rate = np.einsum("nji,nj->ni", frames[1:], change)
-        for index, link in enumerate(self.links):
-            client.resetJointStateMultiDof(
-                self.body, link, _quaternion(relative[index]).tolist(), rate[index].tolist()
-            )
-        if self.far_path is not None:
-            far = self.far_path.evaluate(np.zeros(1))[0, 0, :3]
-            tip = [0.0, self.length / 2, 0.0]
-            self.hold = client.createConstraint(
-                self.body, self.links[-1], -1, -1, client.JOINT_POINT2POINT, [0, 0, 0], tip, far
-            )
-
-    def run(self, nodes: NDArray[np.float64], steps_per_sample: int) -> bool:
-        """Fill in the cable's shapes, shape [step, node, 3]; whether they stayed finite."""
-        nodes[0] = self._kinematics()[0]
-        for sample in range(1, len(nodes)):
-            steps = np.arange((sample - 1) * steps_per_sample, sample * steps_per_sample) + 1
-            poses = self.path.evaluate(steps * self.engine.dt)[0]
-            far = None
-            if self.far_path is not None:
-                far = self.far_path.evaluate(steps * self.engine.dt)[0, :, :3]
-            for k in range(steps_per_sample):
-                if far is not None:
-                    self.client.changeConstraint(self.hold, far[k].tolist(), maxForce=_HAND_FORCE)
-                if not self._step(poses[k]):
-                    return False
-            now = self._kinematics()[0]
-            if not np.abs(now).max() < _BROKEN_DISTANCE:
-                return False
-            nodes[sample] = now
-        return True
-
-    def _step(self, pose: NDArray[np.float64]) -> bool:
-        """Drive the hand to a pose, and apply the springs."""
-        client = self.client
-        now = [state[0] for state in client.getJointStates(self.body, self.hand)]
-        client.setJointMotorControlArray(
-            self.body,
-            self.hand,
-            client.VELOCITY_CONTROL,
-            targetVelocities=((pose - now) / self.engine.dt).tolist(),
-            forces=[_HAND_FORCE] * _HAND_DOF_COUNT,
-        )
-        states = client.getJointStatesMultiDof(self.body, self.links)
-        torque = self._torques(np.array([state[0] for state in states]))
-        if not np.isfinite(torque).all():
-            return False
-        client.setJointMotorControlMultiDofArray(
-            self.body, self.links, client.TORQUE_CONTROL, forces=torque.tolist()
-        )
-        client.stepSimulation()
-        return True
-
-    def _torques(self, quat_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Spring torques in the segments' own frames [N·m], shape [segment, 3].
-
-        Bending turns the segment's direction towards that of the segment before with EI phi / l;
-        twist, the rotation about the direction, gives GJ tau / l.
-        """
-        x, y, z, w = quat_xyzw.T
-        # The direction of the segment before, seen from this one, crossed with our own.
-        before = np.stack(
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1
-        )
-        cosine, cross_x, cross_z = before[:, 1], before[:, 2], -before[:, 0]
-        sine = np.hypot(cross_x, cross_z)
-        moment = self.bend * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)
-        tau = 2.0 * np.arctan2(y, w)
-        tau -= 2.0 * np.pi * np.round(tau / (2.0 * np.pi))
-        torque = np.stack([moment * cross_x, 0.0 * x, moment * cross_z], axis=1)
-        # The gradient of the twist with respect to a turn of this segment.
-        mean = (before + _AXIS) / np.maximum(1.0 + cosine, _FOLDED)[:, None]
-        return torque - (self.twist * tau)[:, None] * mean
-
-    def _kinematics(self):
-        """Nodes [m], their velocities [m/s], segments' frames and angular velocities [rad/s]."""
-        links = self.client.getLinkStates(
-            self.body, self.links, computeLinkVelocity=1, computeForwardKinematics=1
-        )
-        nodes = np.empty((self.count + 1, 3))
-        nodes[:-1] = [link[4] for link in links]
-        frames = _matrices(np.array([link[5] for link in links]))
-        arms = self.length * frames[:, :, 1]
-        nodes[-1] = nodes[-2] + arms[-1]
-        spin = np.array([link[7] for link in links])
-        velocities = np.empty_like(nodes)
-        centre = np.array([link[6] for link in links])
-        velocities[:-1] = centre - np.cross(spin, arms / 2)
-        velocities[-1] = centre[-1] + np.cross(spin[-1], arms[-1] / 2)
-        return nodes, velocities, frames, spin
-
-    def state(self) -> dict[str, NDArray[np.float64]]:
-        """The state now, in the fields of `CableState`."""
-        nodes, velocities, frames, spin = self._kinematics()
-        pose = np.array([s[0] for s in self.client.getJointStates(self.body, self.hand)])
-        plain = _frames(nodes, pose, np.zeros(self.count))[1:]
-        # How far each segment has turned from the frame carried along the cable without twist.
-        x = np.einsum("ni,ni->n", frames[:, :, 0], plain[:, :, 0])
-        z = np.einsum("ni,ni->n", frames[:, :, 0], plain[:, :, 2])
-        roll = np.unwrap(np.arctan2(-z, x))
-        rate = np.einsum("ni,ni->n", spin, frames[:, :, 1])
-        return {"positions": nodes, "velocities": velocities, "roll": roll, "roll_rate": rate}
-
-    def close(self) -> None:
-        self.client.disconnect()
-
-
 def _row(state: CableState, index: int) -> dict[str, NDArray[np.float64]]:
     index = min(index, state.world_count - 1)
     return {f.name: getattr(state, f.name)[index] for f in dataclasses.fields(CableState)}
-
-
-def _frames(
-    nodes: NDArray[np.float64], pose: NDArray[np.float64], roll: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Rotations of the hand and of each segment, whose second column is its direction.
-
-    The frame of the hand is carried along the cable without twist, then turned by the roll.
-
-    Returns:
-        Shape [segment + 1, 3, 3].
-    """
-    yaw, pitch = pose[3], pose[4]
-    side = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
-    before = np.asarray(tangent(yaw, pitch))
-    up = np.cross(side, before)
-    frames = [np.stack([side, before, up], axis=1)]
-    for index, step in enumerate(np.diff(nodes, axis=0)):
-        direction = step / np.linalg.norm(step)
-        # The smallest rotation from one direction to the next.
-        axis = np.cross(before, direction)
-        cosine = float(before @ direction)
-        side = side + np.cross(axis, side) + np.cross(axis, np.cross(axis, side)) / (1.0 + cosine)
-        side -= direction * (side @ direction)
-        side /= np.linalg.norm(side)
-        up = np.cross(side, direction)
-        c, s = np.cos(roll[index]), np.sin(roll[index])
-        frames.append(np.stack([c * side - s * up, direction, s * side + c * up], axis=1))
-        before = direction
-    return np.array(frames)
-
-
-def _quaternion(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(x, y, z, w) of a rotation."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(matrix).as_quat()
-
-
-def _matrices(quat_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(quat_xyzw).as_matrix()
