@@ -2,27 +2,10 @@
 
 import dataclasses
 import pathlib
-import sys
 from typing import Annotated
 
-from cablecast.cli.collect import DATA_FOLDERS, Collect
-from cablecast.cli.evaluate import Evaluate
-from cablecast.cli.options import (
-    DATASET_FOLDER,
-    DEFAULT_CABLE,
-    MODEL_FOLDER,
-    Device,
-    argument,
-    cable_folder,
-    evaluation_folder,
-)
-from cablecast.cli.simulate import Simulate
-from cablecast.cli.train import Train
-from cablecast.cli.tune import TUNE_FOLDER, Tune
-
-# A search that is short beside that of `cablecast tune`, and far better than none.
-COARSE_GENERATIONS = 40
-FINE_GENERATIONS = 10
+from cablecast.cli.evaluate import print_table
+from cablecast.cli.options import Device, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -30,87 +13,63 @@ class Demo:
     """Cast, tune, simulate, train and evaluate with one cable, and write a report.
 
     The rig makes some casts, a simulator is tuned to them, a model learns from many casts in the
-    simulator, and the rig casts at the paper's 32 targets. Takes a few minutes on two processor
+    simulator, and the rig casts at the paper's 32 targets. Takes about two minutes on two processor
     cores. A demo that was interrupted goes on where it was when it is started again; one that is
     done shows its results again. `cablecast reproduce` does more of everything.
     """
 
-    cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
-    """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
-    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE")] = None
-    """Where to put everything."""
+    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
+    """Lab file that describes cable, table, arm and motion."""
+    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
+    """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/demo-CABLE")] = None
+    """Folder of all results."""
     seed: int = 0
-    """Chooses everything that is drawn by chance."""
+    """Seed of everything that is drawn by chance."""
     device: Device = "cpu"
     """Simulate and train on the processor or on an NVIDIA graphics card."""
     params: Annotated[pathlib.Path | None, argument("FILE", "what the demo finds itself")] = None
     """Parameters that `cablecast tune` found (params.json); the demo then casts and tunes none."""
     tune_count: int = 40
-    """How many casts to tune the simulator with."""
+    """Number of casts to tune the simulator with."""
     count: int = 16_000
-    """How many casts to simulate; fewer are faster and less accurate."""
+    """Number of simulated casts; fewer are faster and less accurate."""
     epochs: int = 60
-    """How often at most the training goes through them."""
+    """Largest number of passes of the training over them."""
     candidate_count: int = 50_000
-    """How many motions to choose from when planning."""
+    """Number of motions to choose from when planning."""
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """What carries out the casts: virtual, engine, or your own robot as package.module:factory."""
+    """Rig that carries out the casts: virtual, engine, or your own robot as
+    package.module:factory."""
 
     def run(self) -> None:
-        """Run the verbs one after the other."""
-        from cablecast.cable import load_cable
+        """Run the steps one after the other, and print the table of errors."""
+        from cablecast.cli.options import load_lab, open_rig
+        from cablecast.cli.progress import console_progress
+        from cablecast.evaluation.published import published_rows
+        from cablecast.pipeline.demo import EVALUATION_FOLDER, demo
+        from cablecast.pipeline.evaluate import REPORT_FILE
+        from cablecast.pipeline.tuned import load_tuned
+        from cablecast.runs.places import RUNS_FOLDER, cable_folder
 
-        out = self.out or cable_folder(load_cable(self.cable).name)
-        dataset, model = out / DATASET_FOLDER, out / MODEL_FOLDER
-        params = self.params or self._tune(out)
-        print("3/5 simulate", file=sys.stderr)
-        Simulate(
-            cable=self.cable,
-            count=self.count,
-            out=dataset,
-            seed=self.seed,
-            device=self.device,
-            params=params,
-        ).run()
-        print("4/5 train", file=sys.stderr)
-        Train(
-            cable=self.cable,
-            dataset=dataset,
-            out=model,
-            seed=self.seed,
-            device=self.device,
-            epochs=self.epochs,
-            candidate_count=self.candidate_count,
-        ).run()
-        print("5/5 evaluate", file=sys.stderr)
-        Evaluate(
-            cable=self.cable,
-            model=model,
-            rig=self.rig,
-            out=out / evaluation_folder(self.rig),
-            seed=self.seed,
-        ).run()
-
-    def _tune(self, out: pathlib.Path) -> pathlib.Path:
-        """Cast on the rig and tune; returns the folder of the parameters."""
-        casts = out / DATA_FOLDERS["tune"]
-        print("1/5 cast to tune the simulator", file=sys.stderr)
-        Collect(
-            rig=self.rig,
-            purpose="tune",
-            cable=self.cable,
-            count=self.tune_count,
-            out=casts,
-            seed=self.seed,
-        ).run()
-        print("2/5 tune", file=sys.stderr)
-        Tune(
-            cable=self.cable,
-            dataset=casts,
-            out=out / TUNE_FOLDER,
-            seed=self.seed,
-            device=self.device,
-            coarse_generations=COARSE_GENERATIONS,
-            fine_generations=FINE_GENERATIONS,
-        ).run()
-        return out / TUNE_FOLDER
+        setup = load_lab(self.setup, self.cable)
+        name = setup.cable.name
+        out = self.out or RUNS_FOLDER / f"demo-{cable_folder(name).name}"
+        with (
+            open_rig(self.rig, setup, self.seed, out) as rig,
+            console_progress() as progress,
+        ):
+            evaluation = demo(
+                rig,
+                out,
+                tuned=None if self.params is None else load_tuned(self.params, setup),
+                tune_count=self.tune_count,
+                count=self.count,
+                epochs=self.epochs,
+                candidate_count=self.candidate_count,
+                seed=self.seed,
+                device=self.device,
+                progress=progress,
+            )
+        print_table(evaluation.metrics, published_rows(name))
+        print(f"report   {out / EVALUATION_FOLDER / REPORT_FILE}")

@@ -1,30 +1,25 @@
-"""What several verbs share: where results lie by default, and how values are shown."""
+"""Options that several verbs share, and how values are shown."""
 
+import contextlib
 import math
 import pathlib
-import re
 import typing
-from typing import Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from cablecast.errors import CheckpointError, DatasetError, InputError
+from cablecast.errors import InputError
 
-if typing.TYPE_CHECKING:
-    from cablecast.cable import Cable
+if TYPE_CHECKING:
+    from cablecast.rigs.checked import CheckedRig
+    from cablecast.setup import Setup
 
 Device = typing.Literal["cpu", "cuda"]
 
-DEFAULT_CABLE = "cable_1"
-
-# All results of one cable lie side by side, relative to where the command is run.
-RUNS_FOLDER = pathlib.Path("runs")
-DATASET_FOLDER = "dataset"
-MODEL_FOLDER = "model"
-
 
 def argument(metavar: str, default: str | None = None) -> Any:
-    """How `--help` shows an argument: what to give, and what happens without it.
+    """Return how `--help` shows an argument: its value, and what happens without it.
 
     Args:
         metavar: Stands for the value.
@@ -34,75 +29,86 @@ def argument(metavar: str, default: str | None = None) -> Any:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
 
 
-def cable_folder(cable_name: str) -> pathlib.Path:
-    """Where the results of a cable lie by default, e.g. runs/cable_1.
+def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float | None) -> "Setup":
+    """Return the set-up of a command line.
 
     Args:
-        cable_name: Name of the cable, which may come from a user's file: characters that do not
-            belong in a file name are replaced.
+        lab_file: Lab file of --setup; the paper's set-up where None.
+        cable: Cable of --cable; that of the lab file where None.
+        **motion: Motion settings that were given as options; None where not.
     """
-    return RUNS_FOLDER / (re.sub(r"[^\w.-]+", "_", cable_name).strip(".") or "cable")
+    from cablecast.cable import load_cable
+    from cablecast.setup import Setup, load_setup
 
-
-def evaluation_folder(rig: str) -> str:
-    """Name of the folder of an evaluation on a rig, e.g. evaluate-virtual."""
-    return "evaluate-" + re.sub(r"[^\w.-]+", "-", rig)
-
-
-def find_dataset(folder: pathlib.Path | None, cable: "Cable | None") -> pathlib.Path:
-    """The dataset that was named, or the one that `cablecast simulate` writes by default.
-
-    Raises:
-        DatasetError: Neither was named and there is none; says how to make one.
-    """
-    if folder is not None:
-        return folder
-    name = cable.name if cable else DEFAULT_CABLE
-    folder = cable_folder(name) / DATASET_FOLDER
-    if not folder.is_dir():
-        raise DatasetError(
-            f"no dataset of {name} in {folder}: make one with `cablecast simulate --cable {name}`, "
-            "or name one with --dataset"
+    setup = Setup() if lab_file is None else load_setup(lab_file)
+    if cable is not None:
+        setup = Setup(
+            cable=load_cable(cable), workspace=setup.workspace, arm=setup.arm, motion=setup.motion
         )
-    return folder
+    given = {name: value for name, value in motion.items() if value is not None}
+    return setup.with_motion(**given) if given else setup
 
 
-def find_model(folder: pathlib.Path | None, cable: "Cable | None") -> pathlib.Path:
-    """The model that was named, or the one that `cablecast train` writes by default.
-
-    Raises:
-        CheckpointError: There is none; says how to make one.
-    """
-    name = cable.name if cable else DEFAULT_CABLE
-    if folder is None:
-        folder = cable_folder(name) / MODEL_FOLDER
-        if not folder.is_dir():
-            raise CheckpointError(
-                f"no model of {name} in {folder}: make one with `cablecast demo` or `cablecast "
-                f"train --cable {name}`, or name one with --model"
-            )
-    elif not folder.is_dir():
-        raise CheckpointError(f"no model at {folder}: there is no such folder")
-    return folder
+def cable_name(lab_file: pathlib.Path | None, cable: str | None) -> str:
+    """Return the name of the cable of a command line, which default folders are called by."""
+    return load_lab(lab_file, cable).cable.name
 
 
-def check_same_cable(asked: "Cable | None", stored: "Cable", where: pathlib.Path) -> "Cable":
-    """The cable that a dataset or model was made for, if it is the one that was asked for.
+def check_same_setup(
+    lab_file: pathlib.Path | None, cable: str | None, stored: "Setup", where: pathlib.Path
+) -> None:
+    """Refuse a --setup or --cable that is not what a dataset or model was made for.
+
+    Args:
+        lab_file: Lab file of --setup; not checked where None.
+        cable: Cable of --cable; not checked where None.
+        stored: Set-up of the dataset or model.
+        where: Its folder.
 
     Raises:
-        InputError: Another cable was asked for; names the values that differ.
+        InputError: They differ; names the values.
     """
-    if asked is None:
-        return stored
-    from cablecast.datasets.schema import settings_differences
+    from cablecast.cable import load_cable
+    from cablecast.runs.settings import settings_differences
 
-    if differences := settings_differences(stored.to_dict(), asked.to_dict()):
-        raise InputError(f"{where} was made for another cable: {'; '.join(differences)}")
-    return stored
+    there, here = stored.to_settings(), stored.to_settings()
+    if lab_file is not None:
+        here = load_lab(lab_file, cable).to_settings()
+        # r0 and v_max are options of the verbs; a lab file's are only their defaults.
+        here["motion"] = there["motion"]
+    elif cable is not None:
+        here["cable"] = load_cable(cable).to_dict()
+    if differences := settings_differences(there, here):
+        raise InputError(f"{where} was made for another set-up: {'; '.join(differences)}")
 
 
-def polar_text(xy) -> str:
-    """A point on the table as a person reads it."""
+@contextlib.contextmanager
+def open_rig(
+    spec: str, setup: "Setup", seed: int, out: pathlib.Path, time_limit: float = 120.0
+) -> "Iterator[CheckedRig]":
+    """Yield a rig whose folder of results is held before the rig is connected.
+
+    Args:
+        spec: Rig of --rig.
+        setup: Set-up of the rig.
+        seed: Seed of all that a virtual rig draws by chance.
+        out: Folder of results: two processes must not drive one robot for it.
+        time_limit: Longest time that a reset or a cast may take [s].
+    """
+    from cablecast.rigs.make import make_rig
+    from cablecast.runs.claim import hold_folder
+
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file: --out needs a folder")
+    with (
+        hold_folder(out, InputError),
+        make_rig(spec, setup, seed, time_limit=time_limit) as rig,
+    ):
+        yield rig
+
+
+def polar_text(xy: Any) -> str:
+    """Return a point on the table as a person reads it."""
     x, y = float(xy[0]), float(xy[1])
     theta_deg = math.degrees(math.atan2(x, y))
     r = math.hypot(x, y)

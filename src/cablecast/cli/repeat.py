@@ -2,27 +2,12 @@
 
 import dataclasses
 import pathlib
-import re
-import sys
 import typing
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from cablecast.cli.options import DEFAULT_CABLE, argument, cable_folder
+from cablecast.cli.options import argument
 
-if TYPE_CHECKING:
-    from cablecast.evaluation.repeatability import Repeatability
-
-FIGURE_FILE = "repeatability.png"
-ACTIONS_FILE = "actions.csv"
-
-# What the paper repeated (section V-E), by its own words: the speed, and whether the wrist turns.
-COMBINATIONS = {
-    "1.2": (1.2, False),
-    "1.5": (1.5, False),
-    "1.5-psi": (1.5, True),
-    "1.8": (1.8, False),
-    "1.8-psi": (1.8, True),
-}
+# The names of pipeline.repeat.COMBINATIONS, which would take NumPy to import.
 Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
 
 
@@ -37,135 +22,67 @@ class Repeat:
     """
 
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """What carries out the casts: virtual (a laboratory in software), engine (the simulator), or
-    your own robot as package.module:factory."""
-    cable: Annotated[str, argument("CABLE")] = DEFAULT_CABLE
-    """Which cable: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    """Rig that carries out the casts: virtual (a laboratory in software), engine (the simulator),
+    or your own robot as package.module:factory."""
+    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
+    """Lab file that describes cable, table, arm and motion."""
+    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
+    """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     combinations: Annotated[tuple[Combination, ...], argument("{1.2,1.5,1.5-psi,1.8,1.8-psi}")] = (
         "1.5-psi",
     )
     """Speeds of the gripper [m/s], with psi where the wrist turns, too."""
     repeats: int = 5
-    """How many casts of each action."""
+    """Casts of each action."""
     action_count: Annotated[int | None, argument("INT", "all that the arm can make")] = None
-    """Repeat only as many actions of each grid, chosen by chance."""
+    """Number of actions of each grid, chosen by chance."""
     actions: Annotated[pathlib.Path | None, argument("FILE", "the paper's grids")] = None
     """Repeat these actions instead: a CSV file with a line `theta1_deg,theta2_deg,r2_m,psi_deg`."""
-    r0: Annotated[float, argument("M")] = 0.6
+    r0: Annotated[float | None, argument("M", "that of --setup, or 0.6")] = None
     """Radius of the arcs that the gripper sweeps, at their start [m]."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/repeat-RIG")] = None
-    """Where to put the results."""
+    """Folder of the results."""
     seed: int = 0
-    """Chooses the actions, and all that the virtual rig draws by chance."""
+    """Seed of the actions, and of all that the virtual rig draws by chance."""
+    time_limit: Annotated[float, argument("S")] = 120.0
+    """Longest time that a reset or a cast may take [s]."""
 
     def run(self) -> None:
-        """Repeat, write the results, and print the table."""
-        from cablecast.cable import load_cable
-        from cablecast.cli.run_folder import RunFolder
-        from cablecast.evaluation.repeatability import save_actions
-        from cablecast.files import write_bytes
-        from cablecast.report.repeatability import repeatability_map
-        from cablecast.report.style import new_figure, png_bytes
-        from cablecast.workspace import Workspace
+        """Repeat, and print the table."""
+        from cablecast.cli.options import load_lab, open_rig
+        from cablecast.cli.progress import console_progress
+        from cablecast.pipeline.repeat import ACTIONS_FILE, FIGURE_FILE, read_actions, repeat
+        from cablecast.runs.places import cable_folder, rig_folder
 
-        cable, workspace = load_cable(self.cable), Workspace()
+        setup = load_lab(self.setup, self.cable, r0=self.r0)
         chosen = None if self.actions is None else read_actions(self.actions)
-        folder = "repeat-" + re.sub(r"[^\w.-]+", "-", self.rig)
-        out = self.out or cable_folder(cable.name) / folder
-        settings = {
-            "cable": cable.to_dict(),
-            "rig": self.rig,
-            "repeats": self.repeats,
-            "action_count": self.action_count,
-            "actions": None if chosen is None else chosen.tolist(),
-            "r0": self.r0,
-            "seed": self.seed,
-        }
-        run = RunFolder.open(out, "repeat", settings)
-        new_figure(1, 1)  # Says at once, not after hours of casts, if matplotlib is missing.
-        results = []
-        for name in self.combinations:
-            result = self._repeat(run, name, cable, workspace, chosen)
-            save_actions(result, out / name / ACTIONS_FILE)
-            results.append(result)
-        print("Drawing the landings", file=sys.stderr)
-        write_bytes(out / FIGURE_FILE, png_bytes(repeatability_map(results, workspace)))
-        metrics = [result.to_dict() for result in results]
-        run.finish({"combinations": metrics})
-        print_table(metrics, self.rig)
+        out = self.out or cable_folder(setup.cable.name) / rig_folder("repeat", self.rig)
+        with (
+            open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
+            console_progress() as progress,
+        ):
+            repeated = repeat(
+                rig,
+                combinations=self.combinations,
+                repeats=self.repeats,
+                action_count=self.action_count,
+                actions=chosen,
+                seed=self.seed,
+                out=out,
+                progress=progress,
+            )
+        print_table(repeated.metrics["combinations"], self.rig)
         print(f"metrics  {out / 'metrics.json'}\nfigure   {out / FIGURE_FILE}")
         for name in self.combinations:
             print(f"actions  {out / name / ACTIONS_FILE}")
-
-    def _repeat(self, run: Any, name: str, cable, workspace, chosen) -> "Repeatability":
-        from cablecast.datasets.collect import rig_seed
-        from cablecast.datasets.progress import console_progress
-        from cablecast.evaluation.repeatability import measure_repeatability, repeat_actions
-        from cablecast.motion.action import MotionConfig
-        from cablecast.rigs.base import make_rig
-
-        v_max, with_psi = COMBINATIONS[name]
-        config = MotionConfig(r0=self.r0, v_max=v_max)
-        actions = chosen
-        if actions is None:
-            actions = repeat_actions(
-                config,
-                workspace,
-                with_psi=with_psi,
-                action_count=self.action_count,
-                seed=self.seed,
-            )
-        rig = make_rig(self.rig, cable, workspace, rig_seed(self.seed, "repeat"))
-        try:
-            run.begin()
-            with console_progress(f"Repeating {len(actions)} casts, v_max {name}") as progress:
-                return measure_repeatability(
-                    run.path / name / "casts",
-                    rig,
-                    cable,
-                    config,
-                    workspace,
-                    actions=actions,
-                    repeats=self.repeats,
-                    progress=progress,
-                )
-        finally:
-            rig.close()
-
-
-def read_actions(file: pathlib.Path):
-    """Actions from a CSV file with the columns theta1_deg, theta2_deg, r2_m and psi_deg.
-
-    Raises:
-        InputError: It cannot be read, or holds something that is no action.
-    """
-    import csv
-
-    import numpy as np
-
-    from cablecast.errors import InputError
-    from cablecast.motion.action import check_action_values
-
-    names = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
-    try:
-        rows = list(csv.DictReader(file.read_text().splitlines()))
-        values = np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, 4)
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{file} must be a CSV file with the columns {', '.join(names)} ({error!r})"
-        ) from None
-    if not len(values):
-        raise InputError(f"{file} holds no action")
-    values[:, [0, 1, 3]] = np.radians(values[:, [0, 1, 3]])
-    return check_action_values(values)
 
 
 def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     """Print our scatter beside the paper's.
 
     Args:
-        combinations: What metrics.json holds of each.
-        rig: What carried out the casts.
+        combinations: Entry of each in metrics.json.
+        rig: Name of the rig.
     """
     from rich import box
     from rich.console import Console

@@ -4,8 +4,10 @@ import dataclasses
 import os
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation, evaluate_policy
 from cablecast.evaluation.results import evaluation_metrics, save_trials
 from cablecast.evaluation.split import split_errors
@@ -19,7 +21,6 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
 from cablecast.runs.settings import settings_differences
-from cablecast.errors import InputError
 from cablecast.workspace import load_targets
 
 TRIALS_FILE = "trials.csv"
@@ -69,7 +70,7 @@ def evaluate(
         "policy": policy.info,
         "rig": dict(rig.description),
         "repeats": repeats,
-        "targets": None if targets is None else [[float(v) for v in xy] for xy in targets],
+        "targets": np.asarray(target_xy, dtype=float).tolist(),
     }
     task = f"Casting {policy.setup.cable.name} at targets"
     with folder_or_temporary(out) as folder:

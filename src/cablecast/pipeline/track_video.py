@@ -183,9 +183,7 @@ def _track(
     return tracker, calibration, image
 
 
-def _calibrate(
-    video: pathlib.Path, config: TrackConfig, report: ProgressCallback
-) -> Calibration:
+def _calibrate(video: pathlib.Path, config: TrackConfig, report: ProgressCallback) -> Calibration:
     """Return the calibration that was given, or one from the tags in the video."""
     if config.calibration is not None:
         return Calibration.load(config.calibration)
@@ -255,7 +253,9 @@ def _read_track(run: RunFolder) -> EndpointTrack:
     from cablecast.reading import read_csv
 
     rows = read_csv(run.path / TRACK_FILE, ("time_s", "x_m", "y_m"))
-    cells = [[float(row[n]) if row[n] else math.nan for n in ("time_s", "x_m", "y_m")] for row in rows]
+    cells = [
+        [float(row[n]) if row[n] else math.nan for n in ("time_s", "x_m", "y_m")] for row in rows
+    ]
     values = np.array(cells).reshape(-1, 3)
     return EndpointTrack(
         times=values[:, 0],

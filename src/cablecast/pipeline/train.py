@@ -210,9 +210,7 @@ class _Training:
         if self.method == "correction":
             return correct_model(start, self.casts["real"], seed=seed, progress=learning)
         if self.method == "fine-tuning":
-            return fine_tune(
-                start, self.casts["real"], seed=seed, device=device, progress=learning
-            )
+            return fine_tune(start, self.casts["real"], seed=seed, device=device, progress=learning)
         return start
 
     def _network(self, simulated: Dataset) -> ForwardModel:

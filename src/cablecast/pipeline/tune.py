@@ -182,9 +182,7 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
     }
 
 
-def _figure(
-    casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult"
-) -> bytes:
+def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult") -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
     import numpy as np
 

@@ -93,10 +93,7 @@ class Claim:
         Raises:
             CablecastError: Of the class `error`, where another process holds it.
         """
-        with hold_folder(self.path, self.error) as is_first:
-            if is_first:
-                for leftover in self.path.rglob(".*.tmp"):
-                    leftover.unlink(missing_ok=True)
+        with hold_folder(self.path, self.error):
             yield
 
 
@@ -109,18 +106,15 @@ def visible_files(path: pathlib.Path) -> list[str]:
 
 
 @contextlib.contextmanager
-def hold_folder(path: pathlib.Path, error: type[CablecastError]) -> Iterator[bool]:
-    """Hold a folder against other processes; this process may hold it several times.
+def hold_folder(path: pathlib.Path, error: type[CablecastError]) -> Iterator[None]:
+    """Hold a folder against other processes, and clear the leftovers of killed writes.
 
-    The system lets go when the process dies, however it dies. Windows has no such lock: there, one
-    process at a time is assumed.
+    This process may hold a folder several times. The system lets go when the process dies, however
+    it dies. Windows has no such lock: there, one process at a time is assumed.
 
     Args:
         path: Folder; it is made if it is not there.
         error: Class of the error.
-
-    Yields:
-        Whether this is the outermost hold of this process.
 
     Raises:
         CablecastError: Of the class `error`, where another process holds the folder.
@@ -132,7 +126,10 @@ def hold_folder(path: pathlib.Path, error: type[CablecastError]) -> Iterator[boo
         handle = _lock(path, error) if is_first else None
         _HELD[key] = _HELD.get(key, 0) + 1
     try:
-        yield is_first
+        if is_first:
+            for leftover in path.rglob(".*.tmp"):
+                leftover.unlink(missing_ok=True)
+        yield
     finally:
         with _HELD_LOCK:
             _HELD[key] -= 1

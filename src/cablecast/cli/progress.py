@@ -1,0 +1,103 @@
+"""Showing progress on standard error: bars on a terminal, plain lines elsewhere."""
+
+import contextlib
+import datetime
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from cablecast.runs.progress import Progress, ProgressCallback, duration_text
+
+# A log gets a line for the first and the last unit, and at most one in this time between [s].
+_LINE_EVERY = 2.0
+
+
+@contextlib.contextmanager
+def console_progress() -> Iterator[ProgressCallback]:
+    """Yield a callback that shows the progress of any work on standard error."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        # Not through the console, which would break long lines at 80 columns.
+        yield _Lines(console.file).show
+        return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import (
+        Progress as Bars,
+    )
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    notes = TextColumn("{task.fields[note]}", markup=False)
+    # A trial on a robot takes 20 s: the speed must be told from more than the last half minute.
+    times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Bars(*columns, notes, *times, console=console, speed_estimate_period=600.0) as bars:
+        yield _Bars(bars).show
+
+
+class _Bars:
+    """A bar for each task that counts, a line for each that is only announced."""
+
+    def __init__(self, bars: Any):
+        self._bars = bars
+        self._tasks: dict[str, Any] = {}
+
+    def show(self, progress: Progress) -> None:
+        """Show a report."""
+        if not progress.total:
+            self._bars.console.print(_headline(progress), highlight=False, markup=False)
+            return
+        if progress.task not in self._tasks:
+            self._tasks[progress.task] = self._bars.add_task(progress.task, note="")
+        note = " ".join(text for text in (progress.unit, progress.note) if text)
+        self._bars.update(
+            self._tasks[progress.task], completed=progress.done, total=progress.total, note=note
+        )
+
+
+class _Lines:
+    """Lines with the expected end, not more than one in a while."""
+
+    def __init__(self, file: Any):
+        self._file = file
+        self._begun: dict[str, tuple[float, int]] = {}
+        self._last = -_LINE_EVERY
+
+    def show(self, progress: Progress) -> None:
+        """Write a line for a report, unless one was written just now."""
+        now = time.monotonic()
+        if not progress.total:
+            self._write(_headline(progress))
+            return
+        is_first = progress.task not in self._begun
+        # What a resumed run finds done took it no time.
+        begun, first_done = self._begun.setdefault(progress.task, (now, progress.done))
+        is_last = progress.done == progress.total
+        if not (is_first or is_last) and now - self._last < _LINE_EVERY:
+            return
+        self._last = now
+        parts = [f"{now - begun:.0f} s"]
+        left = progress.seconds_left
+        if left is None and first_done < progress.done:
+            left = (now - begun) / (progress.done - first_done) * (progress.total - progress.done)
+        if left is not None and not is_last:
+            end = datetime.datetime.now() + datetime.timedelta(seconds=left)
+            parts.append(f"about {duration_text(left)} left, until {end:%H:%M}")
+        note = f", {progress.note}" if progress.note else ""
+        unit = f" {progress.unit}" if progress.unit else ""
+        self._write(
+            f"{progress.task}: {progress.done} of {progress.total}{unit}{note} ({', '.join(parts)})"
+        )
+
+    def _write(self, line: str) -> None:
+        print(line, file=self._file, flush=True)
+
+
+def _headline(progress: Progress) -> str:
+    return f"{progress.task}: {progress.note}" if progress.note else progress.task
