@@ -1,9 +1,11 @@
-"""Frames, polar coordinates, the mirror about the workspace axis, and gravity.
+"""Frames, polar coordinates, the mirror about the workspace axis, gravity, and unknown numbers.
 
 The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
 the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise
 seen from above), so x = r sin(theta) and y = r cos(theta). See docs/conventions.md.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,3 +68,12 @@ def tangent(yaw: ArrayLike, pitch: ArrayLike = 0.0) -> Array:
     yaw, pitch = np.broadcast_arrays(np.asarray(yaw, float), np.asarray(pitch, float))
     cos_pitch = np.cos(pitch)
     return np.stack([np.sin(yaw) * cos_pitch, np.cos(yaw) * cos_pitch, np.sin(pitch)], axis=-1)
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number for a JSON file, which has neither NaN nor infinity: None for these.
+
+    >>> finite_or_none(float("nan")) is None
+    True
+    """
+    return float(value) if math.isfinite(value) else None

@@ -3,14 +3,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.datasets.collect import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.action import MotionConfig
 from cablecast.rigs.engine import RigEngine
+from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.workspace import Workspace
 
+SETUP = Setup()
 SEGMENT_COUNT, DT = 10, 2e-3
 TRIAL_COUNT = 10
 
@@ -27,27 +26,24 @@ def engine() -> EngineWarp:
 
 @pytest.fixture(scope="session")
 def cable():
-    return load_cable("cable_1")
+    return SETUP.cable
 
 
 @pytest.fixture(scope="session")
 def truth(cable):
-    """What the cable of the recorded trials is really like."""
+    """True parameters of the cable of the recorded trials."""
     return dataclasses.replace(
         cable.params, bend_stiffness=1e-3, lateral_friction=0.5, worksurface_friction=0.5
     )
 
 
 @pytest.fixture(scope="session")
-def dataset(cable, truth, tmp_path_factory):
+def dataset(truth, tmp_path_factory):
     """Trials on a rig that is the engine itself with the true parameters."""
-    workspace = Workspace()
     return collect_dataset(
         tmp_path_factory.mktemp("recorded") / "tune-data",
-        RigEngine(coarse_engine(), cable, workspace, truth),
-        cable,
-        MotionConfig(),
-        workspace,
+        RigEngine(coarse_engine(), SETUP, truth),
+        SETUP,
         purpose="tune",
         count=TRIAL_COUNT,
     )

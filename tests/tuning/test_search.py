@@ -111,5 +111,10 @@ def test_a_latin_hypercube_has_one_point_in_each_interval():
 def test_unknown_methods_and_tiny_populations_are_refused():
     with pytest.raises(UnknownNameError, match="one of de, cmaes"):
         make_search("annealing", START, 10, 0)
-    with pytest.raises(InputError, match="population_size = 3"):
-        make_search("de", START, 3, 0)
+    for method in ("de", "cmaes"):
+        if method == "cmaes":
+            pytest.importorskip("cma")
+        with pytest.raises(InputError, match="population_size = 3"):
+            make_search(method, START, 3, 0)
+    with pytest.raises(InputError, match="seed = -1"):
+        make_search("de", START, 10, -1)

@@ -46,6 +46,25 @@ def test_a_track_that_leaves_the_table_is_compared_while_it_is_on_it(dataset):
     assert np.isnan(tracks.final_xy[row]).all()
 
 
+def test_a_turned_table_ends_where_its_own_edges_are(dataset):
+    row, fallen = int(np.flatnonzero(dataset.status == "ok")[0]), 5
+    track = np.array(dataset.extra["track_x"][row])
+    # 1 m aside: on a table 2.75 m wide, but off one that is turned by a quarter.
+    columns = dataset.extra["track_x"].copy()
+    columns[row] = np.where(np.arange(len(track)) < fallen, track, 1.0)
+    settings = dataset.info["settings"]
+    workspace = settings["workspace"] | {"table_yaw_deg": 90.0}
+    changed = dataclasses.replace(
+        with_extra(dataset, track_x=columns),
+        info=dataset.info | {"settings": settings | {"workspace": workspace}},
+        status=np.where(np.arange(len(dataset)) == row, "off_table", dataset.status),
+    )
+    assert dataset.setup.workspace.half_width > 1.0 > changed.setup.workspace.half_width
+    compared = MeasuredTracks.from_dataset(changed).compared[row]
+    assert compared[1:fallen].all()
+    assert not compared[fallen:].any()
+
+
 def test_samples_that_the_camera_missed_are_not_compared(dataset):
     row = int(np.flatnonzero(dataset.status == "ok")[0])
     columns = dataset.extra["track_y"].copy()
@@ -63,12 +82,11 @@ def test_the_engine_samples_on_the_grid_of_the_measured_times(good, times, expec
 
 
 def test_the_reported_joints_are_simulated_where_there_are_any(dataset):
-    config, workspace = dataset.motion_config, dataset.workspace
     commanded = MeasuredTracks.from_dataset(dataset, path_source="commanded").grip_path
     # An arm that follows exactly, but a tenth of a second late.
     times, q = [], []
     for row in range(len(dataset)):
-        exact = joint_path(commanded[row], workspace, config)
+        exact = joint_path(commanded[row], dataset.setup)
         times.append(np.append(0.0, exact.times + 0.1))
         q.append(np.concatenate([exact.q[:1], exact.q]).ravel())
     reported = with_extra(dataset, actual_times=times, actual_q=q)
@@ -91,3 +109,5 @@ def test_datasets_that_cannot_be_compared_are_refused(dataset):
         MeasuredTracks.from_dataset(dataset, path_source="guessed")
     with pytest.raises(DatasetError, match="trials, not 99"):
         MeasuredTracks.from_dataset(dataset, count=99)
+    with pytest.raises(InputError, match="count = 0"):
+        MeasuredTracks.from_dataset(dataset, count=0)

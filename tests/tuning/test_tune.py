@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.tuning.result import distance_summary, params_file, read_params, read_servo
-from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
+from cablecast.tuning.tune import CANDIDATE_MAX, TuneConfig, split_tracks, tune_params
 
 # Ten tracks and a few hundred candidates: enough to find what a track depends on most.
 SEARCH = TuneConfig(
@@ -89,9 +88,17 @@ def test_a_checkpoint_of_another_seed_is_refused(cable, good, engine, tmp_path):
     other = dataclasses.replace(SHORT, seed=1)
     with pytest.raises(InputError, match="other candidates"):
         tune(cable, good, engine, other, checkpoint=file)
-    file.write_text('{"generations": [')
-    with pytest.raises(InputError, match="damaged"):
-        tune(cable, good, engine, checkpoint=file)
+
+
+def test_tracks_that_cannot_validate_are_refused_before_the_search(cable, good, engine):
+    training, validation = split_tracks(good)
+    blind = dataclasses.replace(
+        validation, endpoint_xy=np.full_like(validation.endpoint_xy, np.nan)
+    )
+    states = []
+    with pytest.raises(InputError, match="no sample"):
+        tune_params(cable, training, blind, engine, engine, SHORT, progress=states.append)
+    assert not states
 
 
 def test_progress_tells_best_spread_and_time_left(cable, good, engine):
@@ -115,42 +122,34 @@ def test_a_quarter_of_the_tracks_validates_by_default(tracks):
     assert (len(training), len(validation)) == (len(tracks) - round(len(tracks) / 4), 2)
     with pytest.raises(InputError, match="validation_count = 10"):
         split_tracks(tracks, 10)
+    with pytest.raises(InputError, match="validation_count = 0"):
+        split_tracks(tracks, 0)
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"method": "annealing"}, {"population_size": 3}, {"fine_population_size": 99}, {"seed": -1}],
+    ("change", "words"),
+    [
+        ({"method": "annealing"}, "one of de, cmaes"),
+        ({"population_size": 3}, "population_size = 3"),
+        ({"population_size": 48.5}, "population_size = 48.5 is not a whole number"),
+        ({"fine_population_size": 99}, "at most population_size = 48"),
+        ({"coarse_generations": True}, "coarse_generations = True"),
+        ({"fine_generations": 0}, "fine_generations = 0"),
+        ({"coarse_segment_count": 1}, "coarse_segment_count = 1"),
+        ({"coarse_dt": float("nan")}, "coarse_dt = nan s"),
+        ({"seed": -1}, "seed = -1"),
+        ({"population_size": 10_000, "coarse_generations": 20_000}, "make 200000"),
+    ],
     ids=str,
 )
-def test_settings_out_of_bounds_are_refused(change):
-    with pytest.raises(InputError):
+def test_settings_out_of_bounds_are_refused(change, words):
+    with pytest.raises(InputError, match=words):
         TuneConfig(**change)
 
 
-def test_the_file_of_the_result_gives_back_the_parameters(cable, good, engine, tmp_path):
-    result = tune(cable, good, engine)
-    file = tmp_path / "params.json"
-    values = params_file(result, cable.length, None) | {"cable": cable.name}
-    file.write_text(json.dumps(values, allow_nan=False))
-    assert read_params(file) == read_params(tmp_path, cable) == result.params
-    assert read_servo(file) is None
-    low, middle, high = values["spread"]["friction"]
-    assert low <= middle <= high
-    other = dataclasses.replace(cable, name="another")
-    with pytest.raises(InputError, match="of cable_1, not of another"):
-        read_params(file, other)
-    summary = distance_summary(result.validation, 1, cable.length)
-    assert values["validation"]["tuned"] == summary
-    assert summary["final_median_pct"] == pytest.approx(
-        100 * np.nanmedian(result.validation.final[1]) / cable.length
-    )
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"params": {"mass": 1}}'], ids=repr)
-def test_files_that_hold_no_parameters_are_refused(text, tmp_path):
-    file = tmp_path / "params.json"
-    with pytest.raises(InputError, match="cablecast tune"):
-        read_params(file)
-    file.write_text(text)
-    with pytest.raises(InputError, match="does not hold"):
-        read_params(file)
+def test_the_bound_on_the_search_counts_the_candidates_that_it_asks_for(cable, good, engine):
+    states = []
+    tune(cable, good, engine, progress=states.append)
+    training, _ = split_tracks(good)
+    assert states[-1].simulation_count == SHORT.candidate_count * len(training)
+    assert SHORT.candidate_count == 24 * 3 + 12 * 3 < CANDIDATE_MAX

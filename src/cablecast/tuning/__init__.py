@@ -1,4 +1,4 @@
-"""Fitting the simulator to measured casts: parameters of the cable, and the arm's servo."""
+"""Tuning: fits the simulator to measured casts, the cable's parameters and the arm's servo."""
 
 from cablecast.tuning.result import read_params, read_servo
 

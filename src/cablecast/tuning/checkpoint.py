@@ -1,11 +1,10 @@
-"""What a search has paid for so far, so that it goes on bit by bit after being killed.
+"""Checkpoint: evaluated generations of a search, for bit-exact resume.
 
 Neither the population nor the state of the random numbers is stored. A search is a deterministic
-function of its seed and of the losses that it was told; the file keeps the losses of every
+function of its seed and of the losses that it was told. The file keeps the losses of every
 generation beside the candidates that they belong to. A run that goes on asks its search again from
-the beginning, answers from the file while it can, and so arrives at the very state in which it was
-stopped. That the candidates agree is checked, so a library or machine that would have drawn others
-is noticed.
+the beginning, answers from the file while it can, and so arrives at the state in which it stopped.
+Candidates that differ from the stored ones are noticed: another library or machine drew them.
 """
 
 import json
@@ -17,36 +16,36 @@ from numpy.typing import NDArray
 
 from cablecast.errors import InputError
 from cablecast.files import write_text
+from cablecast.reading import read_sealed, seal
+
+_GO_ON = "delete it to begin the search again"
 
 
 class Checkpoint:
     """Generations of a search on the disk.
 
     Args:
-        path: The file; None keeps them in memory only.
+        path: File of the generations; None keeps them in memory only.
 
     Raises:
         InputError: The file is damaged.
+        UnreadableFileError: The system refuses to read it.
     """
 
     def __init__(self, path: pathlib.Path | None):
         self.path = path
         self.generations: list[dict[str, Any]] = []
         self._answered = 0
-        if path is None or not path.exists():
+        if path is None:
             return
         try:
-            self.generations = [
-                {
-                    "stage": str(entry["stage"]),
-                    "candidates": [[float(v) for v in row] for row in entry["candidates"]],
-                    "losses": [float(v) for v in entry["losses"]],
-                    "seconds": float(entry["seconds"]),
-                }
-                for entry in json.loads(path.read_text())["generations"]
-            ]
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise InputError(f"{path} is damaged ({error!r}): delete it to begin again") from None
+            stored = read_sealed(path)
+        except FileNotFoundError:
+            return
+        except (InputError, RecursionError) as error:
+            reason = str(error) if isinstance(error, InputError) else f"{path} is damaged"
+            raise InputError(f"{reason}: {_GO_ON}") from None
+        self.generations = _generations(path, stored)
 
     @property
     def seconds(self) -> float:
@@ -54,11 +53,11 @@ class Checkpoint:
         return sum(entry["seconds"] for entry in self.generations)
 
     def answer(self, stage: str, candidates: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """The stored losses of the next generation; None where it was not yet simulated.
+        """Return the stored losses of the next generation; None where it was not yet simulated.
 
         Args:
-            stage: Which loss function.
-            candidates: What the search asks for, shape [candidate, dimension].
+            stage: Name of the loss function.
+            candidates: Candidates that the search asks for, shape [candidate, dimension].
 
         Raises:
             InputError: Other candidates are stored.
@@ -69,7 +68,7 @@ class Checkpoint:
         if entry["stage"] != stage or not np.array_equal(entry["candidates"], candidates):
             raise InputError(
                 f"generation {self._answered} of {self.path} holds other candidates than this "
-                "version or machine draws: give another folder, or delete the file to begin again"
+                f"version or machine draws: give another folder, or {_GO_ON}"
             )
         self._answered += 1
         return np.array(entry["losses"])
@@ -84,10 +83,10 @@ class Checkpoint:
         """Add a generation that was simulated, and write the file.
 
         Args:
-            stage: Which loss function.
-            candidates: Shape [candidate, dimension].
-            losses: Shape [candidate].
-            seconds: How long it took [s].
+            stage: Name of the loss function.
+            candidates: Candidates of the generation, shape [candidate, dimension].
+            losses: Losses of the candidates, shape [candidate].
+            seconds: Time that they took [s].
         """
         self.generations.append(
             {
@@ -100,4 +99,26 @@ class Checkpoint:
         self._answered = len(self.generations)
         if self.path is not None:
             # Python writes floats so that they are read back bit by bit.
-            write_text(self.path, json.dumps({"generations": self.generations}) + "\n")
+            write_text(self.path, json.dumps(seal({"generations": self.generations})) + "\n")
+
+
+def _generations(path: pathlib.Path, stored: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the generations of a file whose checksum matches."""
+    try:
+        return [_generation(entry) for entry in stored["generations"]]
+    except (ValueError, TypeError, KeyError, OverflowError):
+        raise InputError(f"{path} holds no generations of a search: {_GO_ON}") from None
+
+
+def _generation(entry: dict[str, Any]) -> dict[str, Any]:
+    """Return a stored generation, if it is one."""
+    candidates = np.array(entry["candidates"], dtype=float)
+    losses = np.array(entry["losses"], dtype=float)
+    if candidates.ndim != 2 or losses.shape != (len(candidates),):
+        raise ValueError
+    return {
+        "stage": str(entry["stage"]),
+        "candidates": candidates.tolist(),
+        "losses": losses.tolist(),
+        "seconds": float(entry["seconds"]),
+    }

@@ -1,4 +1,4 @@
-"""How far simulated tracks are from measured ones (paper, equation 4)."""
+"""TrackObjective: distance of simulated tracks from measured ones (paper, equation 4)."""
 
 import dataclasses
 
@@ -38,12 +38,12 @@ class TrackDistances:
 
 
 class TrackObjective:
-    """Simulates measured motions with candidate parameters, all in one batch of an engine.
+    """Simulate measured motions with candidate parameters, all in one batch of an engine.
 
     Args:
-        engine: The simulator.
-        cable: The cable.
-        tracks: What a rig measured.
+        engine: Simulator.
+        cable: Cable that was cast.
+        tracks: Tracks that a rig measured.
 
     Raises:
         InputError: No sample of any track can be compared.
@@ -63,14 +63,14 @@ class TrackObjective:
         return len(self.tracks)
 
     def tracks_of(self, params: CableParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Simulated endpoints at the measured times.
+        """Return simulated endpoints at the measured times.
 
         Args:
             params: One value per candidate, or shared for one candidate.
 
         Returns:
-            Endpoints [m], shape [candidate, trial, sample, 2], the last sample being the end of the
-            simulation; and whether each world stayed finite, shape [candidate, trial].
+            Endpoints [m], shape [candidate, trial, sample, 2], of which the last sample is the end
+            of the simulation; and whether each world stayed finite, shape [candidate, trial].
         """
         values = np.atleast_2d(params.to_array())
         candidate_count, trial_count = len(values), len(self.tracks)
@@ -93,7 +93,7 @@ class TrackObjective:
         return np.swapaxes(xy, 0, 1), finite.T
 
     def distances(self, params: CableParams) -> TrackDistances:
-        """Distances of candidates from the measured tracks.
+        """Return the distances of candidates from the measured tracks.
 
         Args:
             params: One value per candidate, or shared for one candidate.
@@ -116,10 +116,11 @@ class TrackObjective:
     def _initial_state(
         self, values: NDArray[np.float64], trial: NDArray[np.intp], candidate: NDArray[np.intp]
     ) -> CableState:
-        """Reset states, worked out once per candidate and turned to where each trial starts.
+        """Return the reset state of each world.
 
-        All trials start from the same place but for the noise of measured joints; working the
-        states out one per world would take longer than simulating them.
+        It is worked out once per candidate and turned to the start of each trial. All trials start
+        from the same place but for the noise of measured joints; one computation per world would
+        take longer than the simulation.
         """
         paths = self.tracks.grip_path
         starts = paths.evaluate(paths.knots[:, :1])[:, 0]
@@ -144,15 +145,15 @@ class TrackObjective:
 def _interpolate(
     grid: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Linear interpolation on an even grid.
+    """Interpolate linearly on an even grid.
 
     Args:
         grid: Rising times of the samples from 0 [s], shape [step].
-        values: Shape [trial, candidate, step, 2].
+        values: Samples, shape [trial, candidate, step, 2].
         times: Wanted times [s], shape [trial, sample].
 
     Returns:
-        Shape [trial, candidate, sample, 2].
+        Values at the wanted times, shape [trial, candidate, sample, 2].
     """
     interval = grid[1] - grid[0]
     # A time on the grid but for rounding must not mix in its neighbour, which may be NaN.

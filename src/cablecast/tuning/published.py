@@ -1,11 +1,11 @@
-"""What the paper's tuning reached, to stand beside ours."""
+"""Figures of the paper's tuning, to stand beside ours."""
 
 import dataclasses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PublishedTuning:
-    """A column of the paper's table of tuning; values in % of cable length.
+    """Column of the paper's table of tuning; values in % of cable length.
 
     Attributes:
         default_final_pct: Median final distance with PyBullet's default parameters.
@@ -34,9 +34,9 @@ _PUBLISHED = {
 }
 
 PUBLISHED_SIMULATION_COUNT = 30_000
-"""About how many simulations the paper's search took per cable."""
+"""Simulations of the paper's search per cable, roughly."""
 
 
 def published_tuning(cable_name: str) -> PublishedTuning | None:
-    """The paper's values for a cable; None for a cable that the paper does not have."""
+    """Return the paper's values for a cable; None for a cable that the paper does not have."""
     return _PUBLISHED.get(cable_name)

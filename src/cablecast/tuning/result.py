@@ -1,22 +1,26 @@
-"""The file that tuning leaves, params.json, and what other verbs read from it."""
+"""params.json: the result of tuning, written with a checksum and read by other verbs."""
 
-import json
 import pathlib
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
-from cablecast.errors import InputError
+from cablecast.cable import PARAM_BOUNDS, PARAM_UNITS, Cable, CableParams
+from cablecast.checks import check_keys, check_name, check_number
+from cablecast.conventions import finite_or_none
+from cablecast.errors import DamagedFileError, InputError
+from cablecast.files import write_json
 from cablecast.motion.servo import ServoModel
+from cablecast.reading import CHECKSUM_KEY, read_json, read_sealed, seal
 from cablecast.tuning.objective import TrackDistances
 from cablecast.tuning.tune import TuneResult
 
 PARAMS_FILE = "params.json"
 
-# What a simulation depends on: the masses and stiffnesses only by their ratios, the frictions by
-# their product. Parameters that spread widely while these do not are not badly fitted, but of no
+# A simulation depends on masses and stiffnesses by their ratios only, and on the frictions by their
+# product. Parameters that spread widely while these do not are not badly fitted, but of no
 # consequence.
 _DERIVED = {
     "friction": lambda p: p.friction,
@@ -26,13 +30,15 @@ _DERIVED = {
 }
 
 
-def params_file(result: TuneResult, cable_length: float, servo: ServoModel | None) -> dict:
-    """What params.json holds, as plain values.
+def params_file(
+    result: TuneResult, cable_length: float, servo: ServoModel | None
+) -> dict[str, Any]:
+    """Return the content of params.json as plain values; see `write_params`.
 
     Args:
-        result: What tuning found.
+        result: Result of tuning.
         cable_length: Cable length r_c [m].
-        servo: How the arm follows its set points, where it was identified.
+        servo: Servo of the arm, where it was identified.
     """
     rows = {}
     for name, distances, status in (
@@ -59,22 +65,22 @@ def params_file(result: TuneResult, cable_length: float, servo: ServoModel | Non
 def distance_summary(
     distances: TrackDistances, candidate: int, cable_length: float
 ) -> dict[str, Any]:
-    """Distances of one candidate in % of cable length, as the paper's table of tuning has them.
+    """Return distances of one candidate in % of cable length, as the paper's table of tuning.
 
     Args:
-        distances: Of some tracks.
-        candidate: Which row.
+        distances: Distances of some tracks.
+        candidate: Row of the candidate.
         cable_length: Cable length r_c [m].
     """
     mean = 100 * distances.mean[candidate] / cable_length
     final = 100 * distances.final[candidate] / cable_length
     return {
-        "mean_pct": _number(np.nanmean, mean),
-        "median_mean_pct": _number(np.nanmedian, mean),
-        "final_median_pct": _number(np.nanmedian, final),
-        "final_first_quartile_pct": _number(lambda v: np.nanquantile(v, 0.25), final),
-        "final_third_quartile_pct": _number(lambda v: np.nanquantile(v, 0.75), final),
-        "final_max_pct": _number(np.nanmax, final),
+        "mean_pct": _reduced(np.mean, mean),
+        "median_mean_pct": _reduced(np.median, mean),
+        "final_median_pct": _reduced(np.median, final),
+        "final_first_quartile_pct": _reduced(lambda v: np.quantile(v, 0.25), final),
+        "final_third_quartile_pct": _reduced(lambda v: np.quantile(v, 0.75), final),
+        "final_max_pct": _reduced(np.max, final),
         "track_count": int(np.isfinite(mean).sum()),
         "final_count": int(np.isfinite(final).sum()),
         "non_finite_count": int((~distances.finite[candidate]).sum()),
@@ -82,17 +88,21 @@ def distance_summary(
 
 
 def status_counts(status: NDArray[np.str_]) -> dict[str, int]:
-    """How many trials ended in each way."""
+    """Return the number of trials that ended in each way."""
     codes, counts = np.unique(status, return_counts=True)
     return {str(code): int(count) for code, count in zip(codes, counts, strict=True)}
 
 
-def _number(reduce, values: NDArray[np.float64]) -> float | None:
-    return float(reduce(values)) if np.isfinite(values).any() else None
+def _reduced(
+    reduce: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]
+) -> float | None:
+    """Return a figure of the values that are known; None where none is."""
+    known = values[np.isfinite(values)]
+    return finite_or_none(reduce(known)) if len(known) else None
 
 
 def _spread(population: CableParams) -> dict[str, list[float]]:
-    """Least, median and greatest value in the final population, by name."""
+    """Return least, median and greatest value in the final population, by name."""
     values = {name: getattr(population, name) for name in CableParams.names()}
     values |= {name: value(population) for name, value in _DERIVED.items()}
     return {
@@ -101,51 +111,96 @@ def _spread(population: CableParams) -> dict[str, list[float]]:
     }
 
 
-def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CableParams:
-    """The parameters that `cablecast tune` found.
+def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
+    """Write params.json with a checksum over its content.
 
     Args:
-        path: Its params.json, or the folder that holds it.
-        cable: The cable that they are meant for; not checked where None.
+        path: File, or the folder that shall hold it.
+        values: See `params_file`; also `cable`, the name of the cable that was tuned.
+    """
+    file = path / PARAMS_FILE if path.is_dir() else path
+    sealed = seal(dict(values))
+    # The first line, so that a person may delete it without breaking the commas.
+    write_json(file, {CHECKSUM_KEY: sealed.pop(CHECKSUM_KEY), **sealed})
+
+
+def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CableParams:
+    """Return the parameters that `cablecast tune` found, or that a person wrote.
+
+    Args:
+        path: A params.json, or the folder that holds it. Without a checksum it needs the key
+            `params` only, a mapping of the ten parameters.
+        cable: Cable that they are meant for; not checked where None.
 
     Raises:
-        InputError: There is no such file, it does not hold ten parameters, or those of another
-            cable.
+        InputError: There is no such file, it does not hold ten parameters or those of another
+            cable, or it was changed since it was written.
+        UnreadableFileError: The system refuses to read it.
     """
     file, values = _read(path)
-    if cable is not None and values.get("cable", cable.name) != cable.name:
-        raise InputError(f"{file} holds parameters of {values['cable']}, not of {cable.name}")
+    names = CableParams.names()
     try:
-        return CableParams(**{name: values["params"][name] for name in CableParams.names()})
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{file} does not hold ten parameters ({error!r})") from None
+        if values.get("cable") is not None:
+            check_name(values["cable"], "cable")
+        params = check_keys(values["params"], set(names), "params", required=set(names))
+        numbers = {
+            name: check_number(name, params[name], *PARAM_BOUNDS[name], PARAM_UNITS[name])
+            for name in names
+        }
+    except (InputError, OverflowError) as error:
+        raise _refusal(file, error) from None
+    stored = values.get("cable")
+    if cable is not None and stored not in (None, cable.name):
+        raise InputError(f"{file} holds parameters of {stored}, not of {cable.name}")
+    return CableParams(**numbers)
 
 
 def read_servo(path: str | pathlib.Path) -> ServoModel | None:
-    """How the arm follows its set points, where `cablecast tune` could identify it.
+    """Return the servo of the arm, where `cablecast tune` could identify it.
 
     Args:
-        path: Its params.json, or the folder that holds it.
+        path: A params.json, or the folder that holds it.
 
     Raises:
         InputError: There is no such file, or it is damaged.
+        UnreadableFileError: The system refuses to read it.
     """
-    _, values = _read(path)
+    file, values = _read(path)
     stored = values.get("servo")
-    return None if stored is None else ServoModel.from_dict(stored)
+    if stored is None:
+        return None
+    try:
+        return ServoModel.from_dict(stored)
+    except (InputError, OverflowError) as error:
+        raise _refusal(file, error) from None
 
 
 def _read(path: str | pathlib.Path) -> tuple[pathlib.Path, dict[str, Any]]:
+    """Return the file and its content, whose checksum matches where it has one."""
     file = pathlib.Path(path)
     file = file / PARAMS_FILE if file.is_dir() else file
     try:
-        values = json.loads(file.read_text())
+        values = read_json(file)
     except FileNotFoundError:
         raise InputError(
             f"there are no tuned parameters at {file}: make them with `cablecast tune`"
         ) from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file} does not hold tuned parameters: {error}") from None
-    if not isinstance(values, dict) or "params" not in values:
-        raise InputError(f"{file} does not hold tuned parameters")
+    except InputError as error:
+        raise _refusal(file, error) from None
+    if CHECKSUM_KEY in values:
+        try:
+            values = read_sealed(file)
+        except (DamagedFileError, RecursionError):
+            raise InputError(
+                f"{file} was changed since it was written: delete its {CHECKSUM_KEY} line to use "
+                "it all the same"
+            ) from None
+    if "params" not in values:
+        raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
     return file, values
+
+
+def _refusal(file: pathlib.Path, error: Exception) -> InputError:
+    """Return the error on one line that names the file."""
+    reason = " ".join(str(error).split())[:300].removeprefix(f"{file} is damaged: ")
+    return InputError(f"{file} does not hold tuned parameters: {reason}")

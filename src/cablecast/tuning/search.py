@@ -1,4 +1,4 @@
-"""Search methods that ask for candidates and are told their losses: a generation is one batch.
+"""Search methods that ask for candidates and are told their losses, one batch per generation.
 
 All of them work in the unit cube. A method is a deterministic function of its seed and of the
 losses that it was told, so that a search resumes by being told the stored losses again.
@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.errors import InputError, MissingExtraError, UnknownNameError
+from cablecast.checks import check_count, check_seed
+from cablecast.errors import MissingExtraError, UnknownNameError
 
 METHODS = ("de", "cmaes")
 
@@ -17,7 +18,10 @@ RECOMBINATION = 0.7
 MUTATION = (0.5, 1.0)
 """The paper's values, which are SciPy's defaults (arXiv source of the paper)."""
 
-_BEST1BIN_MIN = 4
+POPULATION_MIN = 4
+"""The strategy best1bin needs a member, its best, and two others."""
+POPULATION_MAX = 10_000
+
 _CMA_SIGMA = 0.25
 
 
@@ -33,18 +37,18 @@ class Search(Protocol):
     losses: NDArray[np.float64]
 
     def ask(self) -> NDArray[np.float64]:
-        """Candidates of the next generation, shape [candidate, dimension]."""
+        """Return candidates of the next generation, shape [candidate, dimension]."""
         ...
 
     def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
-        """Take in the losses of what was asked for."""
+        """Learn from the losses of the candidates that were asked for."""
         ...
 
     def shrink(self, population_size: int) -> None:
-        """Go on from a smaller population, that of the least losses.
+        """Go on from the best members alone.
 
         Args:
-            population_size: At most as many as now.
+            population_size: Number of members to keep, at most as many as there are.
         """
         ...
 
@@ -52,7 +56,7 @@ class Search(Protocol):
         """Go on with another loss function.
 
         Args:
-            losses: What the members of the population cost under it.
+            losses: Losses of the members of the population under it.
         """
         ...
 
@@ -60,14 +64,14 @@ class Search(Protocol):
 class SearchDE:
     """Differential Evolution, strategy best1bin with dithered mutation, updated by generations.
 
-    Each member x of the population is challenged by best + F (x_a - x_b), of which each coordinate
-    is taken with the probability of recombination and one always; F is drawn once a generation from
-    the range of mutation. Coordinates that leave the cube are drawn anew. The better of both
-    survives. This is what SciPy's `differential_evolution(updating="deferred")` does.
+    Each member x of the population is challenged by best + F (x_a - x_b). Each coordinate of the
+    challenger is taken with the probability of recombination, and one always. F is drawn once a
+    generation from the range of mutation. Coordinates that leave the cube are drawn anew. The
+    better of both survives. SciPy's `differential_evolution(updating="deferred")` does the same.
 
     Args:
-        start: A point of the first population; the others are a Latin hypercube.
-        population_size: Members.
+        start: Point of the first population; the others are a Latin hypercube.
+        population_size: Number of members.
         rng: Random numbers.
         recombination: Crossover probability.
         mutation: Range of F.
@@ -82,10 +86,7 @@ class SearchDE:
         recombination: float = RECOMBINATION,
         mutation: tuple[float, float] = MUTATION,
     ):
-        if population_size < _BEST1BIN_MIN:
-            raise InputError(
-                f"population_size = {population_size} must be at least {_BEST1BIN_MIN}"
-            )
+        check_count("population_size", population_size, POPULATION_MIN, POPULATION_MAX)
         self._rng = rng
         self._recombination = recombination
         self._mutation = mutation
@@ -94,7 +95,7 @@ class SearchDE:
         self.losses = np.full(population_size, np.inf)
 
     def ask(self) -> NDArray[np.float64]:
-        """The first population, then one challenger for each member."""
+        """Return the first population, then one challenger for each member."""
         if not np.isfinite(self.losses).any():
             return self.population.copy()
         rng, (size, dimension) = self._rng, self.population.shape
@@ -112,7 +113,7 @@ class SearchDE:
         return challengers
 
     def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
-        """Let each challenger replace its member where it is better."""
+        """Replace each member by its challenger where that is better."""
         better = losses <= self.losses
         self.population = np.where(better[:, None], candidates, self.population)
         self.losses = np.where(better, losses, self.losses)
@@ -134,7 +135,7 @@ class SearchCMAES:
 
     Args:
         start: Mean of the first generation.
-        population_size: Candidates of a generation.
+        population_size: Number of candidates of a generation.
         rng: Random numbers.
     """
 
@@ -143,6 +144,7 @@ class SearchCMAES:
             import cma
         except ImportError:
             raise MissingExtraError("cma", "tune", "the search method cmaes") from None
+        check_count("population_size", population_size, POPULATION_MIN, POPULATION_MAX)
         options = {
             "bounds": [0.0, 1.0],
             "popsize": population_size,
@@ -158,7 +160,7 @@ class SearchCMAES:
         self.losses = np.empty(0)
 
     def ask(self) -> NDArray[np.float64]:
-        """A sample of the adapted distribution."""
+        """Return a sample of the adapted distribution."""
         return np.array(self._strategy.ask())
 
     def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
@@ -167,7 +169,10 @@ class SearchCMAES:
         self._keep(np.concatenate([self.population, candidates]), np.append(self.losses, losses))
 
     def shrink(self, population_size: int) -> None:
-        """Keep fewer of the best points; a generation stays as large, its mean depends on it."""
+        """Keep fewer of the best points.
+
+        A generation stays as large as before: the step of its mean depends on the size.
+        """
         self._keep(self.population, self.losses)
         self.population = self.population[:population_size]
         self.losses = self.losses[:population_size]
@@ -182,28 +187,35 @@ class SearchCMAES:
 
 
 def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Points of the unit cube of which each coordinate falls once into each of `count` intervals.
+    """Return points of the unit cube, one in each of `count` intervals of every coordinate.
 
     Args:
-        count: How many points.
-        dimension: Coordinates of each.
+        count: Number of points.
+        dimension: Number of coordinates.
         rng: Random numbers.
 
     Returns:
-        Shape [count, dimension].
+        Points, shape [count, dimension].
     """
     cells = np.argsort(rng.random((dimension, count)), axis=1).T
     return (cells + rng.random((count, dimension))) / count
 
 
 def make_search(method: str, start: NDArray[np.float64], population_size: int, seed: int) -> Search:
-    """A search method by its name.
+    """Return a search method by its name.
+
+    Args:
+        method: One of `METHODS`.
+        start: Point that the search starts from, shape [dimension].
+        population_size: Number of candidates of a generation.
+        seed: Seed of everything that the search draws.
 
     Raises:
         UnknownNameError: There is no such method.
+        InputError: The population size or the seed is out of bounds.
         MissingExtraError: It needs a library that is not installed.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_seed(seed))
     if method == "de":
         return SearchDE(start, population_size, rng)
     if method == "cmaes":

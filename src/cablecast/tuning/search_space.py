@@ -1,4 +1,4 @@
-"""Where the ten parameters are searched: ranges about what is believed of a cable."""
+"""SearchSpace: ranges of the ten parameters about what is believed of a cable."""
 
 import dataclasses
 
@@ -27,12 +27,12 @@ ANGULAR_DAMPING_RANGE = (0.1, 200.0)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SearchSpace:
-    """A box of parameters that a search sees as the unit cube.
+    """Box of parameters that a search sees as the unit cube.
 
     Attributes:
         low: Lower bounds in the order of `CableParams.names`, shape [10].
         high: Upper bounds, shape [10].
-        logarithmic: Which are searched on a logarithmic scale, shape [10].
+        logarithmic: Whether each is searched on a logarithmic scale, shape [10].
     """
 
     low: NDArray[np.float64]
@@ -56,7 +56,7 @@ class SearchSpace:
         return len(self.low)
 
     def to_params(self, unit: NDArray[np.float64]) -> CableParams:
-        """Parameters of points in the unit cube, shape [10] or [candidate, 10]."""
+        """Return the parameters of points in the unit cube, shape [10] or [candidate, 10]."""
         unit = np.clip(unit, 0.0, 1.0)
         # Where the range is not logarithmic, any positive numbers do.
         low = np.where(self.logarithmic, self.low, 1.0)
@@ -70,7 +70,7 @@ class SearchSpace:
         return CableParams.from_array(np.clip(values, self.low, self.high))
 
     def to_unit(self, params: CableParams) -> NDArray[np.float64]:
-        """Points of the unit cube; parameters outside the range move to its edge."""
+        """Return points of the unit cube; parameters outside the range move to its edge."""
         values = np.clip(params.to_array(), self.low, self.high)
         low = np.where(self.logarithmic, self.low, 1.0)
         high = np.where(self.logarithmic, self.high, np.e)
@@ -79,7 +79,7 @@ class SearchSpace:
         return np.where(self.logarithmic, log, linear)
 
     def to_dict(self) -> dict[str, list]:
-        """Range and scale of each parameter by name."""
+        """Return the range and scale of each parameter by name."""
         return {
             name: [float(low), float(high), "log" if log else "linear"]
             for name, low, high, log in zip(
@@ -89,12 +89,15 @@ class SearchSpace:
 
     @classmethod
     def for_cable(cls, cable: Cable) -> "SearchSpace":
-        """The ranges that suit a cable, from its size and what is believed of it.
+        """Return the ranges that suit a cable, from its size and what is believed of it.
 
         Stiffnesses and masses span factors about the believed values; friction lever arms end at
         the cable's radius, beyond which the contact itself would lie outside the cable. A value
         that is believed to be zero is searched up to what its neighbours make plausible: stiffness
         up to that of bending or twisting, the endpoint mass up to half of the cable's.
+
+        Raises:
+            InputError: The cable's parameters are given per world.
         """
         believed = cable.params
         if believed.world_count is not None:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
-from cablecast.arm.ur5 import ArmUR5
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.trials import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
@@ -72,7 +71,7 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     left = _at(model.respond(q, TICK), times) - measured
     model = dataclasses.replace(model, residual=np.sqrt(np.nanmean(left**2, axis=(0, 1))))
     seen = np.isfinite(measured).all(axis=2)
-    arm = ArmUR5()
+    arm = dataset.setup.arm
     truth = arm.grip_pose(measured[seen])[:, :3]
     commanded_rms, model_rms = (
         float(np.sqrt(np.mean(np.sum((arm.grip_pose(path[seen])[:, :3] - truth) ** 2, axis=1))))

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.checks import check_count
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.trials import measured_joints, trial_track
 from cablecast.errors import DatasetError, InputError
@@ -22,18 +23,18 @@ _GRID_TOLERANCE = 1e-6
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MeasuredTracks:
-    """Tracks of a rig, and the motions that made them, one row per trial.
+    """Tracks that a rig measured, and the motions that made them, one row per trial.
 
     Attributes:
-        grip_path: What the gripper did, one row per trial.
-        times: When the endpoint was looked at [s], shape [trial, sample]; rows that are shorter
-            repeat their last time.
-        endpoint_xy: Where it was [m], shape [trial, sample, 2]; NaN where it is not compared.
-        final_xy: Where it came to rest [m], shape [trial, 2]; NaN where it did not rest on the
-            table or was not seen there.
+        grip_path: Motion of the gripper, one row per trial.
+        times: Times at which the endpoint was looked at [s], shape [trial, sample]; rows that are
+            shorter repeat their last time.
+        endpoint_xy: Its places [m], shape [trial, sample, 2]; NaN where it is not compared.
+        final_xy: Its resting places [m], shape [trial, 2]; NaN where it did not rest on the table
+            or was not seen there.
         status: Codes of the trial statuses, shape [trial].
-        actions: What was asked for, shape [trial, 4].
-        path_source: Whether the grip path is the "commanded" or the "measured" one.
+        actions: Actions of the trials, shape [trial, 4].
+        path_source: Origin of the grip path, "commanded" or "measured".
     """
 
     grip_path: GripPath
@@ -57,7 +58,7 @@ class MeasuredTracks:
         return len(self.grip_path)
 
     def __getitem__(self, index) -> "MeasuredTracks":
-        """The trials that a slice, a mask or an array of indices selects."""
+        """Return the trials that a slice, a mask or an array of indices selects."""
         rows = ("grip_path", "times", "endpoint_xy", "final_xy", "status", "actions")
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in rows})
 
@@ -72,7 +73,7 @@ class MeasuredTracks:
         return float(self.times.max())
 
     def sample_dt(self) -> float:
-        """The coarsest interval on whose grid all compared times lie [s].
+        """Return the coarsest interval on whose grid all compared times lie [s].
 
         0.01 s where none does: linear interpolation at this interval is off by at most 1 to 2 mm
         even where the endpoint's acceleration peaks at 100 m/s².
@@ -87,25 +88,29 @@ class MeasuredTracks:
     def from_dataset(
         cls, dataset: Dataset, *, path_source: str = "auto", count: int | None = None
     ) -> "MeasuredTracks":
-        """The tracks of a dataset that a rig recorded.
+        """Return the tracks of a dataset that a rig recorded.
 
-        A trial that left the table is compared up to the last sample before it fell: the simulated
-        table has no edge. Samples without a seen endpoint are not compared, and the start is not,
-        where both are in the reset state.
+        A trial that left the table is compared up to the last sample before it fell, since the
+        simulated table has no edge. Samples without a seen endpoint are not compared, and neither
+        is the start, where both are in the reset state.
 
         Args:
             dataset: Trials with the columns times, track_x and track_y.
             path_source: "commanded", "measured", or "auto": measured where the dataset has it.
-            count: Use only this many trials from the beginning.
+            count: Number of trials to use, from the first on; all where None.
 
         Raises:
             DatasetError: The dataset holds no tracks, or not as many as asked for.
+            InputError: The path source is unknown, or the count no positive number.
         """
-        count = len(dataset) if count is None else count
-        if not 1 <= count <= len(dataset):
+        if path_source not in PATH_SOURCES:
+            raise InputError(f"path source {path_source!r}: one of {', '.join(PATH_SOURCES)}")
+        count = len(dataset) if count is None else check_count("count", count)
+        if count > len(dataset) or count == 0:
             name = str(dataset.path or "the dataset")
-            raise DatasetError(f"{name} has {len(dataset)} trials, not {count}")
+            raise DatasetError(f"{name} has {len(dataset)} trials, not {max(count, 1)}")
         tracks = [trial_track(dataset, row) for row in range(count)]
+        workspace = dataset.setup.workspace
         sample_max = max(len(track.times) for track in tracks)
         times = np.empty((count, sample_max))
         xy = np.full((count, sample_max, 2), np.nan)
@@ -114,12 +119,10 @@ class MeasuredTracks:
             times[row, :length], times[row, length:] = track.times, track.times[-1]
             xy[row, :length] = track.endpoint_xy
             if track.status is TrialStatus.OFF_TABLE:
-                xy[row, _fallen_from(track.endpoint_xy, dataset.workspace) :] = np.nan
+                xy[row, _fallen_from(track.endpoint_xy, workspace) :] = np.nan
             elif track.status in (TrialStatus.NON_FINITE, TrialStatus.ABORTED):
                 xy[row] = np.nan
         xy[times <= 0.0] = np.nan
-        if path_source not in PATH_SOURCES:
-            raise InputError(f"path source {path_source!r}: one of {', '.join(PATH_SOURCES)}")
         if path_source == "auto":
             path_source = "measured" if has_measured_joints(dataset) else "commanded"
         return cls(
@@ -134,7 +137,7 @@ class MeasuredTracks:
 
 
 def _fallen_from(track: NDArray[np.float64], workspace: Workspace) -> int:
-    """The first sample that is no longer on the table; its number of samples if all are."""
+    """Return the index of the first sample that is no longer on the table."""
     seen = np.isfinite(track).all(axis=1)
     outside = seen & ~workspace.on_table(track)
     if outside.any():
@@ -142,24 +145,23 @@ def _fallen_from(track: NDArray[np.float64], workspace: Workspace) -> int:
     if not seen.any():
         return 0
     # It was outside between two samples, near the one that is closest to an edge.
-    x, y = np.abs(track[:, 0]), track[:, 1]
-    margin = np.minimum.reduce([workspace.table_width / 2 - x, y, workspace.table_depth - y])
-    return int(np.argmin(np.where(seen, margin, np.inf)))
+    return int(np.argmin(np.where(seen, workspace.edge_distance(track), np.inf)))
 
 
 def has_measured_joints(dataset: Dataset) -> bool:
-    """Whether the rig reported the joints of every trial."""
+    """Return whether the rig reported the joints of every trial."""
     return all(measured_joints(dataset, row) is not None for row in range(len(dataset)))
 
 
 def _grip_paths(dataset: Dataset, count: int, source: str) -> GripPath:
+    """Return the commanded or the measured motions of the first trials."""
     if source == "commanded":
-        return cast_grip_paths(dataset.actions[:count], dataset.motion_config, dataset.workspace)
-    paths = []
+        return cast_grip_paths(dataset.actions[:count], dataset.setup)
+    paths, arm = [], dataset.setup.arm
     for row in range(count):
         joints = measured_joints(dataset, row)
         if joints is None:
             name = str(dataset.path or "the dataset")
             raise DatasetError(f"{name} holds no measured joints of trial {row}")
-        paths.append(grip_path_from_joints(joints))
+        paths.append(grip_path_from_joints(joints, arm))
     return GripPath.stack(paths)

@@ -1,4 +1,4 @@
-"""Fitting the ten parameters of a cable to measured tracks (paper, section V-D)."""
+"""Tuning: fits the ten parameters of a cable to measured tracks (paper, section V-D)."""
 
 import dataclasses
 import pathlib
@@ -9,36 +9,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
+from cablecast.checks import check_count, check_ranges, check_seed
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError
 from cablecast.tuning.checkpoint import Checkpoint
 from cablecast.tuning.objective import TrackDistances, TrackObjective
-from cablecast.tuning.search import METHODS, make_search
+from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, make_search
 from cablecast.tuning.search_space import SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks
 
 COARSE, FINE = "coarse", "fine"
 
+GENERATION_MAX = 20_000
+CANDIDATE_MAX = 100_000
+"""Largest number of candidates of a search: its checkpoint, which is written anew after every
+generation, then has 25 MB."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TuneConfig:
-    """How the parameters are searched.
+    """Settings of the search.
 
-    Most generations are simulated coarsely, which is between two and three times cheaper; the best
-    of the population then go on at the resolution at which the parameters will be used, because a
-    coarse cable fits the same tracks with slightly different parameters. How coarse, matters: the
-    coarser, the farther are the best parameters from those at full resolution.
+    Most generations are simulated coarsely, which is two to three times cheaper. The best of the
+    population then go on at the resolution at which the parameters will be used: a coarse cable
+    fits the same tracks with slightly different parameters. The coarser it is, the farther its best
+    parameters are from those at full resolution.
 
     Attributes:
         method: "de" (Differential Evolution, as in the paper) or "cmaes".
-        population_size: Candidates of a coarse generation. The paper's was 10, one for each
-            parameter.
-        coarse_generations: Generations at the coarse resolution.
-        fine_population_size: Candidates of a fine generation.
-        fine_generations: Generations at the fine resolution.
-        coarse_segment_count: Segments of the coarse cable.
+        population_size: Number of candidates of a coarse generation. The paper's was 10, one for
+            each parameter.
+        coarse_generations: Number of generations at the coarse resolution.
+        fine_population_size: Number of candidates of a fine generation.
+        fine_generations: Number of generations at the fine resolution.
+        coarse_segment_count: Number of segments of the coarse cable.
         coarse_dt: Step of the coarse simulation [s].
-        seed: Of everything that the search draws.
+        seed: Seed of everything that the search draws.
     """
 
     method: str = "de"
@@ -54,33 +60,49 @@ class TuneConfig:
         if self.method not in METHODS:
             raise InputError(f"search method {self.method!r}: one of {', '.join(METHODS)}")
         for name, low, high in (
-            ("population_size", 4, 100_000),
-            ("coarse_generations", 0, 100_000),
-            ("fine_population_size", 4, 100_000),
-            ("fine_generations", 1, 100_000),
-            ("seed", 0, 2**32 - 1),
+            ("population_size", POPULATION_MIN, POPULATION_MAX),
+            ("coarse_generations", 0, GENERATION_MAX),
+            ("fine_population_size", POPULATION_MIN, POPULATION_MAX),
+            ("fine_generations", 1, GENERATION_MAX),
+            ("coarse_segment_count", 2, 1000),
         ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"{name} = {value} is outside [{low:g}, {high:g}]")
+            check_count(name, getattr(self, name), low, high)
+        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s")})
+        check_seed(self.seed)
         if self.fine_population_size > self.population_size:
             raise InputError(
                 f"fine_population_size = {self.fine_population_size} must be at most "
                 f"population_size = {self.population_size}"
             )
+        if self.candidate_count > CANDIDATE_MAX:
+            raise InputError(
+                f"population sizes and generations make {self.candidate_count} candidates: they "
+                f"must be at most {CANDIDATE_MAX}"
+            )
+
+    @property
+    def candidate_count(self) -> int:
+        """Number of candidates that the search simulates."""
+        coarse = self.coarse_generations * self.population_size
+        return coarse + self.fine_population_size + self.fine_generations * self.fine_size
+
+    @property
+    def fine_size(self) -> int:
+        """Number of candidates of a fine generation; only Differential Evolution can shrink."""
+        return self.fine_population_size if self.method == "de" else self.population_size
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TuneProgress:
-    """How a search stands after a generation.
+    """State of a search after a generation.
 
     Attributes:
         stage: "coarse" or "fine".
-        generation: Generations done, of both stages.
-        generation_count: Generations of both stages.
+        generation: Number of generations done, of both stages.
+        generation_count: Number of generations of both stages.
         best_pct: Loss of the best candidate so far in this stage [% of cable length].
         spread_pct: Standard deviation of the losses of the population [% of cable length].
-        simulation_count: Rollouts so far.
+        simulation_count: Number of rollouts so far.
         seconds_left: Expected time to the end [s].
     """
 
@@ -95,22 +117,21 @@ class TuneProgress:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TuneResult:
-    """What tuning found.
+    """Result of tuning.
 
     Attributes:
-        params: The parameters of the least loss.
-        population: The final population, one value per member.
+        params: Parameters of the least loss.
+        population: Final population, one value per member.
         population_losses: Their losses [m], shape [member].
-        space: Where was searched.
+        space: Ranges of the search.
         training: Distances of (default, tuned) parameters on the training tracks.
-        validation: The same on tracks that the search never saw.
+        validation: Distances of both on tracks that the search never saw.
         training_status: Trial statuses of the training tracks, shape [trial].
         validation_status: Trial statuses of the validation tracks, shape [trial].
-        simulation_count: Rollouts that the search simulated, coarse and fine.
-        coarse_simulation_count: Those of them at the coarse resolution.
-        seconds: How long the search took, over all runs that it was resumed in [s].
-        history: Per generation the stage, the best loss and the spread of the population's losses
-            [m].
+        simulation_count: Number of rollouts of the search, coarse and fine.
+        coarse_simulation_count: Number of those at the coarse resolution.
+        seconds: Duration of the search, over all runs that it was resumed in [s].
+        history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
     """
 
     params: CableParams
@@ -130,22 +151,25 @@ class TuneResult:
 def split_tracks(
     tracks: MeasuredTracks, validation_count: int | None = None
 ) -> tuple[MeasuredTracks, MeasuredTracks]:
-    """Training and validation tracks: the last ones validate.
+    """Split tracks into training and validation tracks: the last ones validate.
 
     The actions of D_tune are drawn in no order, so the last are as good as any.
 
     Args:
         tracks: All tracks.
-        validation_count: How many validate; a quarter where None, which is the paper's 20 of 80.
+        validation_count: Number of tracks that validate; a quarter where None, which is the paper's
+            20 of 80.
 
     Raises:
         InputError: No track would be left on one side.
     """
     count = len(tracks)
-    held = max(1, round(count / 4)) if validation_count is None else validation_count
-    if not 1 <= held < count:
+    held = max(1, round(count / 4))
+    if validation_count is not None:
+        held = check_count("validation_count", validation_count)
+    if held >= count:
         raise InputError(
-            f"validation_count = {held} must be at least 1 and less than the {count} trials"
+            f"validation_count = {held} must be less than the {count} trials that there are"
         )
     return tracks[: count - held], tracks[count - held :]
 
@@ -164,15 +188,19 @@ def tune_params(
     """Find the parameters whose simulated tracks are nearest to the measured ones.
 
     Args:
-        cable: The cable; its parameters are the first candidate, and the default that the result is
-            compared with.
+        cable: Cable that was cast; its parameters are the first candidate, and the default that the
+            result is compared with.
         training: Tracks that the loss is taken over.
         validation: Tracks that only the result is measured on.
         coarse_engine: Simulator of the coarse stage.
         engine: Simulator of the fine stage, at the resolution at which the result will be used.
-        config: How to search.
+        config: Settings of the search.
         checkpoint: File that keeps every generation; a search that finds its own goes on from it.
         progress: Told after every generation.
+
+    Raises:
+        InputError: No sample of the training or the validation tracks can be compared, or the
+            checkpoint is damaged or of another search.
     """
     config = config or TuneConfig()
     space = SearchSpace.for_cable(cable)
@@ -182,6 +210,8 @@ def tune_params(
     run = _Run(config, space, cable.length, Checkpoint(checkpoint), progress)
     coarse = TrackObjective(coarse_engine, cable, training)
     fine = TrackObjective(engine, cable, training)
+    # Made here so that tracks which cannot validate are refused before the search, not after it.
+    unseen = TrackObjective(engine, cable, validation)
     run.cost_ratio = (engine.segment_count / engine.dt) / (
         coarse_engine.segment_count / coarse_engine.dt
     )
@@ -207,7 +237,7 @@ def tune_params(
         population_losses=search.losses,
         space=space,
         training=fine.distances(both),
-        validation=TrackObjective(engine, cable, validation).distances(both),
+        validation=unseen.distances(both),
         training_status=training.status,
         validation_status=validation.status,
         simulation_count=run.simulation_count,
@@ -218,7 +248,7 @@ def tune_params(
 
 
 class _Run:
-    """Counts, times and stores what a search asks for."""
+    """Count, time and store the simulations of a search."""
 
     def __init__(
         self,
@@ -237,9 +267,6 @@ class _Run:
         self.history: list[tuple[str, float, float]] = []
         self.cost_ratio = 1.0
         self._stage = COARSE
-        # Only Differential Evolution can go on with fewer candidates.
-        shrinks = config.method == "de"
-        self._fine_size = config.fine_population_size if shrinks else config.population_size
         self._seconds = {COARSE: 0.0, FINE: 0.0}
         self._worlds = {COARSE: 0, FINE: 0}
         self._live = False
@@ -247,7 +274,7 @@ class _Run:
     def losses(
         self, stage: str, objective: TrackObjective, candidates: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Losses of a generation, from the checkpoint or else simulated in one batch."""
+        """Return the losses of a generation, from the checkpoint or simulated in one batch."""
         self._stage = stage
         worlds = len(candidates) * len(objective)
         self.simulation_count += worlds
@@ -263,14 +290,14 @@ class _Run:
         return stored
 
     def report(self, losses: NDArray[np.float64]) -> None:
-        """Note a generation, and tell of it unless it came from the checkpoint."""
+        """Note a generation, and report it unless it came from the checkpoint."""
         self.history.append((self._stage, float(losses.min()), float(losses.std())))
         if self.progress is None or not self._live:
             return
         config, done = self.config, len(self.history)
         total = config.coarse_generations + 1 + config.fine_generations
         coarse_left = max(config.coarse_generations - done, 0) * config.population_size
-        fine_left = (total - max(done, config.coarse_generations)) * self._fine_size
+        fine_left = (total - max(done, config.coarse_generations)) * config.fine_size
         self.progress(
             TuneProgress(
                 stage=self._stage,
@@ -284,7 +311,7 @@ class _Run:
         )
 
     def _rate(self, stage: str) -> float:
-        """Expected time of one candidate [s]; before the first one, told from the other stage."""
+        """Return the expected time of one candidate [s], at first from the other stage's."""
         if self._worlds[stage]:
             return self._seconds[stage] / self._worlds[stage]
         other = FINE if stage == COARSE else COARSE

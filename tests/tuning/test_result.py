@@ -1,0 +1,174 @@
+"""params.json: what tuning wrote is read back, what a person wrote is checked."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from cablecast.cable import load_cable
+from cablecast.errors import InputError
+from cablecast.motion.servo import ServoModel
+from cablecast.tuning.result import (
+    distance_summary,
+    params_file,
+    read_params,
+    read_servo,
+    write_params,
+)
+from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
+
+CABLE = load_cable("cable_1")
+PARAMS = CABLE.params.to_dict()
+SERVO = ServoModel(delay=np.full(6, 0.01), frequency=np.full(6, 50.0), damping=np.full(6, 0.8))
+LITTLE = TuneConfig(
+    population_size=4, coarse_generations=1, fine_population_size=4, fine_generations=1
+)
+
+
+@pytest.fixture
+def result(cable, good, engine):
+    return tune_params(cable, *split_tracks(good), engine, engine, LITTLE)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A file as tuning writes it."""
+    values = {"cable": CABLE.name, "params": PARAMS, "servo": SERVO.to_dict()}
+    write_params(tmp_path / "params.json", values)
+    return tmp_path / "params.json"
+
+
+def refusal(file, text=None):
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_params(file, CABLE)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(file) in message
+    assert len(message) < 500 + len(str(file))
+    return message
+
+
+def test_the_file_of_the_result_gives_back_the_parameters(result, cable, tmp_path):
+    values = params_file(result, cable.length, None) | {"cable": cable.name}
+    write_params(tmp_path, values)
+    file = tmp_path / "params.json"
+    assert read_params(file) == read_params(tmp_path, cable) == result.params
+    assert read_servo(file) is None
+    low, middle, high = values["spread"]["friction"]
+    assert low <= middle <= high
+    other = dataclasses.replace(cable, name="another")
+    with pytest.raises(InputError, match="of cable_1, not of another"):
+        read_params(file, other)
+    summary = distance_summary(result.validation, 1, cable.length)
+    assert values["validation"]["tuned"] == summary
+    assert summary["final_median_pct"] == pytest.approx(
+        100 * np.nanmedian(result.validation.final[1]) / cable.length
+    )
+
+
+def test_distances_that_nobody_measured_are_none_in_the_summary(result, cable):
+    blind = dataclasses.replace(
+        result.validation, final=np.full_like(result.validation.final, np.nan)
+    )
+    summary = distance_summary(blind, 1, cable.length)
+    assert summary["final_median_pct"] is summary["final_max_pct"] is None
+    assert summary["final_count"] == 0
+    assert summary["mean_pct"] > 0.0
+
+
+def test_the_servo_is_read_back(file):
+    np.testing.assert_array_equal(read_servo(file).frequency, SERVO.frequency)
+
+
+def test_a_value_that_was_changed_is_not_believed_until_the_checksum_is_deleted(file):
+    lines = file.read_text().splitlines()
+    changed = [line.replace(str(PARAMS["mass"]), "0.051") for line in lines]
+    assert changed != lines
+    text = "\n".join(changed)
+    assert "was changed since it was written: delete its sha256 line" in refusal(file, text)
+    with pytest.raises(InputError, match="was changed"):
+        read_servo(file)
+    file.write_text("\n".join(line for line in changed if '"sha256"' not in line))
+    assert read_params(file, CABLE).mass == 0.051
+
+
+def test_a_file_that_a_person_wrote_needs_the_parameters_alone(tmp_path):
+    file = tmp_path / "mine.json"
+    file.write_text("\ufeff" + json.dumps({"params": PARAMS}), encoding="utf-8")
+    assert read_params(file, CABLE) == CABLE.params
+    assert read_servo(file) is None
+
+
+def test_a_missing_file_says_how_to_make_one(tmp_path):
+    with pytest.raises(InputError, match="cablecast tune"):
+        read_params(tmp_path / "params.json")
+    with pytest.raises(InputError, match="cablecast tune"):
+        read_params(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "3",
+        "[]",
+        "[1, 2",
+        "[" * 100_000,
+        '{"params": ' * 100_000,
+        '{"sha256": "x", "params": ' + "[" * 900 + "]" * 900 + "}",
+        '{"sha256": 3, "params": {}}',
+        "{}",
+        '{"params": null}',
+        '{"params": [1, 2, 3]}',
+        '{"params": 7}',
+        '{"params": {"mass": 1}}',
+        "\x00",
+    ],
+    ids=lambda text: text[:20],
+)
+def test_files_that_hold_no_parameters_are_refused(file, text):
+    refusal(file, text)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [None, True, "0.05", [0.05], {}, -1.0, 1e9, float("nan"), 10**400],
+    ids=lambda v: str(v)[:9],
+)
+def test_a_parameter_of_the_wrong_kind_is_refused_by_name(file, value):
+    message = refusal(file, json.dumps({"params": PARAMS | {"mass": value}}))
+    assert "does not hold tuned parameters" in message
+
+
+def test_an_unknown_parameter_is_refused(file):
+    message = refusal(file, json.dumps({"params": PARAMS | {"temper\nature": 1.0}}))
+    assert "unknown keys" in message
+
+
+@pytest.mark.parametrize("name", [3, ["cable_1"], "a\nb", "x" * 1000], ids=lambda v: str(v)[:9])
+def test_a_cable_name_of_the_wrong_kind_is_refused(file, name):
+    refusal(file, json.dumps({"cable": name, "params": PARAMS}))
+
+
+@pytest.mark.parametrize(
+    "servo",
+    [
+        3,
+        [],
+        {"delay": 1},
+        {"warp\nfactor": [1.0] * 6},
+        SERVO.to_dict() | {"delay": [10**400] * 6},
+        SERVO.to_dict() | {"delay": [9.0] * 6},
+        SERVO.to_dict() | {"delay": [[0.01]] * 6},
+    ],
+    ids=lambda v: str(v)[:20],
+)
+def test_a_servo_of_the_wrong_kind_is_refused(file, servo):
+    file.write_text(json.dumps({"params": PARAMS, "servo": servo}))
+    with pytest.raises(InputError) as caught:
+        read_servo(file)
+    assert "\n" not in str(caught.value)
+    assert str(file) in str(caught.value)
