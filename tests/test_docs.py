@@ -18,8 +18,8 @@ from cablecast.cli.main import _Command
 ROOT = pathlib.Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 VERBS = {
-    verb.__name__.lower(): verb
-    for verb, *_ in (typing.get_args(command) for command in typing.get_args(_Command))
+    subcommand.name: verb
+    for verb, subcommand in (typing.get_args(command) for command in typing.get_args(_Command))
 }
 HELP = {"--help", "--version"}
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     )
     from cablecast.pipeline.collect import collect as collect
     from cablecast.pipeline.evaluate import evaluate as evaluate
-    from cablecast.pipeline.plan import MotionPlan as MotionPlan
     from cablecast.pipeline.plan import plan_motion as plan_motion
     from cablecast.pipeline.repeat import repeat as repeat
     from cablecast.pipeline.reproduce import reproduce as reproduce
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
     from cablecast.pipeline.tuned import Tuned as Tuned
     from cablecast.pipeline.tuned import load_tuned as load_tuned
     from cablecast.policies.base import Plan as Plan
-    from cablecast.policies.base import Policy as Policy
     from cablecast.policies.forward_search import ForwardSearchPolicy as ForwardSearchPolicy
     from cablecast.policies.polar_casting import PolarCastingPolicy as PolarCastingPolicy
     from cablecast.rigs.base import Rig as Rig
@@ -77,10 +75,8 @@ _HOMES = {
     "Evaluation": "cablecast.evaluation.evaluate",
     "ForwardSearchPolicy": "cablecast.policies.forward_search",
     "MotionConfig": "cablecast.setup",
-    "MotionPlan": "cablecast.pipeline.plan",
     "Plan": "cablecast.policies.base",
     "PolarCastingPolicy": "cablecast.policies.polar_casting",
-    "Policy": "cablecast.policies.base",
     "Progress": "cablecast.runs.progress",
     "Rig": "cablecast.rigs.base",
     "RigLifecycle": "cablecast.rigs.base",
@@ -122,10 +118,8 @@ __all__ = [
     "Evaluation",
     "ForwardSearchPolicy",
     "MotionConfig",
-    "MotionPlan",
     "Plan",
     "PolarCastingPolicy",
-    "Policy",
     "Progress",
     "Rig",
     "RigLifecycle",

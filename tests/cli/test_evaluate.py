@@ -30,7 +30,7 @@ class MyRig:
         print("the rig was closed")
 
 
-def make(cable, workspace, seed):
+def make(setup, seed):
     return MyRig()
 '''
 
@@ -65,8 +65,8 @@ def test_a_run_folder_says_what_ran_and_with_which_versions(evaluated):
     folder, _ = evaluated
     config = json.loads((folder / "config.json").read_text())
     assert config["command"] == "evaluate"
-    assert config["settings"]["seed"] == 0
-    assert config["settings"]["rig"] == "engine"
+    assert config["settings"]["repeats"] == 1
+    assert config["settings"]["rig"]["rig"] == "engine"
     assert {"python", "cablecast", "numpy", "warp-lang", "torch"} <= set(config["versions"])
 
 
@@ -77,15 +77,16 @@ def test_the_same_evaluation_again_shows_its_table_without_casting(evaluated, ca
     captured = capsys.readouterr()
     assert "engine rig" in captured.out
     assert str(folder / "report.html") in captured.out
-    assert "Casting" not in captured.err
+    assert "already done, nothing changed" in captured.err
+    assert " of 32 casts" not in captured.err
     assert (folder / "metrics.json").stat().st_mtime_ns == before
 
 
-def test_an_evaluation_of_another_seed_is_not_written_over_it(evaluated, capsys):
+def test_an_evaluation_of_other_settings_is_not_written_over_it(evaluated, capsys):
     folder, arguments = evaluated
     before = (folder / "metrics.json").read_bytes()
-    assert main(["evaluate", *arguments, "--seed", "3"]) == 2
-    assert "seed is 0 there and 3 here" in capsys.readouterr().err
+    assert main(["evaluate", *arguments, "--repeats", "3"]) == 2
+    assert "repeats is 1 there and 3 here" in capsys.readouterr().err
     assert (folder / "metrics.json").read_bytes() == before
 
 

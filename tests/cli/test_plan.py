@@ -1,10 +1,13 @@
 import csv
+import pathlib
 import re
 
 import numpy as np
 import pytest
 
+from cablecast.arm.ur import ArmUR
 from cablecast.cli import main
+from cablecast.setup import Setup, save_setup
 
 CONTROL_DT = 1 / 125
 ANGLE_ROUNDING = 1e-8  # The file holds nine decimals [rad].
@@ -13,9 +16,18 @@ ANGLE_ROUNDING = 1e-8  # The file holds nine decimals [rad].
 SPEED_DIFFERENCE = 5e-3
 
 
-def plan(model_folder, capsys, *target):
-    assert main(["plan", "--model", str(model_folder), "--target", *target]) == 0
+def plan(model_folder, capsys, *target, status=0):
+    # The model knows too little to plan well: how far off a plan is has a test of its own.
+    arguments = ["--model", str(model_folder), "--miss-max", "200", "--target", *target]
+    assert main(["plan", *arguments]) == status
     return capsys.readouterr().out
+
+
+def measured_lab(folder, **arm):
+    """A lab file whose arm a person has measured."""
+    setup = Setup(arm=ArmUR(measured=True, **arm))
+    save_setup(setup, folder / "lab.yaml")
+    return folder / "lab.yaml"
 
 
 def angles(text, name):
@@ -42,9 +54,14 @@ def test_a_target_that_no_cast_reaches_is_planned_with_a_note(model_folder, caps
 
 def test_a_saved_motion_holds_positions_and_their_speeds_at_125_hz(model_folder, tmp_path, capsys):
     file = tmp_path / "motion.csv"
-    plan(model_folder, capsys, "1.0", "20", "--save", str(file))
-    with open(file, newline="") as lines:
-        rows = list(csv.reader(lines))
+    lab = measured_lab(tmp_path)
+    plan(model_folder, capsys, "1.0", "20", "--save", str(file), "--setup", str(lab))
+    lines = file.read_text().splitlines()
+    # The header says what the joint angles hold for.
+    header = "\n".join(line for line in lines if line.startswith("#"))
+    for words in ("ur5", "base 0.183 m above", "0.17 m from flange", "grip: 0.02 m"):
+        assert words in header
+    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
     joints = range(1, 7)
     assert rows[0] == ["t", *(f"q{k}" for k in joints), *(f"qd{k}" for k in joints)]
     values = np.array(rows[1:], dtype=float)
@@ -67,3 +84,39 @@ def test_the_model_of_a_cable_is_found_where_train_puts_it(model_folder, capsys,
 def test_the_cable_may_be_named_or_not(option, model_folder, capsys):
     text = plan(model_folder, capsys, "1.0", "10", *option)
     assert "cable_1, 0.62 m" in text
+
+
+def test_a_motion_is_saved_only_for_an_arm_that_was_measured(model_folder, tmp_path, capsys):
+    file = tmp_path / "motion.csv"
+    arguments = ["plan", "--model", str(model_folder), "--target", "1.0", "20", "--save", str(file)]
+    assert main(arguments) == 2
+    assert "measured: true" in capsys.readouterr().err
+    # A gripper that is 3 cm longer would be driven into the table by the same angles.
+    lab = measured_lab(tmp_path, gripper_length=0.2)
+    assert main([*arguments, "--setup", str(lab)]) == 2
+    assert "arm.gripper_length is 0.17 there and 0.2 here" in capsys.readouterr().err
+    assert not file.exists()
+
+
+def test_a_plan_that_misses_by_more_than_the_bound_has_its_own_exit_status(model_folder, capsys):
+    arguments = ["plan", "--model", str(model_folder), "--target", "0.05", "0"]
+    assert main(arguments) == 3
+    assert "above --miss-max 25 %" in capsys.readouterr().out
+    assert main([*arguments, "--miss-max", "1000"]) == 0
+
+
+@pytest.mark.parametrize("kind", ["device", "link", "folder"])
+def test_only_a_regular_file_is_ever_replaced(kind, model_folder, tmp_path, capsys):
+    lab, target = measured_lab(tmp_path), tmp_path / "precious"
+    path = tmp_path / "there"
+    target.write_text("precious")
+    if kind == "device":
+        path = pathlib.Path("/dev/null")
+    elif kind == "link":
+        path.symlink_to(target)
+    else:
+        path.mkdir()
+    arguments = ["--model", str(model_folder), "--target", "1.0", "20", "--setup", str(lab)]
+    assert main(["plan", *arguments, "--save", str(path), "--force"]) == 2
+    assert "is no regular file" in capsys.readouterr().err
+    assert target.read_text() == "precious"

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.cli import main
+from cablecast.setup import Setup
 
 # What the project asks of the tracker [m]; with tags alone the lens is known less well.
 ERROR_RMS = 3e-3
@@ -19,7 +20,6 @@ START = 12 / 60
 @pytest.fixture(scope="module")
 def film():
     """A short made-up motion, filmed."""
-    from cablecast.cable import load_cable
     from cablecast.rigs.virtual.camera import VirtualCamera
     from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 
@@ -29,7 +29,7 @@ def film():
     share = np.linspace(0, 1, 10)[:, None]
     xy = np.array([0.0, 0.6]) + share * (path[:, None] - np.array([0.0, 0.6]))
     nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), 0.0055)], axis=-1)
-    trial = FilmedTrial(cable=load_cable("cable_1"), times=times, nodes=nodes, joint_path=None)
+    trial = FilmedTrial(cable=Setup().cable, times=times, nodes=nodes, joint_path=None)
     return VirtualCamera().film(trial, seed=6)
 
 

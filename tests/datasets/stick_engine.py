@@ -11,17 +11,16 @@ import sys
 
 import numpy as np
 
-from cablecast.cable import load_cable
 from cablecast.conventions import tangent
 from cablecast.datasets.simulate import simulate_dataset
 from cablecast.engines.base import CableState, Rollout
-from cablecast.motion.action import MotionConfig
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
 LEAD = 0.1
 """How far ahead of the gripper the stick turns [s]: it overshoots and comes back."""
 
-CABLE = load_cable("cable_1")
+SETUP = Setup()
+CABLE = SETUP.cable
 COUNT = 220
 SHARD_ROWS = 60
 
@@ -65,19 +64,13 @@ class StickEngine:
         )
 
 
-def simulate(path, *, count=COUNT, seed=0, config=None, engine=None, progress=None, **options):
+def simulate(path, *, engine=None, **options):
     return simulate_dataset(
         path,
-        options.pop("cable", CABLE),
+        options.pop("setup", SETUP),
         options.pop("params", None),
         engine or StickEngine(),
-        config or MotionConfig(),
-        Workspace(),
-        count,
-        seed,
-        progress,
-        shard_rows=options.pop("shard_rows", SHARD_ROWS),
-        **options,
+        **({"count": COUNT, "shard_rows": SHARD_ROWS} | options),
     )
 
 

@@ -11,17 +11,16 @@ import sys
 import numpy as np
 from stick_engine import kill_at_rename
 
-from cablecast.cable import load_cable
 from cablecast.conventions import tangent
 from cablecast.datasets.collect import collect_dataset
 from cablecast.errors import RigError
-from cablecast.motion.action import MotionConfig
 from cablecast.motion.joint_path import JointPath
 from cablecast.rigs.base import RigLifecycle
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.workspace import Workspace
 
-CABLE = load_cable("cable_1")
+SETUP = Setup()
+CABLE = SETUP.cable
 COUNT = 6
 NOISE = 0.002
 """Standard deviation of what the camera sees [m]."""
@@ -47,7 +46,7 @@ class StickRig(RigLifecycle):
         self._seed = seed
         self._next = 0
 
-    def seek(self, index):
+    def seek(self, index, purpose=""):
         self._next = index
 
     def execute(self, trajectory):
@@ -72,7 +71,7 @@ class StickRig(RigLifecycle):
         poses = trajectory.grip_path.evaluate(times)[0]
         tip = poses[:, :2] + CABLE.length * tangent(poses[:, 3], poses[:, 4])[:, :2]
         noise = np.random.default_rng([self._seed, index]).normal(scale=NOISE, size=tip.shape)
-        stayed = Workspace().on_table(tip).all()
+        stayed = SETUP.workspace.on_table(tip).all()
         path = trajectory.joint_path
         later = JointPath(times=path.times + SERVO_DELAY, q=path.q, qd=path.qd)
         return EndpointTrack(
@@ -108,9 +107,7 @@ def collect(path, rig=None, **options):
     return collect_dataset(
         path,
         rig or StickRig(),
-        CABLE,
-        options.pop("config", MotionConfig()),
-        Workspace(),
+        options.pop("setup", SETUP),
         **options,
     )
 

@@ -7,18 +7,17 @@ import sys
 import numpy as np
 import pytest
 import stick_rig
-from stick_rig import CABLE, COUNT, NOISE, SERVO_DELAY, ManyStickRig, StickRig, collect
+from stick_rig import CABLE, COUNT, NOISE, SERVO_DELAY, SETUP, ManyStickRig, StickRig, collect
 
-from cablecast.datasets import collect as collect_module
 from cablecast.datasets import read_dataset, writer
-from cablecast.datasets.collect import rig_seed, sample_actions
+from cablecast.datasets import record as record_module
+from cablecast.datasets.collect import sample_actions
 from cablecast.datasets.trials import commanded_joints, measured_joints, trial_rig, trial_track
 from cablecast.errors import DatasetError, InputError, RigError
-from cablecast.motion.action import ActionRanges, MotionConfig
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.trajectory import Action, plan_trajectory
 from cablecast.track import TrialStatus
-from cablecast.workspace import Workspace
 
 # Files in the order in which they are renamed: info, the rows, stats, card, info.
 FILE_COUNT = COUNT + 4
@@ -55,7 +54,7 @@ def test_a_row_holds_the_action_the_track_and_both_joint_paths(unbroken):
     assert dataset.ok.sum() >= 2
     for row, values in enumerate(dataset.actions):
         action = Action.from_array(values)
-        trajectory = plan_trajectory(action, MotionConfig(), Workspace())
+        trajectory = plan_trajectory(action, SETUP)
         track = trial_track(dataset, row)
         expected = StickRig()._track(trajectory, row)
         assert track.status is expected.status
@@ -105,7 +104,7 @@ def test_a_killed_and_resumed_collection_equals_an_unbroken_one(unbroken, tmp_pa
 def test_a_killed_batch_loses_no_earlier_batch(unbroken, tmp_path, monkeypatch):
     run_and_kill("trial5", tmp_path / "d", "many")
     kept = len(list((tmp_path / "d/data").rglob("file-*.parquet")))
-    monkeypatch.setattr(collect_module, "core_count", lambda: 1)
+    monkeypatch.setattr(record_module, "core_count", lambda: 1)
     rig = ManyStickRig()
     collect(tmp_path / "d", rig)
     assert contents(tmp_path / "d") == contents(unbroken)
@@ -160,7 +159,7 @@ def test_a_trial_that_keeps_failing_stops_the_collection_and_it_goes_on_there(
 
 
 def test_trials_of_a_batch_beside_a_failing_one_are_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(collect_module, "core_count", lambda: COUNT)
+    monkeypatch.setattr(record_module, "core_count", lambda: COUNT)
     troubles = [(1, TrialStatus.ABORTED) for _ in range(10)]
     with pytest.raises(RigError, match=rf"{COUNT - 1} of {COUNT} trials are kept"):
         collect(tmp_path / "d", ManyStickRig(troubles=troubles))
@@ -187,11 +186,11 @@ def test_a_full_disk_loses_no_finished_trial(unbroken, tmp_path, monkeypatch, ki
         write(file, content)
 
     monkeypatch.setattr(writer, "write_bytes", write_bytes)
-    monkeypatch.setattr(collect_module, "core_count", lambda: 1)
+    monkeypatch.setattr(record_module, "core_count", lambda: 1)
     size = 2 if kind is ManyStickRig else 1
     # Enough for what is set aside and for one row and a half.
     row = (unbroken / "data/chunk-000/file-000.parquet").stat().st_size
-    room[0] = size * collect_module._ROW_BYTES_MAX + 2 * KILOBYTE + 3 * row // 2
+    room[0] = size * record_module._ROW_BYTES_MAX + 2 * KILOBYTE + 3 * row // 2
     rig = kind()
     with pytest.raises(DatasetError, match=r"no more trials \(No space left on device\)"):
         collect(path, rig)
@@ -211,7 +210,7 @@ def test_no_trial_begins_where_its_row_would_find_no_room(tmp_path, monkeypatch)
 
     with pytest.raises(KeyboardInterrupt):
         collect(tmp_path / "d", StickRig(troubles=[(0, KeyboardInterrupt())]))
-    monkeypatch.setattr(collect_module.os, "fsync", fsync)
+    monkeypatch.setattr(record_module.os, "fsync", fsync)
     rig = StickRig()
     with pytest.raises(DatasetError, match="no room for another trial"):
         collect(tmp_path / "d", rig)
@@ -226,7 +225,7 @@ def test_no_trial_begins_where_its_row_would_find_no_room(tmp_path, monkeypatch)
         ({"purpose": "real"}, "kind is 'tune' there and 'real' here"),
         ({"sampling": "grid"}, "sampling is 'uniform' there and 'grid' here"),
         ({"seed": 3}, "seed is 0 there and 3 here"),
-        ({"config": MotionConfig(v_max=1.2)}, "motion.v_max is 1.5 there and 1.2 here"),
+        ({"setup": SETUP.with_motion(v_max=1.2)}, "motion.v_max is 1.5 there and 1.2 here"),
     ],
 )
 def test_other_settings_are_refused_by_name(unbroken, options, words):
@@ -247,7 +246,7 @@ def test_a_description_that_cannot_be_stored_is_refused_before_any_trial(tmp_pat
 
 
 def test_repeats_of_an_action_follow_one_another_and_differ_only_by_chance(tmp_path):
-    actions = sample_actions("grid", 2, MotionConfig(), Workspace())
+    actions = sample_actions("grid", 2, SETUP)
     dataset = collect(tmp_path / "d", purpose="repeat", actions=actions, count=None, repeats=3)
     assert dataset.extra["repeat"] == [0, 1, 2, 0, 1, 2]
     np.testing.assert_array_equal(dataset.actions, np.repeat(actions, 3, axis=0))
@@ -258,8 +257,8 @@ def test_repeats_of_an_action_follow_one_another_and_differ_only_by_chance(tmp_p
 
 @pytest.mark.parametrize("sampling", ["uniform", "grid"])
 def test_sampled_actions_are_feasible_and_fill_their_ranges(sampling):
-    actions = sample_actions(sampling, 300, MotionConfig(), Workspace(), seed=2)
-    assert check_actions(actions, MotionConfig(), Workspace()).mask.all()
+    actions = sample_actions(sampling, 300, SETUP, seed=2)
+    assert check_actions(actions, SETUP).mask.all()
     ranges = ActionRanges()
     wrist = actions[:, 3] - actions[:, 1]
     for values, (low, high) in zip(
@@ -270,28 +269,22 @@ def test_sampled_actions_are_feasible_and_fill_their_ranges(sampling):
         assert np.all((values >= low - 1e-9) & (values <= high + 1e-9))
         # Each third of the range is met, though limits thin some of them out.
         assert np.all(np.histogram(values, 3, (low - 1e-9, high + 1e-9))[0] > 10)
-    other = sample_actions(sampling, 300, MotionConfig(), Workspace(), seed=3)
+    other = sample_actions(sampling, 300, SETUP, seed=3)
     assert not np.array_equal(np.sort(actions, axis=0), np.sort(other, axis=0))
 
 
 def test_more_uniform_actions_begin_with_the_same_ones():
-    few = sample_actions("uniform", 20, MotionConfig(), Workspace())
-    many = sample_actions("uniform", 400, MotionConfig(), Workspace())
+    few = sample_actions("uniform", 20, SETUP)
+    many = sample_actions("uniform", 400, SETUP)
     np.testing.assert_array_equal(many[:20], few)
 
 
 def test_grid_actions_are_made_in_no_order_that_drift_could_follow():
-    actions = sample_actions("grid", 200, MotionConfig(), Workspace())
+    actions = sample_actions("grid", 200, SETUP)
     # 200 shuffled values have a correlation with their place below 0.25 with 99.9 %.
     for column in range(4):
         place = np.arange(len(actions))
         assert abs(np.corrcoef(place, actions[:, column])[0, 1]) < 0.25
-
-
-def test_each_purpose_has_a_luck_of_its_own():
-    seeds = {rig_seed(seed, purpose) for seed in (0, 1) for purpose in ("tune", "real", "repeat")}
-    assert len(seeds) == 6
-    assert rig_seed(0, "tune") == rig_seed(0, "tune")
 
 
 @pytest.mark.parametrize("options", [{"count": 0}, {"repeats": 0}, {"attempts": 0}])

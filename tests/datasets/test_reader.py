@@ -1,13 +1,16 @@
+import dataclasses
 import json
 import shutil
 
 import numpy as np
 import pytest
 import yaml
-from stick_engine import COUNT
+from stick_engine import COUNT, SETUP, simulate
+from stick_rig import StickRig, collect
 
 from cablecast.datasets import read_dataset
-from cablecast.errors import DatasetError
+from cablecast.errors import DatasetError, UnreadableFileError
+from cablecast.reading import seal
 
 SHARD = "data/chunk-000/file-002.parquet"
 
@@ -52,23 +55,91 @@ def test_a_shard_in_the_place_of_another_is_detected(copied):
         read_dataset(copied)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema_version": 99}'])
-def test_a_damaged_or_newer_description_is_refused(copied, text):
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "7", "[" * 100_000, '{"complete": "no"}'])
+def test_a_damaged_description_is_refused(copied, text):
     (copied / "meta/info.json").write_text(text)
-    with pytest.raises(DatasetError, match=r"info.json is damaged|schema version 99"):
+    with pytest.raises(DatasetError, match=r"info.json is damaged") as caught:
+        read_dataset(copied)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("version", [1, 99])
+def test_a_dataset_of_another_version_is_refused_by_its_version(copied, version):
+    info = json.loads((copied / "meta/info.json").read_text())
+    del info["sha256"]
+    (copied / "meta/info.json").write_text(json.dumps(info | {"schema_version": version}))
+    with pytest.raises(DatasetError, match=f"schema version {version}: .*make the dataset anew"):
         read_dataset(copied)
 
 
-def test_an_unknown_status_is_refused(copied):
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"complete": "no"},
+        {"shard_count": 10**9},
+        {"shard_rows": 0},
+        {"total_frames": True},
+        {"settings": []},
+        {"fingerprint": None},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("sealed", [True, False])
+def test_a_changed_description_is_refused(copied, change, sealed):
+    file = copied / "meta/info.json"
+    info = json.loads(file.read_text()) | change
+    if sealed:
+        del info["sha256"]
+        info = seal(info)
+    file.write_text(json.dumps(info))
+    with pytest.raises(DatasetError, match="damaged"):
+        read_dataset(copied)
+
+
+def test_a_description_that_cannot_be_read_is_not_called_damaged(copied):
+    file = copied / "meta/info.json"
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(UnreadableFileError, match="cannot be read: Is a directory"):
+        read_dataset(copied)
+
+
+def test_rows_that_were_changed_after_the_end_are_detected(copied):
+    change_rows(copied / SHARD, "duration", lambda values: [2.0 * value for value in values])
+    with pytest.raises(DatasetError, match="were changed since it was finished"):
+        read_dataset(copied)
+
+
+def test_a_shard_of_a_dataset_of_other_settings_is_detected(copied, tmp_path):
+    simulate(tmp_path / "other", setup=SETUP.with_motion(v_max=1.2))
+    shutil.copy(tmp_path / "other" / SHARD, copied / SHARD)
+    with pytest.raises(DatasetError, match="belongs to a dataset of other settings"):
+        read_dataset(copied)
+
+
+def change_rows(file, name, change):
+    """Write a shard again with one column changed, as a spreadsheet would."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pq.read_table(copied / SHARD)
-    column = table.schema.get_field_index("status")
-    table = table.set_column(column, "status", pa.array(["lost"] * len(table)))
-    pq.write_table(table, copied / SHARD)
-    with pytest.raises(DatasetError, match="unknown trial status 'lost'"):
-        read_dataset(copied)
+    table = pq.read_table(file)
+    column = pa.array(change(table[name].to_pylist()))
+    table = table.set_column(table.schema.get_field_index(name), name, column)
+    pq.write_table(table, file)
+
+
+def test_the_fingerprint_is_that_of_the_rows_not_of_the_settings_alone(unbroken, tmp_path):
+    class OtherRig(StickRig):
+        """Equal by its description, but its camera has moved."""
+
+        def _track(self, *arguments):
+            track = super()._track(*arguments)
+            return dataclasses.replace(track, endpoint_xy=track.endpoint_xy + 0.01)
+
+    first = collect(tmp_path / "first", StickRig(), count=2)
+    second = collect(tmp_path / "second", OtherRig(), count=2)
+    assert first.info["settings"] == second.info["settings"]
+    assert first.fingerprint != second.fingerprint
 
 
 def test_parquet_readers_see_one_table_of_all_shards(unbroken):
@@ -104,9 +175,8 @@ def test_the_description_follows_the_layout_of_lerobot(unbroken):
 
 
 def test_settings_of_another_version_are_refused_in_one_line(copied):
-    info = json.loads((copied / "meta/info.json").read_text())
-    info["settings"]["motion"] = {"warp_factor": 9}
-    (copied / "meta/info.json").write_text(json.dumps(info))
     dataset = read_dataset(copied)
-    with pytest.raises(DatasetError, match=r"made by cablecast .*warp_factor.*simulate it again"):
-        _ = dataset.motion_config
+    settings = dataset.info["settings"] | {"motion": {"warp_factor": 9}}
+    dataset = dataclasses.replace(dataset, info=dataset.info | {"settings": settings})
+    with pytest.raises(DatasetError, match=r"made by cablecast .*warp_factor.*make it anew"):
+        _ = dataset.setup

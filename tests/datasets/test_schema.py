@@ -5,7 +5,6 @@ from cablecast.datasets import read_dataset
 from cablecast.datasets.schema import (
     COLUMNS,
     check_columns,
-    settings_differences,
     track_extent,
 )
 from cablecast.datasets.writer import DatasetWriter
@@ -22,15 +21,6 @@ def test_the_extent_of_a_track_skips_what_was_not_seen():
     extent = track_extent(track)
     np.testing.assert_array_equal(extent[0], [-0.5, 0.0, 1.0, 1.2])
     assert np.all(np.isnan(extent[1]))
-
-
-def test_differences_name_nested_settings_and_absent_ones():
-    phrases = settings_differences({"a": {"b": 1}, "old": 2}, {"a": {"b": 3}, "new": 4})
-    assert phrases == [
-        "a.b is 1 there and 3 here",
-        "old is 2 there and '(absent)' here",
-        "new is '(absent)' there and 4 here",
-    ]
 
 
 def test_missing_columns_and_unequal_lengths_are_refused():

@@ -8,16 +8,16 @@ import sys
 import numpy as np
 import pytest
 import stick_engine
-from stick_engine import CABLE, COUNT, SHARD_ROWS, StickEngine, simulate
+from stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
 
 from cablecast.cable import load_cable
 from cablecast.datasets import read_dataset
 from cablecast.datasets.simulate import SAMPLE_DT, engine_settings
 from cablecast.errors import DatasetError, InputError
-from cablecast.motion.action import ActionRanges, MotionConfig
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
+from cablecast.setup import Setup
 from cablecast.track import TrialStatus
-from cablecast.workspace import Workspace
 
 # The gripper's path reproduces the end of the motion to about 1e-6 m.
 PATH_TOLERANCE = 1e-5
@@ -57,14 +57,14 @@ def test_rows_hold_the_action_and_where_its_motion_lands(unbroken):
 
 def test_the_status_says_whether_the_free_end_left_the_table_at_any_sample(unbroken):
     dataset = read_dataset(unbroken)
-    paths = cast_grip_paths(dataset.actions, MotionConfig(), Workspace())
+    paths = cast_grip_paths(dataset.actions, SETUP)
     track = StickEngine().rollout(CABLE, CABLE.params, paths, sample_dt=SAMPLE_DT).endpoint_xy
-    stayed = np.all(Workspace().on_table(track), axis=1)
+    stayed = np.all(SETUP.workspace.on_table(track), axis=1)
     assert 0 < stayed.sum() < COUNT
     np.testing.assert_array_equal(dataset.ok, stayed)
     np.testing.assert_array_equal(dataset.table_margin() >= 0, stayed)
     # Some come back: where they rest is on the table, but the trial would have been spoilt.
-    assert np.any(Workspace().on_table(dataset.endpoint_xy) & ~stayed)
+    assert np.any(SETUP.workspace.on_table(dataset.endpoint_xy) & ~stayed)
 
 
 def test_a_world_that_becomes_non_finite_is_marked_and_keeps_no_landing(tmp_path):
@@ -116,10 +116,10 @@ def test_a_finished_dataset_is_returned_without_simulating_anything(unbroken, tm
     [
         ({"engine": StickEngine(dt=5e-4)}, "engine.dt is 0.001 there and 0.0005 here"),
         ({"engine": StickEngine(device="cuda")}, "engine.device is 'cpu' there and 'cuda' here"),
-        ({"config": MotionConfig(v_max=1.2)}, "motion.v_max is 1.5 there and 1.2 here"),
+        ({"setup": SETUP.with_motion(v_max=1.2)}, "motion.v_max is 1.5 there and 1.2 here"),
         ({"seed": 7}, "seed is 0 there and 7 here"),
         ({"count": 100}, "count is 220 there and 100 here"),
-        ({"cable": load_cable("cable_2")}, "cable.name is 'cable_1' there and 'cable_2' here"),
+        ({"setup": Setup(cable="cable_2")}, "cable.name is 'cable_1' there and 'cable_2' here"),
         ({"params": load_cable("cable_3").params}, "params.mass is 0.05 there and 0.09 here"),
         ({"ranges": ActionRanges(r2=(0.5, 0.6))}, r"ranges.r2 is \[0.35, 0.8\] there"),
         ({"shard_rows": 50}, "shard_rows is 60 there and 50 here"),
@@ -151,7 +151,7 @@ def test_the_number_of_threads_does_not_count_as_a_setting():
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("dear")
-    with pytest.raises(DatasetError, match=r"not empty .*thesis.tex"):
+    with pytest.raises(DatasetError, match=r"holds thesis.tex but no dataset"):
         simulate(tmp_path)
     assert contents(tmp_path) == {"thesis.tex": b"dear"}
 
@@ -182,6 +182,34 @@ def test_a_damaged_shard_stops_a_resumed_run_and_is_named(tmp_path):
         simulate(tmp_path / "d")
 
 
+@pytest.mark.parametrize("damage", ["deleted", "truncated"])
+def test_a_finished_dataset_heals_a_shard(unbroken, tmp_path, damage):
+    shutil.copytree(unbroken, tmp_path / "d")
+    shard = tmp_path / "d/data/chunk-000/file-001.parquet"
+    if damage == "truncated":
+        shard.write_bytes(shard.read_bytes()[:-20])
+        with pytest.raises(DatasetError, match="delete it and run the command"):
+            simulate(tmp_path / "d")
+    shard.unlink()
+    engine = StickEngine()
+    simulate(tmp_path / "d", engine=engine)
+    assert contents(tmp_path / "d") == contents(unbroken)
+    assert len(engine.batches) == 1
+
+
+def test_a_dataset_that_is_being_mended_is_not_taken_for_a_whole_one(unbroken, tmp_path):
+    shutil.copytree(unbroken, tmp_path / "d")
+    (tmp_path / "d/data/chunk-000/file-001.parquet").unlink()
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(tmp_path / "d", progress=stop)
+    with pytest.raises(DatasetError, match="unfinished: 3 of 4 shards"):
+        read_dataset(tmp_path / "d")
+
+
 def test_progress_counts_every_row_once(tmp_path):
     calls = []
     simulate(tmp_path / "d", progress=lambda done, total: calls.append((done, total)))
@@ -208,8 +236,7 @@ def test_the_settings_say_everything_that_made_the_rows(unbroken):
     assert (settings["count"], settings["seed"]) == (COUNT, 0)
     dataset = read_dataset(unbroken)
     assert dataset.cable == CABLE
-    assert dataset.workspace == Workspace()
-    assert dataset.motion_config == MotionConfig()
+    assert dataset.setup == SETUP
 
 
 def test_a_dataset_of_the_fast_engine_is_resumed_with_the_same_rows(tmp_path):

@@ -1,18 +1,23 @@
 import subprocess
+import sys
 
 import pytest
 
 import cablecast
-from cablecast.cli.options import cable_folder, evaluation_folder
-from cablecast.cli.run_folder import RunFolder, library_versions, source_commit
-from cablecast.errors import InputError
+from cablecast.errors import InputError, UnreadableFileError
+from cablecast.machine import library_versions
+from cablecast.runs.facts import source_commit
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.places import cable_folder, rig_folder
 
 SETTINGS = {"seed": 0, "training": {"epochs": 5}, "grid": (1, 2)}
 
 
-def begun(path, settings=SETTINGS):
+def begun(path, settings=SETTINGS, metrics=None):
     run = RunFolder.open(path, "train", settings)
-    run.begin()
+    with run.begun():
+        if metrics is not None:
+            run.finish(metrics)
     return run
 
 
@@ -30,7 +35,7 @@ def test_looking_at_a_folder_writes_nothing(tmp_path):
 
 
 def test_other_settings_are_refused_by_name(tmp_path):
-    begun(tmp_path).finish({"error": 1.0})
+    begun(tmp_path, metrics={"error": 1.0})
     with pytest.raises(InputError, match=r"training\.epochs is 5 there and 6 here"):
         RunFolder.open(tmp_path, "train", SETTINGS | {"training": {"epochs": 6}})
     with pytest.raises(InputError, match="command is 'train' there and 'evaluate' here"):
@@ -45,15 +50,74 @@ def test_a_run_stopped_before_its_first_result_does_not_bind_the_next(tmp_path):
 
 
 def test_a_done_run_gives_its_metrics_back(tmp_path):
-    begun(tmp_path).finish({"error": 1.5})
+    begun(tmp_path, metrics={"error": 1.5})
     assert RunFolder.open(tmp_path, "train", SETTINGS).metrics == {"error": 1.5}
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"command": "train"}', "\xff"])
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", "7", "[" * 10**5, '{"command": "train"}', "\xff"]
+)
 def test_a_damaged_config_is_refused(tmp_path, content):
     (tmp_path / "config.json").write_text(content, encoding="latin-1")
-    with pytest.raises(InputError, match=r"config\.json is damaged"):
+    with pytest.raises(InputError, match=r"config\.json is") as caught:
         RunFolder.open(tmp_path, "train", SETTINGS)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["[1]", "7", "{}", '{"error": 1.0}', "{" * 10**5, "\xff"])
+def test_damaged_metrics_are_refused_and_say_how_to_go_on(tmp_path, content):
+    begun(tmp_path, metrics={"error": 1.5})
+    (tmp_path / "metrics.json").write_text(content, encoding="latin-1")
+    with pytest.raises(InputError, match=r"metrics\.json is"):
+        _ = RunFolder.open(tmp_path, "train", SETTINGS).metrics
+
+
+def test_metrics_that_cannot_be_read_are_not_called_damaged(tmp_path):
+    begun(tmp_path)
+    (tmp_path / "metrics.json").mkdir()
+    with pytest.raises(UnreadableFileError, match="cannot be read"):
+        _ = RunFolder.open(tmp_path, "train", SETTINGS).metrics
+
+
+def test_another_process_is_kept_out_of_a_folder_while_a_run_is_in_it(tmp_path):
+    script = (
+        "import sys, pathlib; from cablecast.runs.claim import hold_folder\n"
+        "from cablecast.errors import InputError\n"
+        "try:\n"
+        "    with hold_folder(pathlib.Path(sys.argv[1]), InputError): print('held')\n"
+        "except InputError as error: print(error)\n"
+    )
+
+    def other_process():
+        command = [sys.executable, "-c", script, str(tmp_path)]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    with RunFolder.open(tmp_path, "train", SETTINGS).begun():
+        assert other_process() == f"another process is writing to {tmp_path}"
+    assert other_process() == "held"
+
+
+def test_a_folder_of_someone_else_is_left_alone(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/thesis.tex").write_text("dear")
+    with pytest.raises(InputError, match=r"holds a/thesis.tex but no run"):
+        RunFolder.open(tmp_path, "train", SETTINGS)
+
+
+def test_a_part_is_made_once_and_checked_when_it_is_read(tmp_path):
+    parts = RunFolder.open(tmp_path, "select", SETTINGS).parts("coverage")
+    made = []
+
+    def make():
+        made.append(1)
+        return {"share": 0.5}
+
+    assert parts.get_or_make("a", make) == parts.get_or_make("a", make) == {"share": 0.5}
+    assert len(made) == 1
+    text = parts.file("a").read_text()
+    parts.file("a").write_text(text.replace("0.5", "0.9"))
+    with pytest.raises(InputError, match=r"a\.json is damaged.*Delete it"):
+        parts.get("a")
 
 
 def test_a_file_is_no_folder(tmp_path):
@@ -80,4 +144,4 @@ def test_names_of_cables_and_rigs_make_harmless_folder_names():
     assert cable_folder("../../etc").parts == ("runs", "_.._etc")
     assert cable_folder("..").parts == ("runs", "cable")
     assert cable_folder("cable_1").parts == ("runs", "cable_1")
-    assert evaluation_folder("my.lab:make") == "evaluate-my.lab-make"
+    assert rig_folder("evaluate", "my.lab:make") == "evaluate-my.lab-make"

@@ -3,8 +3,8 @@ import time
 
 import pytest
 
-from cablecast.cli.stages import STAGES_FILE, Stage, StageLog, remaining_time, run_stages
 from cablecast.errors import InputError
+from cablecast.runs.stages import STAGES_FILE, Stage, StageLog, remaining_time, run_stages
 
 
 @pytest.fixture
@@ -34,16 +34,17 @@ def make_stages(tmp_path):
     return make, ran
 
 
-def test_stages_run_in_order_and_each_only_once(make_stages, tmp_path, capsys):
+def test_stages_run_in_order_and_each_only_once(make_stages, tmp_path):
     make, ran = make_stages
-    run_stages(make("abc"), tmp_path)
+    reports = []
+    run_stages(make("abc"), tmp_path, reports.append)
     assert ran == ["a", "b", "c"]
-    log = run_stages(make("abc"), tmp_path)
+    log = run_stages(make("abc"), tmp_path, reports.append)
     assert ran == ["a", "b", "c"]
     assert set(log.seconds) == {"a", "b", "c"}
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0].startswith("[1/3] stage a (all of it: about")
-    assert lines[3].startswith("[1/3] stage a: done in")
+    assert reports[0].task == reports[3].task == "[1/3] stage a"
+    assert reports[0].note.startswith("all of it: about")
+    assert reports[3].note.startswith("done in")
 
 
 def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_stages, tmp_path):
@@ -59,7 +60,7 @@ def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_
 
 
 def test_what_a_kill_can_lose_of_a_stages_time_is_little(tmp_path, monkeypatch):
-    monkeypatch.setattr("cablecast.cli.stages._STORE_EVERY", 0.01)
+    monkeypatch.setattr("cablecast.runs.stages._STORE_EVERY", 0.01)
     log = StageLog(tmp_path)
     with log.timed("a"):
         # Long against the interval, however busy the machine is.

@@ -19,7 +19,7 @@ from cablecast.files import write_json
 from cablecast.reading import read_sealed, seal
 from cablecast.runs.settings import settings_differences
 
-_HELD: dict[str, int] = {}
+_HELD: dict[str, set[str]] = {}
 _HELD_LOCK = threading.Lock()
 
 
@@ -93,7 +93,7 @@ class Claim:
         Raises:
             CablecastError: Of the class `error`, where another process holds it.
         """
-        with hold_folder(self.path, self.error):
+        with hold_folder(self.path, self.error, "work"):
             yield
 
 
@@ -106,37 +106,48 @@ def visible_files(path: pathlib.Path) -> list[str]:
 
 
 @contextlib.contextmanager
-def hold_folder(path: pathlib.Path, error: type[CablecastError]) -> Iterator[None]:
+def hold_folder(
+    path: pathlib.Path, error: type[CablecastError], role: str = "rig"
+) -> Iterator[None]:
     """Hold a folder against other processes, and clear the leftovers of killed writes.
 
-    This process may hold a folder several times. The system lets go when the process dies, however
-    it dies. Windows has no such lock: there, one process at a time is assumed.
+    The system lets go when the process dies, however it dies. Windows has no such lock: there, one
+    process at a time is assumed.
 
     Args:
         path: Folder; it is made if it is not there.
         error: Class of the error.
+        role: Purpose of the hold. This process may hold a folder once for each: a rig is connected
+            while its folder is held, and then work begins in the folder.
 
     Raises:
-        CablecastError: Of the class `error`, where another process holds the folder.
+        CablecastError: Of the class `error`, where the folder is held already.
     """
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
     path.mkdir(parents=True, exist_ok=True)
     key = str(path.resolve())
     with _HELD_LOCK:
-        is_first = key not in _HELD
-        handle = _lock(path, error) if is_first else None
-        _HELD[key] = _HELD.get(key, 0) + 1
-    try:
-        if is_first:
+        roles = _HELD.get(key, set())
+        if role in roles:
+            raise error(f"another process is writing to {path}: this one, in another thread")
+        handle = None if roles else _lock(path, error)
+        if not roles:
             for leftover in path.rglob(".*.tmp"):
                 leftover.unlink(missing_ok=True)
+        _HELD[key] = roles | {role}
+    try:
         yield
     finally:
         with _HELD_LOCK:
-            _HELD[key] -= 1
+            _HELD[key] = _HELD[key] - {role}
             if not _HELD[key]:
                 del _HELD[key]
         if handle is not None:
             os.close(handle)
+        # Work that was refused leaves no empty folders behind.
+        with contextlib.suppress(OSError):
+            for folder in new:
+                folder.rmdir()
 
 
 def _lock(path: pathlib.Path, error: type[CablecastError]) -> int | None:
