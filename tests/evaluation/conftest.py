@@ -1,25 +1,27 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
+from cablecast.policies.base import Plan, check_targets
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-
-
-@dataclasses.dataclass(frozen=True)
-class PlanStub:
-    actions: np.ndarray
-    predicted_xy: np.ndarray
-    inside_coverage: np.ndarray
 
 
 class PolicyStub:
     """The same feasible action for every target, predicted to land 1 cm to its right."""
 
-    def plan(self, target_xy):
-        targets = np.atleast_2d(target_xy)
-        actions = np.tile([-0.6, 0.5, 0.55, 0.8], (len(targets), 1))
-        return PlanStub(actions, targets + (0.01, 0.0), targets[:, 0] > 0)
+    def __init__(self, setup):
+        self.setup = setup
+        self.info = {"name": "stub"}
+
+    def plan(self, target_xy=None, *, r=None, theta_deg=None):
+        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        return Plan(
+            setup=self.setup,
+            target_xy=targets,
+            actions=np.tile([-0.6, 0.5, 0.55, 0.8], (len(targets), 1)),
+            predicted_xy=targets + (0.01, 0.0),
+            inside_coverage=targets[:, 0] > 0,
+        )
 
 
 class RigStub:
@@ -50,7 +52,7 @@ class RigStub:
 
 @pytest.fixture
 def policy():
-    return PolicyStub()
+    return PolicyStub(Setup())
 
 
 @pytest.fixture

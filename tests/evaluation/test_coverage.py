@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.evaluation.coverage import (
@@ -12,10 +11,10 @@ from cablecast.evaluation.coverage import (
     outlines,
     polar_casting_region,
 )
-from cablecast.motion.action import MotionConfig
-from cablecast.motion.polar_cast import PolarReach
-from cablecast.workspace import Workspace
+from cablecast.motion.polar_reach import PolarReach
+from cablecast.setup import Setup
 
+SETUP = Setup()
 RADIUS = 1.56
 # The half disc is drawn with 180 sides.
 POLYGON_TOLERANCE = 1e-3
@@ -61,11 +60,10 @@ def test_what_lies_behind_the_robot_is_cut_off():
 
 
 def test_the_region_of_polar_casting_is_that_of_its_motions():
-    cable, workspace = load_cable("cable_1"), Workspace()
     points = points_in_sector(np.random.default_rng(0), 4000, -np.pi / 2, np.pi / 2)
-    region = polar_casting_region(cable, workspace)
-    inside = np.mean(PolarReach.of(cable, workspace).contains(points))
-    share = covered_share(region, workspace.reach(cable.length))
+    region = polar_casting_region(SETUP)
+    inside = np.mean(PolarReach.of(SETUP).contains(points))
+    share = covered_share(region, SETUP.workspace.reach(SETUP.cable.length))
     # Of 4,000 points 13 % lie inside, give or take 0.5 %.
     assert share == pytest.approx(inside, abs=0.02)
     assert 0.05 < share < 0.3
@@ -76,12 +74,10 @@ def test_the_half_disc_has_half_the_area_of_a_disc():
 
 
 def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
-    cable, workspace = load_cable("cable_1"), Workspace()
     engine = EngineWarp(segment_count=15, dt=0.002)
 
     def coverage(v_max, counts):
-        config = MotionConfig(v_max=v_max)
-        return measure_coverage(config, cable, cable.params, engine, workspace, counts)
+        return measure_coverage(SETUP.with_motion(v_max=v_max), SETUP.cable.params, engine, counts)
 
     slow, fast, turning = (
         coverage(1.2, (6, 6, 6)),
@@ -90,6 +86,7 @@ def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
     )
     assert 0.0 < slow.share < fast.share < turning.share < 1.0
     assert (fast.with_psi, turning.with_psi) == (False, True)
+    assert slow.motion.v_max == slow.to_dict()["v_max"] == 1.2
     values = turning.to_dict()
     assert values["action_count"] == 648
     assert values["feasible_count"] == turning.feasible_count <= 648
@@ -97,6 +94,13 @@ def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
     assert low <= values["share"] <= high
 
 
-def test_a_hull_ratio_outside_its_bounds_is_refused():
-    with pytest.raises(InputError, match=r"1\.5 is outside \[0, 1\]"):
-        concave_hull(np.zeros((3, 2)), RADIUS, ratio=1.5)
+@pytest.mark.parametrize("ratio", [1.5, -0.1, np.nan])
+def test_a_hull_ratio_outside_its_bounds_is_refused(ratio):
+    with pytest.raises(InputError, match=r"is outside \[0, 1\]"):
+        concave_hull(np.zeros((3, 2)), RADIUS, ratio=ratio)
+
+
+@pytest.mark.parametrize("counts", [(0, 5, 5), (5, 5), (1000, 1000, 1000)], ids=str)
+def test_grids_that_make_no_sense_are_refused(counts):
+    with pytest.raises(InputError, match="grid"):
+        measure_coverage(SETUP, SETUP.cable.params, EngineWarp(), counts)

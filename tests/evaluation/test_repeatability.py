@@ -3,27 +3,22 @@ import math
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.published import published_repeatability
 from cablecast.evaluation.repeatability import (
     ActionScatter,
     Repeatability,
-    confidence_ellipse,
     measure_repeatability,
     repeat_actions,
     save_actions,
 )
-from cablecast.motion.action import MotionConfig
 from cablecast.motion.feasibility import check_actions
 from cablecast.rigs.base import RigLifecycle
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.workspace import Workspace
 
-CABLE = load_cable("cable_1")
-WORKSPACE = Workspace()
-# A share of 0.95 among 100,000 points has a standard deviation of 0.0007.
-SHARE_TOLERANCE = 0.003
+SETUP = Setup()
+CABLE = SETUP.cable
 # Estimates of a deviation from 4 x 100 landings have one of 3.5 % themselves.
 SCATTER_TOLERANCE = 0.10
 
@@ -38,7 +33,7 @@ class NormalRig(RigLifecycle):
         self.off_beyond = off_beyond
         self._next = 0
 
-    def seek(self, index):
+    def seek(self, index, purpose=""):
         self._next = index
 
     def execute(self, trajectory):
@@ -74,9 +69,7 @@ def measured(tmp_path_factory):
     return measure_repeatability(
         tmp_path_factory.mktemp("repeat") / "casts",
         NormalRig(0.005, 0.015, off_beyond=theta2[2]),
-        CABLE,
-        MotionConfig(),
-        WORKSPACE,
+        SETUP,
         actions=actions,
         repeats=100,
     )
@@ -113,8 +106,7 @@ def test_casts_off_the_table_are_counted_but_do_not_scatter(measured):
 def test_the_paper_s_mean_runs_over_actions_not_over_casts():
     wide, narrow = [[0.0, 0.98], [0.0, 1.02]], [[0.3, 1.0]] * 8
     result = Repeatability(
-        cable=CABLE,
-        config=MotionConfig(),
+        setup=SETUP,
         rig={},
         actions=(scatter_of(wide), scatter_of(narrow), scatter_of(np.empty((0, 2)), ["off_table"])),
     )
@@ -131,86 +123,48 @@ def test_growth_tells_whether_far_actions_scatter_more():
         return scatter_of([[x + size, y], [x - size, y]])
 
     far_scatters = Repeatability(
-        cable=CABLE,
-        config=MotionConfig(),
+        setup=SETUP,
         rig={},
         actions=(around(0.0, 0.5, 0.001), around(0.1, 0.8, 0.004), around(0.3, 1.2, 0.01)),
     )
     assert far_scatters.growth() == pytest.approx({"distance": 1.0, "width": 1.0})
 
 
-def test_an_ellipse_of_many_normal_points_holds_95_percent_of_them():
-    random = np.random.default_rng(0)
-    points = random.normal(size=(100_000, 2)) @ np.array([[0.03, 0.01], [0.0, 0.01]])
-    ellipse = confidence_ellipse(points)
-    assert ellipse.contains(points).mean() == pytest.approx(0.95, abs=SHARE_TOLERANCE)
-    np.testing.assert_array_equal(ellipse.contains(ellipse.center_xy), True)
-    outline = ellipse.outline()
-    middle = ellipse.center_xy
-    assert ellipse.contains(middle + 0.999 * (outline - middle)).all()
-    assert not ellipse.contains(middle + 1.001 * (outline - middle)).any()
-
-
-def test_the_longer_axis_points_where_the_landings_spread():
-    along = np.linspace(-0.05, 0.05, 9)
-    points = np.stack([0.6 * along, 0.8 * along], axis=-1) + [0.2, 0.9]
-    points[::2] += [0.0008, -0.0006]
-    ellipse = confidence_ellipse(points)
-    assert abs(math.tan(ellipse.angle)) == pytest.approx(0.8 / 0.6, rel=0.02)
-    assert ellipse.semi_axes[0] > 20 * ellipse.semi_axes[1]
-
-
-@pytest.mark.parametrize(("small_sample", "scale"), [(False, 2.45), (True, 5.05)])
-def test_the_scales_of_five_points_are_those_of_the_two_distributions(small_sample, scale):
-    points = np.random.default_rng(3).normal(size=(5, 2))
-    ellipse = confidence_ellipse(points, small_sample=small_sample)
-    deviation = np.sqrt(np.linalg.eigvalsh(np.cov(points.T))[::-1])
-    np.testing.assert_allclose(ellipse.semi_axes / deviation, scale, atol=0.005)
-
-
-def test_two_landings_have_no_ellipse_and_nan_is_no_landing():
-    assert confidence_ellipse([[0, 1], [0, 1.1]]) is None
-    assert confidence_ellipse([[0, 1], [0, 1.1], [np.nan, np.nan]]) is None
-    with pytest.raises(InputError, match=r"level = 1\.5"):
-        confidence_ellipse([[0, 1], [0, 1.1], [0.1, 1]], 1.5)
-
-
 def test_repeated_actions_are_those_of_the_paper_s_grid_that_the_arm_can_make():
-    config = MotionConfig(v_max=1.2)
-    flat = repeat_actions(config, WORKSPACE, with_psi=False)
-    turned = repeat_actions(config, WORKSPACE, with_psi=True)
+    setup = SETUP.with_motion(v_max=1.2)
+    flat = repeat_actions(setup, with_psi=False)
+    turned = repeat_actions(setup, with_psi=True)
     assert 60 < len(flat) <= 125
     assert 30 < len(turned) <= 81
     np.testing.assert_array_equal(flat[:, 1], flat[:, 3])
     assert np.any(turned[:, 3] > turned[:, 1] + 0.1)
     for actions in (flat, turned):
-        assert check_actions(actions, config, WORKSPACE).mask.all()
-    few = repeat_actions(config, WORKSPACE, with_psi=True, action_count=7)
+        assert check_actions(actions, setup).mask.all()
+    few = repeat_actions(setup, with_psi=True, action_count=7)
     assert len(few) == 7
     assert {tuple(action) for action in few} <= {tuple(action) for action in turned}
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [({"counts": (5, 5)}, "three"), ({"action_count": 0}, "action_count = 0")],
+    [
+        ({"counts": (5, 5)}, "three"),
+        ({"counts": (10**4,) * 3}, "grid size"),
+        ({"action_count": 0}, "action_count = 0"),
+        ({"action_count": 2.5}, "action_count = 2.5 is not a whole number"),
+        ({"seed": -1}, "seed = -1"),
+    ],
+    ids=str,
 )
 def test_grids_that_make_no_sense_are_refused(options, words):
     with pytest.raises(InputError, match=words):
-        repeat_actions(MotionConfig(), WORKSPACE, with_psi=False, **options)
+        repeat_actions(SETUP, with_psi=False, **options)
 
 
 def test_one_cast_of_each_action_is_refused(tmp_path):
-    actions = repeat_actions(MotionConfig(), WORKSPACE, with_psi=False, action_count=1)
+    actions = repeat_actions(SETUP, with_psi=False, action_count=1)
     with pytest.raises(InputError, match="repeats = 1"):
-        measure_repeatability(
-            tmp_path / "d",
-            NormalRig(0, 0),
-            CABLE,
-            MotionConfig(),
-            WORKSPACE,
-            actions=actions,
-            repeats=1,
-        )
+        measure_repeatability(tmp_path / "d", NormalRig(0, 0), SETUP, actions=actions, repeats=1)
 
 
 def test_a_dataset_without_repeats_is_refused():
@@ -248,7 +202,7 @@ def test_the_map_draws_each_landing_and_marks_actions_that_left_the_table(measur
     from cablecast.report.repeatability import repeatability_map
     from cablecast.report.style import png_bytes
 
-    figure = repeatability_map([measured, measured, measured], WORKSPACE)
+    figure = repeatability_map([measured, measured, measured], SETUP.workspace)
     panels = [axes for axes in figure.axes if axes.get_visible()]
     assert len(panels) == 3
     drawn = sum(len(line.get_xdata()) for line in panels[1].lines if line.get_marker() == "o")

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import pytest
 
@@ -60,8 +61,27 @@ def test_where_nothing_repeats_well_enough_what_scatters_least_is_chosen():
 def test_how_much_may_scatter_is_the_users_to_say():
     assert choose(PUBLISHED_CANDIDATES, scatter_max_pct=1.5).v_max == 1.2
     assert choose(PUBLISHED_CANDIDATES, scatter_max_pct=4.0).v_max == 1.5
-    with pytest.raises(InputError, match="scatter_max = 0 %"):
-        choose(PUBLISHED_CANDIDATES, scatter_max_pct=0.0)
+
+
+@pytest.mark.parametrize("scatter_max_pct", [0.0, -1.0, math.nan, math.inf])
+def test_a_bound_on_the_scatter_is_a_positive_number(scatter_max_pct):
+    with pytest.raises(InputError, match="scatter_max = "):
+        choose(PUBLISHED_CANDIDATES, scatter_max_pct=scatter_max_pct)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"coverage": math.nan},
+        {"coverage": 1.5},
+        {"scatter_pct": math.nan},
+        {"off_table_share": -0.1},
+    ],
+    ids=str,
+)
+def test_figures_that_nobody_can_measure_are_refused(values):
+    with pytest.raises(InputError, match=next(iter(values)).removesuffix("_pct")):
+        candidate(1.5, **{"coverage": 0.5} | values)
 
 
 def test_without_repeatability_coverage_alone_decides_and_the_reason_says_so():

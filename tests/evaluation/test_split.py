@@ -5,17 +5,17 @@ from typing import cast
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.errors import InputError
-from cablecast.evaluation.evaluate import Evaluation, Trial
+from cablecast.evaluation.evaluate import Evaluation, TargetCast
 from cablecast.evaluation.split import PART_NAMES, split_errors
 from cablecast.models.landing import LandingModel
-from cablecast.motion.action import Action, MotionConfig
+from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.workspace import Workspace
 
-CABLE = load_cable("cable_1")
+SETUP = Setup()
+CABLE = SETUP.cable
 CLOSE = 1e-9  # Sums and differences of doubles of order 100.
 TARGETS = np.array([[0.4, 0.9], [-0.4, 0.8], [0.1, 0.7]])
 RIGHT = np.array([-0.6, 0.5, 0.55, 0.8])
@@ -65,16 +65,13 @@ class OneAnswer:
 
 @pytest.fixture(scope="module")
 def trajectories():
-    return [
-        plan_trajectory(Action.from_array(row), MotionConfig(), Workspace())
-        for row in (RIGHT, LEFT, RIGHT)
-    ]
+    return [plan_trajectory(Action.from_array(row), SETUP) for row in (RIGHT, LEFT, RIGHT)]
 
 
 def evaluation_of(trajectories, landed, predicted, status=None, repeats=REPEATS):
     """Casts that landed at `landed`, shape [target, repeat, 2]."""
     trials = tuple(
-        Trial(
+        TargetCast(
             target_index=target,
             repeat=repeat,
             target_xy=TARGETS[target],
@@ -88,7 +85,7 @@ def evaluation_of(trajectories, landed, predicted, status=None, repeats=REPEATS)
         for repeat in range(repeats)
     )
     return Evaluation(
-        cable=CABLE,
+        setup=SETUP,
         rig={},
         target_xy=TARGETS,
         inside_coverage=np.array([True, True, False]),

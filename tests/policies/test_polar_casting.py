@@ -8,8 +8,9 @@ import pytest
 
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import TargetError
+from cablecast.evaluation.evaluate import evaluate_policy
+from cablecast.evaluation.results import trial_rows
 from cablecast.policies.polar_casting import PolarCastingPolicy
-from cablecast.rigs.base import run_trials
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.track import TrialStatus
@@ -66,15 +67,15 @@ def test_a_target_that_cannot_be_asked_for_is_refused():
         POLICY.plan([0.0, 1.53])
 
 
-def test_an_engine_lays_the_endpoint_where_it_was_planned():
+def test_an_evaluation_plays_it_and_leaves_the_cells_of_the_action_empty(tmp_path):
     rig = RigEngine(EngineWarp(segment_count=30, dt=1e-3), SETUP)
-    targets = np.array([[0.3, 1.15], [0.6, 1.043], [0.0, 0.8]])
-    plan = POLICY.plan(targets)
-    tracks = run_trials(rig, plan.trajectories)
-    assert all(track.status is TrialStatus.OK for track in tracks)
-    landed = np.array([track.final_xy for track in tracks])
-    astray = 100 * np.linalg.norm(landed - plan.predicted_xy, axis=1) / CABLE.length
-    assert np.max(astray) < ASTRAY_PCT
+    targets = [[0.3, 1.15], [0.6, 1.043], [0.0, 0.8]]
+    evaluation = evaluate_policy(tmp_path / "casts", POLICY, rig, targets)
+    assert all(trial.status is TrialStatus.OK for trial in evaluation.trials)
+    assert np.max(evaluation.prediction_errors_pct) < ASTRAY_PCT
     # The third target is nearer than the cable can be pulled.
-    short = np.linalg.norm(plan.predicted_xy[2] - targets[2])
-    assert short == pytest.approx(SETUP.workspace.support_depth + CABLE.length - 0.8, abs=1e-6)
+    short = (SETUP.workspace.support_depth + CABLE.length - 0.8) / CABLE.length * 100
+    assert evaluation.planned_errors_pct[2] == pytest.approx(short, abs=1e-3)
+    row = trial_rows(evaluation)[0]
+    assert (row["theta1_deg"], row["psi_deg"]) == ("", "")
+    assert row["duration_s"] == pytest.approx(evaluation.trials[0].trajectory.duration, abs=1e-4)

@@ -1,1 +1,1 @@
-"""How well a policy does: casts on a rig, target errors, coverage, and the paper's figures."""
+"""Evaluation: casts on a rig, target errors, coverage, repeatability, and the paper's figures."""

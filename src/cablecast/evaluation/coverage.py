@@ -1,4 +1,4 @@
-"""Coverage: how much of the reachable half disc a set of actions covers (section V-E).
+"""Coverage: share of the reachable half disc that a set of actions covers (section V-E).
 
 The endpoints of a grid of actions, with their mirror images about the workspace axis, are wrapped
 in a concave hull. Its area within the half disc of radius r_max + r_c, as a share of that half
@@ -6,22 +6,24 @@ disc, is the coverage of a combination of r0 and v_max.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import CableParams
+from cablecast.checks import check_count, check_number
 from cablecast.conventions import mirror_xy
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, MissingExtraError
-from cablecast.motion.action import ActionRanges, MotionConfig, grid_actions
-from cablecast.motion.feasibility import check_actions
-from cablecast.motion.polar_cast import PolarReach
+from cablecast.motion.action import ActionRanges, grid_actions
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, check_actions
+from cablecast.motion.polar_reach import PolarReach
 from cablecast.motion.servo import ServoModel
+from cablecast.setup import MotionConfig, Setup
 from cablecast.track import TrialStatus
-from cablecast.workspace import Workspace
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -36,9 +38,10 @@ GRID_COUNTS_PSI = (10, 10, 10, 5)
 """Values of theta1, theta2, r2 and the wrist turn of the action set A2 (section V-E)."""
 
 HULL_RATIO = 0.1
-"""How concave the hull is, in shapely's words: edges longer than this share of the longest edge of
+"""Concavity of the hull, as shapely defines it: edges longer than this share of the longest edge of
 the endpoints' Delaunay triangulation are carved away. 0 hugs the points, 1 is the convex hull. The
-paper does not state its own, so every result also says what the neighbours 0.05 and 0.2 give."""
+paper does not state its own, so every result also gives the shares at the neighbours 0.05 and
+0.2."""
 HULL_RATIO_NEIGHBOURS = (0.05, 0.2)
 
 _DISC_SEGMENTS = 180  # Sides of the polygon that stands for the half disc: 0.01 % of its area.
@@ -46,21 +49,21 @@ _DISC_SEGMENTS = 180  # Sides of the polygon that stands for the half disc: 0.01
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """What a grid of actions of one combination of system parameters covers.
+    """Coverage of a grid of actions with one combination of system parameters.
 
     Attributes:
-        config: The combination: r0 and v_max.
-        counts: Values of each action variable in the grid; four where psi is among them.
-        feasible_count: Actions of the grid that the arm can follow.
+        motion: Combination of system parameters: r0 and v_max.
+        counts: Number of values of each action variable in the grid; four where psi is among them.
+        feasible_count: Number of actions of the grid that the arm can follow.
         off_table_share: Share of these whose free end left the table on its way [-].
-        endpoint_xy: Where their free ends came to rest [m], shape [action, 2].
+        endpoint_xy: Resting points of their free ends [m], shape [action, 2].
         hulls_xy: Closed outlines of the concave hull's parts within the half disc [m], each of
             shape [vertex, 2].
-        share: Its area as a share of the half disc [-].
-        share_by_ratio: The same at other hull ratios.
+        share: Area of the hull as a share of the half disc [-].
+        share_by_ratio: Share at other hull ratios [-].
     """
 
-    config: MotionConfig
+    motion: MotionConfig
     counts: tuple[int, ...]
     feasible_count: int
     off_table_share: float
@@ -75,10 +78,10 @@ class Coverage:
         return len(self.counts) == 4
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for a JSON file; the endpoints are left out."""
+        """Return plain values for a JSON file; the endpoints are left out."""
         return {
-            "r0": self.config.r0,
-            "v_max": self.config.v_max,
+            "r0": self.motion.r0,
+            "v_max": self.motion.v_max,
             "with_psi": self.with_psi,
             "grid_counts": list(self.counts),
             "action_count": int(np.prod(self.counts)),
@@ -92,45 +95,44 @@ class Coverage:
 
 
 def measure_coverage(
-    config: MotionConfig,
-    cable: Cable,
+    setup: Setup,
     params: CableParams,
     engine: Engine,
-    workspace: Workspace,
     counts: Sequence[int] = GRID_COUNTS,
     servo: ServoModel | None = None,
 ) -> Coverage:
-    """Simulate a grid of actions in one batch, and measure what it covers.
+    """Simulate a grid of actions in one batch, and measure its coverage.
 
     Args:
-        config: The combination of r0 and v_max.
-        cable: The cable.
-        params: Its parameters, tuned or believed.
-        engine: The simulator.
-        workspace: Table and arm.
-        counts: Values of theta1, theta2, r2 and, for the action set A2, of the wrist turn.
-        servo: How the arm follows its set points; exactly where None.
+        setup: Cable, workspace, arm, and the combination of r0 and v_max.
+        params: Parameters of the cable, tuned or believed.
+        engine: Simulator.
+        counts: Number of values of theta1, theta2, r2 and, for the action set A2, of the wrist
+            turn.
+        servo: Servo of the arm; None for an arm that follows its set points exactly.
 
     Raises:
-        InputError: No action of the grid is feasible.
+        InputError: No action of the grid is feasible, or the grid is too large.
     """
     from cablecast.datasets.simulate import simulate_actions
 
     counts = tuple(int(count) for count in counts)
-    grid = grid_actions(ActionRanges.for_config(config), counts)
-    actions = grid[check_actions(grid, config, workspace).mask]
+    check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
+    motion = setup.motion
+    grid = grid_actions(ActionRanges.for_config(motion), counts)
+    actions = grid[check_actions(grid, setup).mask]
     if len(actions) == 0:
         raise InputError(
-            f"no action of the grid {counts} with r0 = {config.r0} m and v_max = {config.v_max} "
+            f"no action of the grid {counts} with r0 = {motion.r0} m and v_max = {motion.v_max} "
             "m/s is feasible"
         )
-    columns = simulate_actions(actions, cable, params, engine, config, workspace, servo)
+    columns = simulate_actions(actions, setup, params, engine, servo)
     endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
     endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
-    radius = workspace.reach(cable.length)
+    radius = setup.workspace.reach(setup.cable.length)
     hull = concave_hull(endpoint_xy, radius)
     return Coverage(
-        config=config,
+        motion=motion,
         counts=counts,
         feasible_count=len(actions),
         off_table_share=float(np.mean(np.array(columns["status"]) == TrialStatus.OFF_TABLE.code)),
@@ -145,56 +147,60 @@ def measure_coverage(
 
 
 def concave_hull(endpoint_xy: ArrayLike, radius: float, ratio: float = HULL_RATIO) -> "Polygon":
-    """The concave hull of endpoints and their mirror images, cut to the half disc.
+    """Return the concave hull of endpoints and their mirror images, cut to the half disc.
 
-    Casts can come to rest behind the robot's base; what they cover there is no target.
+    Casts can come to rest behind the robot's base, where there is no target.
 
     Args:
         endpoint_xy: Endpoints of actions for one side [m], shape [action, 2].
         radius: Radius of the half disc, r_max + r_c [m].
-        ratio: See `HULL_RATIO`.
+        ratio: Concavity; see `HULL_RATIO`.
+
+    Raises:
+        InputError: The ratio is outside [0, 1].
     """
+    check_number("hull ratio", ratio, 0.0, 1.0)
     shapely = _shapely()
     points = np.asarray(endpoint_xy, dtype=float)
     both_sides = np.concatenate([points, mirror_xy(points)])
-    if not 0.0 <= ratio <= 1.0:
-        raise InputError(f"hull ratio = {ratio} is outside [0, 1]")
     hull = shapely.concave_hull(shapely.MultiPoint(both_sides), ratio=ratio)
     return shapely.intersection(shapely.make_valid(hull), half_disc(radius))  # pyright: ignore
 
 
 def half_disc(radius: float) -> "Polygon":
-    """The reachable half disc in front of the robot as a polygon.
+    """Return the reachable half disc in front of the robot as a polygon.
 
     Args:
-        radius: r_max + r_c [m].
+        radius: Radius of the half disc, r_max + r_c [m].
     """
     angle = np.linspace(-np.pi / 2, np.pi / 2, _DISC_SEGMENTS + 1)
     return _shapely().Polygon(radius * np.stack([np.sin(angle), np.cos(angle)], axis=-1))
 
 
-def polar_casting_region(cable: Cable, workspace: Workspace) -> "Polygon":
-    """Where polar casting can lay the cable's endpoint, see `PolarReach`, as a polygon.
+def polar_casting_region(setup: Setup) -> "Polygon":
+    """Return the region in which polar casting can lay the endpoint, see `PolarReach`.
 
     Args:
-        cable: Gives r_c.
-        workspace: Gives the arm's reach, the table, and the edge of the robot's own table.
+        setup: Gives r_c, the arm's reach, the table, and the edge of the robot's own table.
+
+    Raises:
+        InputError: The region is empty: the cable is too long for the table.
     """
-    return _shapely().Polygon(PolarReach.of(cable, workspace).outline())
+    return _shapely().Polygon(PolarReach.of(setup).outline())
 
 
 def covered_share(region: "Polygon", radius: float) -> float:
-    """Area of a region as a share of the half disc [-].
+    """Return the area of a region as a share of the half disc [-].
 
     Args:
-        region: A region within the half disc.
-        radius: r_max + r_c [m].
+        region: Region within the half disc.
+        radius: Radius of the half disc, r_max + r_c [m].
     """
     return float(region.area / half_disc(radius).area)
 
 
 def outlines(region: "Polygon") -> tuple[NDArray[np.float64], ...]:
-    """The closed outline of each part of a region [m], each of shape [vertex, 2]."""
+    """Return the closed outline of each part of a region [m], each of shape [vertex, 2]."""
     parts = _shapely().get_parts(region)
     return tuple(np.asarray(part.exterior.coords) for part in parts if part.area > 0)
 

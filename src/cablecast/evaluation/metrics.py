@@ -1,4 +1,4 @@
-"""Distances between where the endpoint should be and where it is, in % of cable length."""
+"""Target errors: distances from target to landing, in % of cable length."""
 
 import dataclasses
 import math
@@ -6,17 +6,18 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.conventions import finite_or_none
 from cablecast.errors import InputError
 
 
 def target_error_pct(
     landed_xy: ArrayLike, target_xy: ArrayLike, cable_length: float
 ) -> NDArray[np.float64]:
-    """Distance from target to endpoint, as the paper's tables give it [% of cable length].
+    """Return distances from target to endpoint, as in the paper's tables [% of cable length].
 
     Args:
-        landed_xy: Where the endpoint came to rest [m], shape [..., 2]; NaN where unknown.
-        target_xy: Where it should have [m], shape [..., 2].
+        landed_xy: Resting points of the endpoint [m], shape [..., 2]; NaN where unknown.
+        target_xy: Targets [m], shape [..., 2].
         cable_length: Cable length r_c [m].
 
     Returns:
@@ -30,7 +31,7 @@ def target_error_pct(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ErrorSummary:
-    """The five numbers by which the paper summarises errors, and how many trials they cover.
+    """Five numbers by which the paper summarises errors, and the number of trials behind them.
 
     NaN where there is no error to summarise, infinite where a miss of unknown size decides.
 
@@ -51,13 +52,14 @@ class ErrorSummary:
     max_pct: float
 
     def to_dict(self) -> dict:
-        """Plain values for a JSON file; NaN and infinity, which JSON lacks, become None."""
+        """Return plain values for a JSON file; NaN and infinity, which JSON lacks, become None."""
         values = dataclasses.asdict(self)
-        return {name: value if math.isfinite(value) else None for name, value in values.items()}
+        count = values.pop("count")
+        return {"count": count} | {name: finite_or_none(value) for name, value in values.items()}
 
 
 def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
-    """Summarise errors; those of trials without a landing (NaN) are left out, as in the paper.
+    """Summarise errors without those of trials that have no landing (NaN), as in the paper.
 
     Args:
         errors_pct: Errors [% of cable length], any shape. An infinite error stands for a miss of
@@ -76,7 +78,7 @@ def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
 
 
 def _quantile(sorted_errors: NDArray[np.float64], fraction: float) -> float:
-    """Linearly interpolated quantile that, unlike NumPy's, is no NaN beside an infinite value."""
+    """Return a linearly interpolated quantile; unlike NumPy's, no NaN beside infinite values."""
     if sorted_errors.size == 0:
         return math.nan
     position = fraction * (sorted_errors.size - 1)

@@ -1,16 +1,16 @@
-"""The paper's measured errors, to stand beside ours: physical casts of a real UR5."""
+"""Measured errors of the paper, to stand beside ours: physical casts of a real UR5."""
 
 import dataclasses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PublishedRow:
-    """One row of the paper's tables of errors; values in % of cable length.
+    """Row of the paper's tables of errors; values in % of cable length.
 
     Attributes:
-        cable: Which of the three cables.
-        method: How the actions were chosen.
-        table: Where the paper says so.
+        cable: Name of the cable.
+        method: Method that chose the actions.
+        table: Number of the paper's table.
         median_pct: Median [% of cable length].
         first_quartile_pct: 25th percentile [% of cable length].
         third_quartile_pct: 75th percentile [% of cable length].
@@ -58,13 +58,13 @@ PUBLISHED_ROWS = (
 
 
 def published_rows(cable_name: str) -> tuple[PublishedRow, ...]:
-    """The paper's rows for a cable; none for a cable that the paper does not have."""
+    """Return the paper's rows for a cable; none for a cable that the paper does not have."""
     return tuple(row for row in PUBLISHED_ROWS if row.cable == cable_name)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PublishedRepeatability:
-    """One combination of system parameters, with cable 1 on a real UR5.
+    """Repeatability of one combination of system parameters, with cable 1 on a real UR5.
 
     Attributes:
         v_max: Largest speed of the gripped end [m/s].
@@ -90,7 +90,7 @@ PUBLISHED_REPEATABILITY = (
 
 
 def published_repeatability(v_max: float, with_psi: bool) -> PublishedRepeatability | None:
-    """The paper's figures for a combination; None for one that it does not print."""
+    """Return the paper's figures for a combination; None for one that it does not print."""
     for row in PUBLISHED_REPEATABILITY:
         if abs(row.v_max - v_max) < 1e-9 and row.with_psi == with_psi:
             return row

@@ -1,25 +1,28 @@
-"""Choosing r0, v_max and the action set from coverage and repeatability (sections V-E and VI-B).
+"""Selection: r0, v_max and the action set from coverage and repeatability (sections V-E and VI-B).
 
 The paper takes the r0 of the greatest coverage, and then weighs coverage against repeatability by
-eye. Here the second step is a rule, which on the paper's own figures makes the paper's choice: of
-the combinations that repeat well enough, the one that covers most.
+eye. Here the second step is a rule: maximise coverage among the combinations that repeat well
+enough. On the paper's own figures it makes the paper's choice.
 """
 
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+from cablecast.checks import check_number
 from cablecast.errors import InputError
 from cablecast.evaluation.published import PUBLISHED_REPEATABILITY
 
 SCATTER_MAX_PCT = 3.0
-"""Scatter up to which a combination repeats well enough [% of cable length]. It lies between what
-the paper accepted, 1.93, and what it found too much, 3.70."""
+"""Scatter up to which a combination repeats well enough [% of cable length]. The paper accepted
+1.93 and rejected 3.70."""
+
+_SCATTER_BOUNDS = (1e-3, 1e4)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """A combination of system parameters with what is known of it.
+    """Combination of system parameters, with its coverage and scatter.
 
     Attributes:
         r0: Distance of the polar origin [m].
@@ -38,9 +41,17 @@ class Candidate:
     scatter_pct: float | None = None
     off_table_share: float | None = None
 
+    def __post_init__(self):
+        # Shares of areas may exceed 1 by rounding.
+        check_number("coverage", self.coverage, 0.0, 1.0 + 1e-9)
+        if self.scatter_pct is not None:
+            check_number("scatter", self.scatter_pct, 0.0, 1e6, "% of cable length")
+        if self.off_table_share is not None:
+            check_number("off_table_share", self.off_table_share, 0.0, 1.0)
+
     @property
     def name(self) -> str:
-        """As a person reads it, e.g. `r0 = 0.6 m, v_max = 1.5 m/s with psi`."""
+        """Name for people, e.g. `r0 = 0.6 m, v_max = 1.5 m/s with psi`."""
         return f"r0 = {self.r0:g} m, v_max = {self.v_max:g} m/s" + " with psi" * self.with_psi
 
     @property
@@ -68,18 +79,18 @@ PUBLISHED_CANDIDATES = tuple(
     )
     for row in PUBLISHED_REPEATABILITY
 )
-"""What the paper weighed against each other."""
+"""Combinations that the paper weighed against each other."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Choice:
-    """The chosen system parameters.
+    """Chosen system parameters.
 
     Attributes:
         r0: Distance of the polar origin [m].
         v_max: Largest speed of the grip [m/s].
         with_psi: Whether the wrist turns.
-        reasons: Why, in sentences.
+        reasons: Reasons of the choice, in sentences.
     """
 
     r0: float
@@ -88,12 +99,12 @@ class Choice:
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for a JSON file."""
+        """Return plain values for a JSON file."""
         return dataclasses.asdict(self) | {"reasons": list(self.reasons)}
 
 
 def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
-    """The r0 whose coverage, averaged over the speeds without psi, is greatest, and why.
+    """Return the r0 of the greatest coverage, averaged over the speeds without psi, and why.
 
     Raises:
         InputError: There is no candidate without psi.
@@ -114,16 +125,16 @@ def choose(candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX
     """Choose among candidates.
 
     Args:
-        candidates: With coverage; of those with the best r0 some with scatter as well. Where none
-            has, coverage alone decides.
-        scatter_max_pct: Up to which scatter a candidate repeats well enough [% of cable length].
+        candidates: Combinations with their coverage, some of those with the best r0 also with
+            their scatter. Where none has, coverage alone decides.
+        scatter_max_pct: Largest scatter of a combination that repeats well enough [% of cable
+            length].
 
     Raises:
         InputError: There are no candidates without psi to compare r0 by, or the bound of scatter
-            is not positive.
+            is not a positive, finite number.
     """
-    if not scatter_max_pct > 0.0:
-        raise InputError(f"scatter_max = {scatter_max_pct:g} % of cable length must be positive")
+    check_number("scatter_max", scatter_max_pct, *_SCATTER_BOUNDS, "% of cable length")
     r0, why_r0 = choose_r0(candidates)
     same_r0 = [candidate for candidate in candidates if candidate.r0 == r0]
     scatter = {c: c.scatter_pct for c in same_r0 if c.scatter_pct is not None}

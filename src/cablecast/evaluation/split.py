@@ -1,4 +1,4 @@
-"""Where the errors of an evaluation come from, measured by playing the planned casts elsewhere.
+"""Split of an evaluation's errors by origin, measured by playing the planned casts elsewhere.
 
 The way from a target to a landing is cut into steps that add up to it, as vectors on the table:
 
@@ -31,14 +31,14 @@ PART_NAMES = ("repeatability", "mismatch", "network", "correction", "plan")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ErrorSplit:
-    """The errors of the casts that landed, each as a sum of parts.
+    """Errors of the casts that landed, each as a sum of parts.
 
     Attributes:
         parts: Vectors by name, in % of cable length, each of shape [cast, 2]. "mismatch" and
             "correction" are also given together, as "mismatch left".
         total: Landing minus target [% of cable length], shape [cast, 2].
-        inside_coverage: Which of these casts were at targets inside the coverage, shape [cast].
-        repeats: Casts at each target.
+        inside_coverage: Whether the target of each lies inside the coverage, shape [cast].
+        repeats: Number of casts at each target.
     """
 
     parts: dict[str, NDArray[np.float64]]
@@ -47,7 +47,7 @@ class ErrorSplit:
     repeats: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for metrics.json.
+        """Return plain values for metrics.json.
 
         `share_pct` of a part is its part in the mean squared error: the mean of its dot product
         with the whole error. The shares add up to 100; a part that pulls the others back is
@@ -85,11 +85,14 @@ def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -
 
     Args:
         evaluation: Casts of a policy that planned with the model.
-        model: The model.
-        engine_rig: The engine that the model learned from, as a rig; it is not closed.
+        model: Model of landings.
+        engine_rig: Engine that the model learned from, as a rig; it is not closed.
 
     Returns:
         The split, or None where no cast came to rest on the table.
+
+    Raises:
+        InputError: A cast was planned by no model.
     """
     trials = evaluation.trials
     targets = sorted({trial.target_index for trial in trials})
@@ -133,7 +136,7 @@ def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -
 
 
 def _network_predictions(model: LandingModel, actions) -> NDArray[np.float64]:
-    """What the model says without its correction, for actions of either side [m], [action, 2]."""
+    """Return predictions without the correction, for actions of either side [m], [action, 2]."""
     if any(action is None for action in actions):
         raise InputError("only casts that a model planned can be split")
     rows = np.array([action.to_array() for action in actions])
