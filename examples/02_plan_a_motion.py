@@ -4,21 +4,17 @@ An action says where the gripper turns back, where it stops, and where the cable
 It becomes a smooth path of the gripper, and that a path of the arm's six joints.
 """
 
-import pathlib
-
 import numpy as np
 
-from cablecast.cli.plan import save_motion
-from cablecast.motion.action import Action, MotionConfig
-from cablecast.motion.trajectory import plan_trajectory
-from cablecast.workspace import Workspace
+import cablecast as cc
 
 
-def main(out: pathlib.Path = pathlib.Path("runs/examples")) -> None:
+def main() -> None:
+    setup = cc.Setup()
     # Sweep 40 degrees to the left, back over the axis to 30 degrees on the right, while the radius
     # goes from 0.60 m to 0.70 m; meanwhile the wrist turns the cable to 50 degrees.
-    action = Action(theta1=np.radians(-40), theta2=np.radians(30), r2=0.70, psi=np.radians(50))
-    trajectory = plan_trajectory(action, MotionConfig(v_max=1.5), Workspace())
+    action = cc.Action(theta1=np.radians(-40), theta2=np.radians(30), r2=0.70, psi=np.radians(50))
+    trajectory = cc.plan_trajectory(action, setup)
     print(f"duration {trajectory.duration:.3f} s")
 
     times = np.linspace(0.0, trajectory.duration, 6)
@@ -30,11 +26,10 @@ def main(out: pathlib.Path = pathlib.Path("runs/examples")) -> None:
 
     joint_path = trajectory.joint_path
     print("peak joint speeds [deg/s]:", np.degrees(joint_path.peak_speed).round(1))
-    save_motion(joint_path, out / "motion.csv")
-    print(f"{len(joint_path.times)} set points at 125 Hz are in {out / 'motion.csv'}")
+    print(f"{len(joint_path.times)} set points at 125 Hz")
 
     # The mirror image of an action lands the cable at the mirror image of the place.
-    mirrored = plan_trajectory(action.mirrored(), MotionConfig(v_max=1.5), Workspace())
+    mirrored = cc.plan_trajectory(action.mirrored(), setup)
     end, mirrored_end = (
         path.evaluate([9.0])[0, 0] for path in (trajectory.grip_path, mirrored.grip_path)
     )

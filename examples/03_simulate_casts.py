@@ -8,33 +8,29 @@ import pathlib
 
 import numpy as np
 
-from cablecast.cable import CableParams, load_cable
-from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.action import ActionRanges, MotionConfig
+import cablecast as cc
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_grid
-from cablecast.workspace import Workspace
 
 HERE = pathlib.Path(__file__).parent
 
 
 def main(count: int = 200) -> None:
-    cable = load_cable(str(HERE / "my_cable.yaml"))
-    config, workspace = MotionConfig(), Workspace()
-    engine = EngineWarp()
+    setup = cc.Setup(cable=HERE / "my_cable.yaml")
+    cable, engine = setup.cable, cc.EngineWarp()
 
     # Actions that the arm can carry out, spread over a grid.
-    actions = feasible_grid(count, config, workspace, ActionRanges.for_config(config), seed=0)
-    rollout = engine.rollout(cable, cable.params, cast_grip_paths(actions, config, workspace))
+    actions = feasible_grid(count, setup)
+    rollout = engine.rollout(cable, cable.params, cast_grip_paths(actions, setup))
     landings = rollout.endpoint_xy[:, -1]
-    on_table = workspace.on_table(landings)
+    on_table = setup.workspace.on_table(landings)
     print(f"{count} casts of {cable.name}: {on_table.sum()} landed on the table")
     print(f"the farthest landed {np.hypot(*landings[on_table].T).max():.2f} m from the robot")
 
     # Every parameter is a number for all worlds, or one number per world.
     frictions = np.linspace(0.3, 1.2, 4)
-    params = CableParams(**{**cable.params.to_dict(), "worksurface_friction": frictions})
-    rollout = engine.rollout(cable, params, cast_grip_paths(actions[:1], config, workspace))
+    params = cc.CableParams(**{**cable.params.to_dict(), "worksurface_friction": frictions})
+    rollout = engine.rollout(cable, params, cast_grip_paths(actions[:1], setup))
     for friction, (x, y) in zip(params.friction, rollout.endpoint_xy[:, -1], strict=True):
         print(f"  Coulomb coefficient {friction:.2f}: lands at x = {x:+.3f} m, y = {y:.3f} m")
 
