@@ -7,7 +7,7 @@ from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.joint_path import joint_path
-from cablecast.motion.servo import ServoModel
+from cablecast.motion.servo import ServoModel, joint_response
 from cablecast.setup import Setup
 
 SETUP = Setup()
@@ -20,6 +20,8 @@ ACTIONS = np.array([[-0.6, 0.8, 0.5, 1.2], [-0.2, 0.3, 0.7, 0.3], [-1.0, 0.2, 0.
 # Steps of 16 ms and knots of 32 ms against steps of 1 ms: small against the 0.2 mm that the model
 # itself leaves of a real arm's motion.
 FINE_POSITION, FINE_ANGLE = 1e-4, 3e-4
+# Closed form against closed form: nothing but rounding.
+ROUNDING = 1e-9
 # Sampled by the millisecond, linear between samples, against an ODE solver at 1e-9.
 SOLVER = 2e-5
 
@@ -51,6 +53,24 @@ def test_each_joint_follows_the_equation_of_a_delayed_oscillator():
     moved = SERVO.respond(np.repeat(q[:, None], 6, axis=1), dt)
     for joint in range(6):
         np.testing.assert_allclose(moved[:, joint], response(q, dt, joint), atol=SOLVER)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 0.016])
+@pytest.mark.parametrize("damping", [0.2, 1.0, 1.0 + 1e-9, 5.0])
+@pytest.mark.parametrize("frequency", [5.0, 60.0, 5000.0])
+def test_a_ramp_is_followed_exactly_at_all_bounds_of_the_model(frequency, damping, dt):
+    from scipy.linalg import expm
+
+    rate, count = 1.5, 50
+    # Position, speed and target of the joint; the target runs away at the rate.
+    system = np.zeros((4, 4))
+    system[0, 1] = 1.0
+    system[1, :3] = -(frequency**2), -2.0 * damping * frequency, frequency**2
+    system[2, 3] = 1.0
+    exact = [(expm(system * dt * tick) @ [0.0, 0.0, 0.0, rate])[0] for tick in range(count)]
+    ramp = rate * dt * np.arange(count)
+    moved = joint_response(ramp, dt, delay=0.0, frequency=frequency, damping=damping)
+    np.testing.assert_allclose(moved, exact, atol=ROUNDING)
 
 
 def test_a_steady_motion_is_trailed_by_the_lag():

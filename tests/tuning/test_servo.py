@@ -3,62 +3,170 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.datasets.trials import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
-from cablecast.motion.servo import ServoModel
+from cablecast.motion.servo import ServoModel, joint_response
 from cablecast.tuning.servo import identify_servo
 
 TICK = 1 / 125
+# Interval at which the true motion is computed: its error is far below the noise.
+FINE = 1e-3
 NOISE = 1e-4
+# An arm reports this long after its last set point.
+AFTER = 0.32
 SERVO = ServoModel(
     delay=np.full(6, 0.006),
     frequency=np.array([45.0, 55.0, 65.0, 80.0, 60.0, 75.0]),
     damping=np.array([0.7, 0.8, 0.9, 1.0, 0.8, 0.75]),
 )
-# Joint 5 never moves in a cast; of the others a tick's tenth is all that the encoders' noise hides.
+# A dead time of several control cycles before a servo that is fast compared with them.
+LATE_AND_FAST = ServoModel(
+    delay=np.full(6, 0.085),
+    frequency=np.array([370.0, 190.0, 290.0, 230.0, 200.0, 470.0]),
+    damping=np.array([0.67, 1.3, 1.5, 1.8, 1.0, 0.95]),
+)
+SLOW_WITHOUT_DELAY = ServoModel(
+    delay=np.zeros(6),
+    frequency=np.array([13.0, 20.0, 16.0, 38.0, 15.0, 12.0]),
+    damping=np.array([1.7, 0.36, 1.5, 0.62, 1.0, 0.6]),
+)
+# The fifth joint never moves in a cast.
 MOVING = [0, 1, 2, 3, 5]
+# The noise of ten trials hides a lag of less than a tenth of a tick.
 LAG = 0.1 * TICK
+# The fit may be off by a part of the noise only: it averages over many samples.
 SAME_RESPONSE = NOISE / 2
+# Offset of an encoder [rad]: a hundred times its noise.
+OFFSET = 1e-2
+# Relative change of the sum of squares: far below the 1 / 2000 that one sample's noise makes.
+SAME_MINIMUM = 1e-6
+# Cosine between the residuals and a sensitivity: 0 at a minimum, near 1 for an error in the model.
+ORTHOGONAL = 1e-4
 
 
-@pytest.fixture(scope="module")
-def reported(dataset):
-    """The dataset, had its arm reported joints of a known servo with noisy encoders."""
+def report(dataset, servo, rate=125.0, offset=0.0, noise=NOISE, rows=None):
+    """The dataset, had its arm followed a known servo and reported its joints at some rate."""
+    from scipy.interpolate import CubicSpline
+
     rng = np.random.default_rng(0)
     times, q = [], []
     for row in range(len(dataset)):
-        set_points = np.reshape(dataset.extra["joint_q"][row], (-1, 6))
-        held = np.concatenate([set_points, np.repeat(set_points[-1:], 40, axis=0)])
-        moved = SERVO.respond(held, TICK)
-        times.append(np.arange(len(held)) * TICK)
-        q.append((moved + NOISE * rng.normal(size=moved.shape)).ravel())
+        commanded = commanded_joints(dataset, row)
+        end = commanded.times[-1]
+        fine = np.arange(int((end + AFTER) / FINE) + 1) * FINE
+        set_points = CubicSpline(commanded.times, commanded.q, bc_type="clamped")
+        moved = servo.respond(set_points(np.minimum(fine, end)), FINE)
+        reported = np.arange(int((end + AFTER) * rate)) / rate
+        read = CubicSpline(fine, moved)(reported) + offset
+        times.append(reported)
+        q.append((read + noise * rng.normal(size=read.shape)).ravel())
     return dataclasses.replace(
         dataset, extra=dataset.extra | {"actual_times": times, "actual_q": q}
     )
 
 
-def test_a_known_servo_is_found_again(reported):
-    fit = identify_servo(reported)
-    np.testing.assert_allclose(fit.model.lag[MOVING], SERVO.lag[MOVING], atol=LAG)
-    # Delay and frequency can stand in for each other; what the joints do is what counts.
-    for row in range(len(reported)):
-        q = np.reshape(reported.extra["joint_q"][row], (-1, 6))
-        apart = fit.model.respond(q, TICK) - SERVO.respond(q, TICK)
+def assert_same_response(model, truth, dataset):
+    """Delay and frequency can stand in for each other; the motion of the joints is what counts."""
+    for row in range(len(dataset)):
+        q = commanded_joints(dataset, row).q
+        apart = (model.respond(q, TICK) - truth.respond(q, TICK))[:, MOVING]
         assert np.sqrt(np.mean(apart**2, axis=0)).max() < SAME_RESPONSE
+
+
+def misfit(values, dataset, joint):
+    """Residuals of one joint about their mean, trial by trial."""
+    delay, frequency, damping = values
+    left = []
+    for row in range(len(dataset)):
+        commanded, measured = commanded_joints(dataset, row), measured_joints(dataset, row)
+        q = commanded.q[:, joint]
+        held = np.concatenate([q, np.full(len(measured.q) - len(q), q[-1])])
+        moved = joint_response(held, TICK, delay=delay, frequency=frequency, damping=damping)
+        left.append(moved - measured.q[:, joint])
+    left = np.concatenate(left)
+    return left - left.mean()
+
+
+@pytest.fixture(scope="module")
+def reported(dataset):
+    return report(dataset, SERVO)
+
+
+@pytest.fixture(scope="module")
+def fit(reported):
+    return identify_servo(reported)
+
+
+def test_a_known_servo_is_found_again(fit, reported):
+    np.testing.assert_allclose(fit.model.lag[MOVING], SERVO.lag[MOVING], atol=LAG)
+    assert_same_response(fit.model, SERVO, reported)
     np.testing.assert_allclose(fit.model.residual, NOISE, rtol=0.1)
     assert fit.trial_count == len(reported)
 
 
-def test_the_model_takes_the_gripper_to_where_it_went(reported):
-    fit = identify_servo(reported)
+@pytest.mark.parametrize("rate", [40.0, 125.0, 130.0, 500.0])
+def test_a_servo_is_found_at_any_rate_of_report(dataset, rate):
+    reported = report(dataset, SERVO, rate=rate)
+    assert_same_response(identify_servo(reported).model, SERVO, reported)
+
+
+@pytest.mark.parametrize(
+    "servo", [LATE_AND_FAST, SLOW_WITHOUT_DELAY], ids=["late and fast", "slow without delay"]
+)
+def test_a_servo_far_from_the_usual_is_found(dataset, servo):
+    reported = report(dataset, servo)
+    found = identify_servo(reported).model
+    np.testing.assert_allclose(found.lag[MOVING], servo.lag[MOVING], atol=LAG)
+    assert_same_response(found, servo, reported)
+
+
+def test_an_offset_of_the_encoders_is_no_lag(fit, dataset):
+    shifted = identify_servo(report(dataset, SERVO, offset=OFFSET))
+    for name in ("delay", "frequency", "damping"):
+        np.testing.assert_allclose(
+            getattr(shifted.model, name), getattr(fit.model, name), rtol=1e-3, atol=1e-5
+        )
+    # What the arm reported is still off by the offset.
+    np.testing.assert_allclose(shifted.model.residual, OFFSET, rtol=1e-2)
+
+
+@pytest.mark.parametrize("joint", MOVING)
+def test_no_other_servo_fits_the_measured_joints_better(fit, reported, joint):
+    from scipy.optimize import minimize
+
+    best = [getattr(fit.model, name)[joint] for name in ("delay", "frequency", "damping")]
+    scale = np.array([1e-3, 1.0, 1e-2])
+    left = misfit(best, reported, joint)
+    for index in range(3):
+        step = 1e-3 * scale * (np.arange(3) == index)
+        change = misfit(best + step, reported, joint) - misfit(best - step, reported, joint)
+        cosine = left @ change / (np.linalg.norm(left) * np.linalg.norm(change))
+        assert abs(cosine) < ORTHOGONAL
+    # A search without derivatives, which begins a few steps away in every direction.
+    simplex = best + scale * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    refined = minimize(
+        lambda values: np.sum(misfit(values, reported, joint) ** 2),
+        best,
+        method="Nelder-Mead",
+        bounds=((0.0, 0.2), (10.0, 2000.0), (0.3, 3.0)),
+        options={"initial_simplex": simplex, "maxfev": 150},
+    )
+    assert np.sum(left**2) <= refined.fun * (1.0 + SAME_MINIMUM)
+
+
+def test_the_model_takes_the_gripper_to_where_it_went(fit):
     assert fit.commanded_rms > 5e-3
     # What is left is the encoders' noise at the arm's length.
     assert fit.model_rms < 3 * NOISE
 
 
-def test_a_joint_that_never_moves_takes_what_is_usual(reported):
-    fit = identify_servo(reported)
+def test_a_joint_that_never_moves_takes_what_is_usual(fit):
     others = fit.model.lag[MOVING]
     assert others.min() <= fit.model.lag[4] <= others.max()
+
+
+def test_only_the_trials_asked_for_are_used(reported):
+    assert identify_servo(reported, 3).trial_count == 3
 
 
 def test_trials_without_reported_joints_are_refused(dataset):

@@ -1,9 +1,9 @@
-"""How an arm follows its set points: the path that the gripper really takes.
+"""Servo model: the motion of the joints, and so of the gripper, that a command leads to.
 
-Every joint answers its set points with a delay and the response of a damped oscillator. A cast
-lasts a second or two and turns within tenths of a second, so a lag of some hundredths bends its
-path by centimetres, more than the cable's own modelling error. A simulation of what an arm will do
-must therefore play the path that the servo makes of the command.
+Each joint answers its set points with a dead time and the response of a damped oscillator. A cast
+lasts a second or two and turns within tenths of a second, so a lag of a few hundredths of a second
+bends the gripper's path by centimetres. That is more than the error of the cable model. A simulator
+must therefore play the path that the arm takes, not the path that was commanded.
 """
 
 import dataclasses
@@ -19,25 +19,32 @@ from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
 _STEP = 0.016
-"""Interval at which `apply` works [s], and half of that between the knots of its result: coarse,
-because it is to convert 36,000 paths; it stays within 0.1 mm of the exact response."""
+"""Time step of `apply` [s]. Coarse, so that 36,000 paths convert quickly; the result stays within
+0.1 mm of the exact response."""
 _KNOT_STEPS = 2
+"""Time steps between the knots of the resulting path."""
 _SETTLED = 1e-4
-"""Share of a step that may be left when the resulting path ends."""
+"""Share of a step input still to go when the resulting path ends [-]."""
 _SETTLE_MAX = 2.0
-# Paths converted at a time: bounds the memory of the intermediate arrays to some 100 MB.
+"""Longest time that a resulting path may take to settle [s]."""
+# Paths converted at a time: keeps the intermediate arrays to about 100 MB.
 _CHUNK = 1000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ServoModel:
-    """Each joint follows its set points after a delay, as a damped oscillator.
+    """Second-order servo with a dead time, one per joint.
+
+    The joint angle q follows its set point q_set as
+
+        qdd = frequency^2 (q_set(t - delay) - q) - 2 damping frequency qd.
 
     Attributes:
-        delay: Time before a set point has any effect [s], shape [6].
+        delay: Dead time before a set point has any effect [s], shape [6].
         frequency: Undamped angular frequency of the response [rad/s], shape [6].
         damping: Damping ratio of the response [-], shape [6].
-        residual: What the model leaves of measured joints, rms [rad], shape [6]; NaN where unknown.
+        residual: RMS difference between measured and modelled joint angles [rad], shape [6]; NaN
+            where unknown.
     """
 
     delay: NDArray[np.float64]
@@ -63,55 +70,51 @@ class ServoModel:
 
     @property
     def lag(self) -> NDArray[np.float64]:
-        """How far each joint trails a steady motion, delay + 2 damping / frequency [s], [6]."""
+        """Lag behind a steady motion, delay + 2 damping / frequency [s], shape [6]."""
         return self.delay + 2.0 * self.damping / self.frequency
 
     @property
     def settle_time(self) -> float:
-        """How long after the last set point the slowest joint is at rest [s]."""
-        # The slower of both poles where the response does not oscillate.
+        """Time from the last set point until the slowest joint is at rest [s]."""
+        # An overdamped response decays with the slower of its two poles.
         root = np.sqrt(np.maximum(self.damping**2 - 1.0, 0.0))
         decay = self.frequency * (self.damping - root)
         return float(min(np.max(self.delay + np.log(1.0 / _SETTLED) / decay), _SETTLE_MAX))
 
     def respond(self, q: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-        """Joints that follow set points between which the controller interpolates smoothly.
+        """Return the joint angles that follow evenly spaced set points.
 
         Args:
-            q: Set points at an even interval, begun at rest [rad], shape [..., tick, 6].
-            dt: The interval [s].
+            q: Set points, which start at rest [rad], shape [..., tick, 6].
+            dt: Interval between set points [s].
 
         Returns:
-            Joints at the same times [rad], same shape.
+            Joint angles at the same times [rad], shape [..., tick, 6].
         """
-        from scipy.signal import cont2discrete, lfilter
-
-        start = q[..., :1, :]
-        moved = q - start
         result = np.empty_like(q)
         for joint in range(JOINT_COUNT):
-            w, zeta = self.frequency[joint], self.damping[joint]
-            # Exact for set points that run straight from tick to tick. Curved ones run inside their
-            # chords; moving each by a twelfth of the second difference makes up for it on average.
-            discrete: Any = cont2discrete(([w * w], [1.0, 2.0 * zeta * w, w * w]), dt, method="foh")
-            numerator, denominator = discrete[:2]
-            delayed = _delayed(moved[..., joint], self.delay[joint] / dt)
-            delayed[..., 1:-1] -= np.diff(delayed, 2, axis=-1) / 12.0
-            result[..., joint] = lfilter(np.ravel(numerator), denominator, delayed, axis=-1)
-        return result + start
+            result[..., joint] = joint_response(
+                q[..., joint],
+                dt,
+                delay=self.delay[joint],
+                frequency=self.frequency[joint],
+                damping=self.damping[joint],
+            )
+        return result
 
     def apply(self, grip_path: GripPath, arm: ArmUR) -> GripPath:
-        """The paths that the gripper takes when it is commanded along others.
+        """Return the paths that the gripper takes along commanded paths.
 
         Args:
-            grip_path: Commanded paths, begun at rest, all at the same time.
+            grip_path: Commanded paths, which start at rest and at the same time.
             arm: Robot arm.
 
         Returns:
-            As many paths, each of which ends when the arm has settled.
+            One path per commanded path. Each ends when the arm has settled.
 
         Raises:
             IKError: A path leaves the reach of the arm.
+            InputError: The paths start at different times.
         """
         chunks = [
             self._apply(grip_path[start : start + _CHUNK], arm)
@@ -124,10 +127,13 @@ class ServoModel:
 
         start = grip_path.knots[:, 0]
         if np.ptp(start) > 0.0:
-            raise InputError("paths that start at different times cannot be followed in one batch")
+            raise InputError(
+                f"the paths of a batch must start at the same time: these start between "
+                f"{np.min(start):g} and {np.max(start):g} s"
+            )
         ends = grip_path.duration + self.settle_time
         knot_dt = _KNOT_STEPS * _STEP
-        # Three pieces are the least that a spline with given ends needs to be one.
+        # A clamped spline needs at least three pieces.
         end_knot = np.maximum(np.ceil((ends - start) / knot_dt - 1e-9).astype(int), 3)
         knot_count = int(end_knot.max()) + 1
         times = start[0] + np.arange((knot_count - 1) * _KNOT_STEPS + 1) * _STEP
@@ -139,7 +145,7 @@ class ServoModel:
         # The spline's coefficients are [power, piece, world, channel], highest power first.
         coefficients = np.zeros((len(grip_path), knot_count - 1, poses.shape[2], 6))
         coefficients[..., :4] = np.transpose(spline.c[::-1], (2, 1, 3, 0))
-        # Rows that end earlier keep the pose that they have settled to.
+        # Rows that end earlier hold the pose in which they have settled.
         row_knots = np.minimum(knots, knots[end_knot][:, None])
         over = np.arange(knot_count - 1) >= end_knot[:, None]
         coefficients[over] = 0.0
@@ -148,7 +154,7 @@ class ServoModel:
         return GripPath(knots=row_knots, coefficients=coefficients)
 
     def to_dict(self) -> dict[str, list[float | None]]:
-        """Plain values for a file."""
+        """Return plain values to store in a file."""
         return {
             field.name: [
                 float(value) if np.isfinite(value) else None for value in getattr(self, field.name)
@@ -158,7 +164,10 @@ class ServoModel:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "ServoModel":
-        """The model that `to_dict` described.
+        """Return the model that `to_dict` described.
+
+        Args:
+            values: One list of six numbers per attribute; None stands for NaN.
 
         Raises:
             InputError: A value is missing, unknown or out of bounds.
@@ -173,15 +182,85 @@ class ServoModel:
             raise InputError(f"this is no servo model: {error}") from None
 
 
+def joint_response(
+    q: NDArray[np.float64], dt: float, *, delay: float, frequency: float, damping: float
+) -> NDArray[np.float64]:
+    """Return the angle of one joint that follows evenly spaced set points.
+
+    The controller is taken to interpolate smoothly between the set points.
+
+    Args:
+        q: Set points, which start at rest [rad], shape [..., tick].
+        dt: Interval between set points [s].
+        delay: Dead time [s].
+        frequency: Undamped angular frequency [rad/s].
+        damping: Damping ratio [-].
+
+    Returns:
+        Joint angles at the same times [rad], shape [..., tick].
+    """
+    from scipy.signal import lfilter
+
+    start = q[..., :1]
+    delayed = _delayed(q - start, delay / dt)
+    # The filter is exact for set points joined by straight lines. A smooth curve runs inside its
+    # chords, on average by a twelfth of the second difference.
+    delayed[..., 1:-1] -= np.diff(delayed, 2, axis=-1) / 12.0
+    numerator, denominator = _oscillator_filter(frequency, damping, dt)
+    return lfilter(numerator, denominator, delayed, axis=-1) + start
+
+
+def _oscillator_filter(
+    frequency: float, damping: float, dt: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the digital filter that equals the oscillator for piecewise linear input.
+
+    SciPy's `cont2discrete(..., method="foh")` gives the same coefficients, but its matrix
+    exponential costs more than filtering a hundred motions.
+
+    Args:
+        frequency: Undamped angular frequency [rad/s].
+        damping: Damping ratio [-].
+        dt: Interval between samples [s].
+
+    Returns:
+        Numerator and denominator, each of shape [3], lowest delay first.
+    """
+    lag = 2.0 * damping / frequency
+    # The poles are -damping * frequency +- split; split is imaginary where the joint oscillates.
+    split = frequency * np.sqrt(complex(damping**2 - 1.0))
+    slow = np.exp((split - damping * frequency) * dt)
+    gap = -2.0 * split * dt
+    fast = slow * np.exp(gap)
+    # Written with expm1 and the slow pole: exact at critical damping, no overflow beyond it.
+    sine = slow * dt * (np.expm1(gap) / gap if gap else 1.0)
+    ramp = dt - lag + lag * (slow + fast) / 2.0 + (2.0 * damping**2 - 1.0) * sine
+    a1, a2 = -float((slow + fast).real), float((slow * fast).real)
+    # Three conditions fix the numerator: the answer to a ramp after one interval, a gain of one,
+    # and the lag behind a ramp that has lasted for long.
+    gain = 1.0 + a1 + a2
+    b0 = float(ramp.real) / dt
+    b2 = gain * lag / dt + a1 + 2.0 * a2 - gain + b0
+    return np.array([b0, gain - b0 - b2, b2]), np.array([1.0, a1, a2])
+
+
 def _delayed(values: NDArray[np.float64], steps: float) -> NDArray[np.float64]:
-    """Values that begin at rest at 0, later by a fraction of steps, on cubics between them."""
+    """Delay a signal by cubic interpolation between its samples.
+
+    Args:
+        values: Signal, which starts at rest at 0, shape [..., tick].
+        steps: Delay in ticks, not necessarily whole.
+
+    Returns:
+        Delayed signal, shape [..., tick].
+    """
     whole = int(np.floor(steps))
     share = steps - whole
     count = values.shape[-1]
     before = np.zeros((*values.shape[:-1], whole + 2))
     padded = np.concatenate([before, values, values[..., -1:]], axis=-1)
     result = np.zeros_like(values)
-    # Lagrange's weights of the values one step later, now, and one and two steps before.
+    # Lagrange weights of the samples one tick later, at the tick, and one and two ticks before.
     places = np.array([1.0, 0.0, -1.0, -2.0])
     for index, place in enumerate(places):
         others = np.delete(places, index)

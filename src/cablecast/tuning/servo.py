@@ -1,6 +1,7 @@
-"""Identifying how an arm follows its set points, from the joints that it reports."""
+"""Identification of the arm's servo from the joint angles that it reports."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,28 +11,37 @@ from cablecast.datasets.reader import Dataset
 from cablecast.datasets.trials import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
 from cablecast.motion.joint_path import JointPath
-from cablecast.motion.servo import ServoModel
+from cablecast.motion.servo import ServoModel, joint_response
 
 TICK = 1 / 125
-"""Interval at which set points and the model are laid out [s]: a UR5's control cycle."""
+"""Interval between set points in the fit [s]: the control cycle of a UR5."""
 
 _STILL = 1e-3
-"""A joint whose set points never differ by more than this [rad] tells nothing of its servo."""
-_START = (0.01, 50.0, 1.0)
+"""Range of set points [rad] below which a joint says nothing about its servo."""
 _BOUNDS = ((0.0, 10.0, 0.3), (0.2, 2000.0, 3.0))
-# Not measured beyond this after the last set point [s]: rest only dilutes the fit.
+"""Bounds of delay [s], frequency [rad/s] and damping [-]."""
+_LAG_MAX = 0.5
+"""Longest lag that the search for a starting value tries [s]."""
+_START_COUNT = 10
+"""Trials that the starting values come from: those in which the joint moves most."""
+_START_STEPS = 50
+"""Largest number of steps to the starting values."""
+_COST_CHANGE = 1e-10
+"""Relative change of the sum of squares at which a search ends [-]. With N samples, noise hides
+changes below 1 / N."""
+# Measurements later than this after the last set point [s] only dilute the fit with rest.
 _AFTER = 0.4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ServoFit:
-    """A servo model and how well it explains where the gripper went.
+    """Servo model with the quality of its fit.
 
     Attributes:
-        model: The model.
-        commanded_rms: Distance of the gripper from where it was commanded, rms over the motion [m].
-        model_rms: Its distance from where the model says it was [m].
-        trial_count: Trials that it was identified from.
+        model: Fitted model.
+        commanded_rms: RMS distance between the commanded and the measured gripper position [m].
+        model_rms: RMS distance between the modelled and the measured gripper position [m].
+        trial_count: Number of trials in the fit.
     """
 
     model: ServoModel
@@ -40,17 +50,96 @@ class ServoFit:
     trial_count: int
 
 
-def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
-    """Fit delay, frequency and damping of every joint to measured joints, by least squares.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Motions:
+    """Set points of some trials, and the samples that the arm reported.
 
-    A joint that hardly moved takes the median of the others.
+    Attributes:
+        q: Set points every `TICK`, the last one held [rad], shape [trial, tick, 6].
+        trial: Trial of each sample, shape [sample].
+        times: Time of each sample since the motion began [s], shape [sample].
+        measured: Reported joint angles [rad], shape [sample, 6].
+    """
+
+    q: NDArray[np.float64]
+    trial: NDArray[np.int64]
+    times: NDArray[np.float64]
+    measured: NDArray[np.float64]
+
+    @classmethod
+    def collect(cls, pairs: list[tuple[JointPath, JointPath]]) -> "_Motions":
+        """Lay out pairs of commanded and measured joints on common ticks."""
+        ends = [float(commanded.times[-1]) + _AFTER for commanded, _ in pairs]
+        ticks = np.arange(int(np.ceil(max(ends) / TICK)) + 1) * TICK
+        q = np.empty((len(pairs), len(ticks), JOINT_COUNT))
+        trial, times, measured = [], [], []
+        for row, ((commanded, reported), end) in enumerate(zip(pairs, ends, strict=True)):
+            for joint in range(JOINT_COUNT):
+                q[row, :, joint] = np.interp(ticks, commanded.times, commanded.q[:, joint])
+            used = (reported.times >= 0.0) & (reported.times <= end)
+            used &= np.isfinite(reported.q).all(axis=1)
+            trial.append(np.full(np.count_nonzero(used), row))
+            times.append(reported.times[used])
+            measured.append(reported.q[used])
+        return cls(
+            q=q,
+            trial=np.concatenate(trial),
+            times=np.concatenate(times),
+            measured=np.concatenate(measured),
+        )
+
+    def subset(self, trials: NDArray[np.int64]) -> "_Motions":
+        """Return some of the trials, named by their indices in ascending order."""
+        kept = np.isin(self.trial, trials)
+        return _Motions(
+            q=self.q[trials],
+            trial=np.searchsorted(trials, self.trial[kept]),
+            times=self.times[kept],
+            measured=self.measured[kept],
+        )
+
+    def weights(self, lag: float = 0.0) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the cubic interpolation from the ticks to the sample times.
+
+        Args:
+            lag: Time by which the values arrive late [s].
+
+        Returns:
+            Indices into the flattened [trial, tick] axes and Lagrange weights, each of shape
+            [4, sample].
+        """
+        tick_count = self.q.shape[1]
+        place = np.clip((self.times - lag) / TICK, 0.0, tick_count - 1.0)
+        first = np.clip(place.astype(int) - 1, 0, tick_count - 4)
+        x = place - first
+        weights = np.stack(
+            [
+                -(x - 1.0) * (x - 2.0) * (x - 3.0) / 6.0,
+                x * (x - 2.0) * (x - 3.0) / 2.0,
+                -x * (x - 1.0) * (x - 3.0) / 2.0,
+                x * (x - 1.0) * (x - 2.0) / 6.0,
+            ]
+        )
+        return self.trial * tick_count + first + np.arange(4)[:, None], weights
+
+    def sample(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Interpolate values of shape [trial, tick, 6] at the samples, shape [sample, 6]."""
+        indices, weights = self.weights()
+        return np.einsum("ks,ksj->sj", weights, values.reshape(-1, JOINT_COUNT)[indices])
+
+
+def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
+    """Fit delay, frequency and damping of every joint to its measured angles, by least squares.
+
+    The fit also estimates a constant encoder offset per joint, which it does not return. A joint
+    that hardly moved takes the median of the others.
 
     Args:
         dataset: Trials with commanded and measured joints.
-        count: Use only this many trials from the beginning.
+        count: Number of trials to use, from the first one; all by default.
 
     Raises:
-        DatasetError: No trial has both.
+        DatasetError: No trial has commanded and measured joints, or no joint moves in any.
     """
     pairs: list[tuple[JointPath, JointPath]] = []
     for row in range(len(dataset) if count is None else min(count, len(dataset))):
@@ -60,94 +149,114 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     if not pairs:
         name = str(dataset.path or "the dataset")
         raise DatasetError(f"{name} holds no trial with commanded and measured joints")
-    q, times, measured = _common_grid(pairs)
-    fits = [_fit_joint(q, times, measured, joint) for joint in range(JOINT_COUNT)]
+    motions = _Motions.collect(pairs)
+    fits = [_fit_joint(motions, joint) for joint in range(JOINT_COUNT)]
     known = [fit for fit in fits if fit is not None]
     if not known:
         raise DatasetError("no joint moves in any trial: its servo cannot be identified")
     usual = np.median(known, axis=0)
     values = np.array([usual if fit is None else fit for fit in fits])
     model = ServoModel(delay=values[:, 0], frequency=values[:, 1], damping=values[:, 2])
-    left = _at(model.respond(q, TICK), times) - measured
-    model = dataclasses.replace(model, residual=np.sqrt(np.nanmean(left**2, axis=(0, 1))))
-    seen = np.isfinite(measured).all(axis=2)
+    modelled = motions.sample(model.respond(motions.q, TICK))
+    residual = np.sqrt(np.mean((modelled - motions.measured) ** 2, axis=0))
     arm = dataset.setup.arm
-    truth = arm.grip_pose(measured[seen])[:, :3]
+    truth = arm.grip_pose(motions.measured)[:, :3]
     commanded_rms, model_rms = (
-        float(np.sqrt(np.mean(np.sum((arm.grip_pose(path[seen])[:, :3] - truth) ** 2, axis=1))))
-        for path in (_at(q, times), _at(model.respond(q, TICK), times))
+        float(np.sqrt(np.mean(np.sum((arm.grip_pose(q)[:, :3] - truth) ** 2, axis=1))))
+        for q in (motions.sample(motions.q), modelled)
     )
     return ServoFit(
-        model=model, commanded_rms=commanded_rms, model_rms=model_rms, trial_count=len(pairs)
+        model=dataclasses.replace(model, residual=residual),
+        commanded_rms=commanded_rms,
+        model_rms=model_rms,
+        trial_count=len(pairs),
     )
 
 
-def _common_grid(
-    pairs: list[tuple[JointPath, JointPath]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """All trials on common ticks, the last set point held.
-
-    Returns:
-        Set points [rad], shape [trial, tick, 6]; times of the measurements [s], shape [trial,
-        sample]; and what was measured [rad], shape [trial, sample, 6], NaN where nothing was.
-    """
-    ends = [float(commanded.times[-1]) + _AFTER for commanded, _ in pairs]
-    ticks = np.arange(int(np.ceil(max(ends) / TICK)) + 1) * TICK
-    q = np.stack(
-        [
-            np.stack(
-                [np.interp(ticks, commanded.times, column) for column in commanded.q.T], axis=-1
-            )
-            for commanded, _ in pairs
-        ]
-    )
-    used = [
-        (measured.times >= 0.0) & (measured.times <= min(end, measured.times[-1]))
-        for (_, measured), end in zip(pairs, ends, strict=True)
-    ]
-    sample_max = max(int(mask.sum()) for mask in used)
-    times = np.zeros((len(pairs), sample_max))
-    values = np.full((len(pairs), sample_max, JOINT_COUNT), np.nan)
-    for row, ((_, measured), mask) in enumerate(zip(pairs, used, strict=True)):
-        length = int(mask.sum())
-        times[row, :length] = measured.times[mask]
-        values[row, :length] = measured.q[mask]
-    return q, times, values
-
-
-def _at(values: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values on the ticks, linearly at some times; shapes [trial, tick, ...], [trial, sample]."""
-    place = np.clip(times / TICK, 0.0, values.shape[1] - 1.0)
-    before = np.minimum(place.astype(int), values.shape[1] - 2)
-    share = place - before
-    trial = np.arange(len(values))[:, None]
-    share = share.reshape(share.shape + (1,) * (values.ndim - 2))
-    return (1.0 - share) * values[trial, before] + share * values[trial, before + 1]
-
-
-def _fit_joint(
-    q: NDArray[np.float64],
-    times: NDArray[np.float64],
-    measured: NDArray[np.float64],
-    joint: int,
-) -> NDArray[np.float64] | None:
+def _fit_joint(motions: _Motions, joint: int) -> NDArray[np.float64] | None:
+    """Fit delay [s], frequency [rad/s] and damping [-] of one joint; None where it hardly moves."""
     from scipy.optimize import least_squares
 
-    if np.max(np.ptp(q[..., joint], axis=1)) < _STILL:
+    travel = np.ptp(motions.q[..., joint], axis=1)
+    if np.max(travel) < _STILL:
         return None
-    seen = np.isfinite(measured[..., joint])
-    # The other columns only keep the shape: each joint is filtered by its own model alone.
-    only = np.repeat(q[..., joint, None], JOINT_COUNT, axis=-1)
-    # An offset of the encoder at rest must not be taken for a lag.
-    offset = np.nanmedian(measured[:, :3, joint] - q[:, :1, joint])
+    lively = motions.subset(np.sort(np.argsort(travel)[-_START_COUNT:]))
+    return least_squares(
+        _residuals(motions, joint),
+        _start_values(lively, joint),
+        bounds=_BOUNDS,
+        x_scale="jac",
+        method="dogbox",
+        ftol=_COST_CHANGE,
+    ).x
 
-    def left(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        delay, frequency, damping = (np.full(JOINT_COUNT, value) for value in values)
-        model = ServoModel(delay=delay, frequency=frequency, damping=damping)
-        moved = _at(model.respond(only, TICK)[..., 0], times)
-        return (moved + offset - measured[..., joint])[seen]
 
+def _residuals(
+    motions: _Motions, joint: int
+) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return a function of delay, frequency and damping that gives the residuals of one joint.
+
+    Its results [rad] have the shape [sample]. Their mean is removed, so that a constant offset of
+    the encoder is not taken for a lag.
+    """
+    q = np.ascontiguousarray(motions.q[..., joint])
+    measured = motions.measured[:, joint]
+    indices, weights = motions.weights()
+
+    def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        delay, frequency, damping = values
+        moved = joint_response(q, TICK, delay=delay, frequency=frequency, damping=damping)
+        left = np.einsum("ks,ks->s", weights, moved.ravel()[indices]) - measured
+        return left - np.mean(left)
+
+    return residuals
+
+
+def _start_values(motions: _Motions, joint: int) -> NDArray[np.float64]:
+    """Return delay [s], frequency [rad/s] and damping [-] close to their best values.
+
+    The three can largely stand in for one another: the misfit is a narrow, curved valley, and a
+    search in delay, frequency and damping takes hundreds of steps along it. To second order in
+    time, the response depends only on delay + filter_lag and on spread = filter_lag^2 -
+    2 / frequency^2, where filter_lag = 2 damping / frequency. In delay, filter_lag and spread the
+    valley is straight, and a search takes about ten steps.
+    """
+    from scipy.optimize import least_squares
+
+    low, high = np.array(_BOUNDS)
+    residuals = _residuals(motions, joint)
+
+    def native(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        delay, filter_lag, spread = values
+        frequency = np.sqrt(2.0 / max(filter_lag**2 - spread, 2.0 / high[1] ** 2))
+        return np.clip([delay, frequency, filter_lag * frequency / 2.0], low, high)
+
+    # The pure delay that explains the motion best is close to the lag. Begin with a quarter of it
+    # as delay and the rest as that of a critically damped oscillator.
+    lag = _best_lag(motions, joint)
+    filter_lag = 0.75 * lag
+    filter_lag_max = 2.0 * high[2] / low[1]
     fit = least_squares(
-        left, _START, bounds=_BOUNDS, x_scale=(0.01, 30.0, 0.3), method="trf", ftol=1e-10
+        lambda values: residuals(native(values)),
+        (lag - filter_lag, filter_lag, filter_lag**2 / 2.0),
+        bounds=(
+            (low[0], 2.0 * low[2] / high[1], -2.0 / low[1] ** 2),
+            (high[0], filter_lag_max, filter_lag_max**2),
+        ),
+        x_scale="jac",
+        method="dogbox",
+        ftol=_COST_CHANGE,
+        max_nfev=_START_STEPS,
     )
-    return fit.x
+    return native(fit.x)
+
+
+def _best_lag(motions: _Motions, joint: int) -> float:
+    """Return the pure delay, in whole ticks, that explains the motion of a joint best [s]."""
+    q, measured = motions.q[..., joint].ravel(), motions.measured[:, joint]
+    lags = np.arange(1.0, _LAG_MAX / TICK) * TICK
+    misfits = []
+    for lag in lags:
+        indices, weights = motions.weights(lag)
+        misfits.append(np.std(np.einsum("ks,ks->s", weights, q[indices]) - measured))
+    return float(lags[np.argmin(misfits)])
