@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
-from cablecast.evaluation.evaluate import Evaluation, Trial
-from cablecast.motion.action import Action, MotionConfig
+from cablecast.evaluation.evaluate import Evaluation, TargetCast
+from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.workspace import Workspace, load_targets
+from cablecast.workspace import load_targets
 
 TIMES = np.arange(0.0, 3.05, 0.1)
 NODE_COUNT = 7
@@ -23,13 +23,13 @@ def straight_cable(grip_xy, length):
 @pytest.fixture(scope="session")
 def make_evaluation():
     """Builds an evaluation of the 32 targets in which some casts left the table."""
-    cable, workspace = load_cable("cable_1"), Workspace()
+    setup = Setup()
     action = Action(theta1=-0.6, theta2=0.5, r2=0.55, psi=0.8)
-    trajectory = plan_trajectory(action, MotionConfig(), workspace)
-    nodes = straight_cable(trajectory.grip_path.evaluate(TIMES)[0, :, :2], cable.length)
+    trajectory = plan_trajectory(action, setup)
+    nodes = straight_cable(trajectory.grip_path.evaluate(TIMES)[0, :, :2], setup.cable.length)
     targets = load_targets()
 
-    def make(lost=(8, 9), with_nodes=True, rig=None, cable=cable):
+    def make(lost=(8, 9), with_nodes=True, rig=None, setup=setup):
         rng = np.random.default_rng(1)
         trials = []
         for index, target in enumerate(targets):
@@ -37,7 +37,7 @@ def make_evaluation():
             path[-1] = target + rng.normal(scale=0.05, size=2)
             status = TrialStatus.OFF_TABLE if index in lost else TrialStatus.OK
             trials.append(
-                Trial(
+                TargetCast(
                     target_index=index,
                     repeat=0,
                     target_xy=target,
@@ -54,7 +54,7 @@ def make_evaluation():
                 )
             )
         return Evaluation(
-            cable=cable,
+            setup=setup,
             rig=rig or {"rig": "virtual", "seed": 0},
             target_xy=targets,
             inside_coverage=np.arange(len(targets)) < 28,

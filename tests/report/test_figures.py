@@ -1,3 +1,5 @@
+import types
+
 import numpy as np
 import pytest
 
@@ -5,12 +7,71 @@ from cablecast.cable import load_cable
 from cablecast.evaluation.metrics import summarise_errors
 from cablecast.evaluation.published import published_rows
 from cablecast.report.casts import cast_frames, chosen_casts
+from cablecast.report.coverage import coverage_figure
 from cablecast.report.curves import error_boxes, learning_curve, target_errors
+from cablecast.report.ellipses import ellipse_map
 from cablecast.report.landings import landing_map
 from cablecast.report.style import png_bytes, svg_uri
+from cablecast.report.tracks import track_panels
 from cablecast.workspace import Workspace
 
 ON_SCREEN = 1e-9  # What is drawn is what is stored, to rounding.
+
+TABLES = {
+    "paper": Workspace(),
+    "turned": Workspace(table_width=2.0, table_depth=1.2, table_yaw_deg=90.0),
+    "around the base": Workspace(table_near_y=-0.4, table_depth=2.0),
+    "away from the base": Workspace(table_near_y=0.3),
+}
+
+
+def draw_ellipses(evaluation, workspace):
+    xy = {
+        "target": evaluation.target_xy,
+        "landed": np.stack([trial.landed_xy for trial in evaluation.trials]),
+    }
+    columns = {f"{name}_{axis}_m": xy[name][:, i] for name in xy for i, axis in enumerate("xy")}
+    columns["target"] = np.arange(len(evaluation.target_xy))
+    return ellipse_map(columns, workspace, evaluation.cable.length)
+
+
+def draw_coverage(evaluation, workspace):
+    hull = [[0.0, 0.6], [0.4, 0.9], [-0.4, 0.9], [0.0, 0.6]]
+    result = {"with_psi": False, "r0": 0.6, "v_max": 1.5, "share": 0.2, "hulls_xy": [hull]}
+    return coverage_figure([result], np.array(hull), workspace, evaluation.cable.length)
+
+
+def draw_tracks(evaluation, workspace):
+    xy = np.stack([trial.track.endpoint_xy for trial in evaluation.trials[:2]])
+    tracks = types.SimpleNamespace(endpoint_xy=xy, compared=np.isfinite(xy).all(axis=2))
+    return track_panels(tracks, [("tuned", xy + 0.01)], workspace, [0, 1], 0.62)
+
+
+MAPS = {
+    "landings": landing_map,
+    "casts": lambda evaluation, workspace: cast_frames(evaluation, workspace, [0, 3]),
+    "ellipses": draw_ellipses,
+    "coverage": draw_coverage,
+    "tracks": draw_tracks,
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("name", MAPS)
+def test_every_map_shows_the_whole_table_and_the_base(make_evaluation, name, table):
+    workspace = TABLES[table]
+    figure = MAPS[name](make_evaluation(), workspace)
+    maps = [axes for axes in figure.axes if axes.get_aspect() == 1.0]
+    assert maps
+    for axes in maps:
+        drawn, base = axes.patches[:2]
+        low, high = drawn.get_xy(), np.add(drawn.get_xy(), [drawn.get_width(), drawn.get_height()])
+        np.testing.assert_allclose(low, [-workspace.half_width, workspace.y_min], atol=ON_SCREEN)
+        np.testing.assert_allclose(high, [workspace.half_width, workspace.y_max], atol=ON_SCREEN)
+        x_limits, y_limits = axes.get_xlim(), axes.get_ylim()
+        for x, y in (low, high, [0.0, -base.get_radius()], [0.0, base.get_radius()]):
+            assert x_limits[0] < x < x_limits[1]
+            assert y_limits[0] < y < y_limits[1]
 
 
 def points_drawn(axes):

@@ -7,6 +7,7 @@ import pytest
 
 from cablecast.cable import load_cable
 from cablecast.report.page import report_page
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
 CONFIG = {
@@ -91,8 +92,8 @@ def test_the_page_of_a_real_rig_does_not_call_it_virtual(make_evaluation):
 
 def test_names_from_a_users_file_cannot_break_out_of_the_page(make_evaluation):
     name = "</script><script>alert(1)</script>"
-    cable = dataclasses.replace(load_cable("cable_1"), name=name)
-    page = page_of(make_evaluation(cable=cable))
+    setup = Setup(cable=dataclasses.replace(load_cable("cable_1"), name=name))
+    page = page_of(make_evaluation(setup=setup))
     assert name not in page
     assert "&lt;/script&gt;" in page
 
@@ -106,6 +107,32 @@ def test_the_player_holds_every_cast_in_millimetres(page, make_evaluation):
         assert len(cast["nodes_mm"]) == len(cast["times"]) == len(trial.track.times)
         last = cast["nodes_mm"][-1][-2:]
         assert last == pytest.approx(1000 * trial.track.nodes[-1, -1, :2], abs=0.5)
+
+
+def test_the_player_gets_the_corners_of_a_turned_table(make_evaluation):
+    turned = Workspace(table_width=2.0, table_depth=1.2, table_yaw_deg=90.0, table_near_y=-0.1)
+    page = report_page(make_evaluation(), turned, MODEL_INFO, CONFIG)
+    data = re.search(r'<script type="application/json" id="casts">(.*?)</script>', page, re.S)
+    player = json.loads(data.group(1))
+    assert player["table_mm"] == [[-600, -100], [600, 1900]]
+    assert Workspace.from_dict(player["workspace"]) == turned
+
+
+@pytest.mark.parametrize(
+    ("counts", "phrase"),
+    [
+        ({}, "from 36,000 simulated casts, and from nothing else"),
+        ({"real_used_count": 118}, "from 36,000 simulated casts and 118 casts on a rig, and from"),
+        (
+            {"training_count": 0, "held_out_count": 0, "real_used_count": 118},
+            "from 118 casts on a rig, and from nothing else",
+        ),
+    ],
+)
+def test_the_page_names_all_casts_that_the_model_learned_from(make_evaluation, counts, phrase):
+    info = MODEL_INFO | {"metrics": MODEL_INFO["metrics"] | counts}
+    page = report_page(make_evaluation(), Workspace(), info, CONFIG)
+    assert phrase in page
 
 
 def test_without_cable_shapes_the_page_has_no_player(make_evaluation):

@@ -1,18 +1,21 @@
-"""Several casts drawn as frames: the cable's shape at successive times, and the gripper's path."""
+"""Casts drawn as frames: the cable's shape at successive times, and the gripper's path."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablecast.evaluation.evaluate import Evaluation, Trial
+from cablecast.evaluation.evaluate import Evaluation, TargetCast
 from cablecast.report.style import (
     INK,
     MUTED,
+    PAGE_WIDTH,
     TIME_COLORS,
     VERMILLION,
     draw_workspace,
+    frame_workspace,
     new_figure,
+    panel_height,
     styled,
 )
 from cablecast.track import TrialStatus
@@ -23,15 +26,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLUMNS = 2
+_BAR_HEIGHT = 0.5  # Colour bar below the panels, with its label [inch].
 _GRIP_SAMPLES = 120
 
 
 def chosen_casts(evaluation: Evaluation, count: int = 6) -> list[int]:
-    """Trials worth a look: from the nearest to the farthest landing, and one without a landing.
+    """Choose trials worth a look: from the nearest to the farthest landing, and one without.
 
     Args:
         evaluation: All casts.
-        count: At most how many, at least 2.
+        count: Largest number of trials, at least 2.
 
     Returns:
         Indices of trials, by rising error; a trial without a landing comes last.
@@ -49,17 +53,18 @@ def chosen_casts(evaluation: Evaluation, count: int = 6) -> list[int]:
 def cast_frames(
     evaluation: Evaluation, workspace: Workspace, trial_indices: Sequence[int]
 ) -> "Figure":
-    """One panel per trial, seen from above.
+    """Draw one panel per trial, seen from above.
 
     Args:
         evaluation: All casts.
-        workspace: The table.
-        trial_indices: Which of them to draw.
+        workspace: Table and base.
+        trial_indices: Indices of the trials to draw.
     """
     trials = [evaluation.trials[index] for index in trial_indices]
     end = max(float(trial.track.times[-1]) for trial in trials)
     row_count = -(-len(trials) // _COLUMNS)
-    figure = new_figure(9.2, 2.65 * row_count + 0.7)
+    height = panel_height(workspace, PAGE_WIDTH / _COLUMNS)
+    figure = new_figure(PAGE_WIDTH, height * row_count + _BAR_HEIGHT)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -72,9 +77,7 @@ def cast_frames(
             draw_workspace(axes, workspace, ticks=False)
             _draw_cast(axes, trial, scale)
             axes.set_title(_title(trial, float(evaluation.errors_pct[index])))
-            half_width = workspace.table_width / 2
-            axes.set_xlim(-half_width - 0.05, half_width + 0.05)
-            axes.set_ylim(-0.12, workspace.table_depth + 0.1)
+            frame_workspace(axes, workspace)
         bar = figure.colorbar(
             scale, ax=grid, orientation="horizontal", shrink=0.35, aspect=40, pad=0.02
         )
@@ -92,13 +95,13 @@ def _time_colors():
     return LinearSegmentedColormap.from_list("times", colors)
 
 
-def _title(trial: Trial, error_pct: float) -> str:
+def _title(trial: TargetCast, error_pct: float) -> str:
     if trial.status is TrialStatus.OK:
         return f"target {trial.target_index}: error {error_pct:.1f} %"
     return f"target {trial.target_index}: {trial.status.code.replace('_', ' ')}"
 
 
-def _draw_cast(axes: "Axes", trial: Trial, scale) -> None:
+def _draw_cast(axes: "Axes", trial: TargetCast, scale) -> None:
     track = trial.track
     if track.nodes is not None:
         last = len(track.times) - 1

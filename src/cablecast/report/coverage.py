@@ -7,12 +7,13 @@ import numpy as np
 
 from cablecast.report.style import (
     BLUE,
-    FAINT,
     GREEN,
-    INK,
     MUTED,
-    TABLE,
+    PAGE_WIDTH,
     VERMILLION,
+    draw_half_circle,
+    draw_workspace,
+    frame_workspace,
     new_figure,
     styled,
 )
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _COLUMNS = 2
-# By rising speed; the faster casts cover most, so that they are drawn first.
+_LEGEND_WIDTH = 1.0  # Room to the right of the half disc [m].
+_PANEL_HEIGHT = 2.2  # [inch]
+# By rising speed; the fastest casts cover most, so they are drawn first.
 _SPEED_COLORS = (VERMILLION, GREEN, BLUE)
 
 
@@ -34,10 +37,10 @@ def coverage_figure(
     workspace: Workspace,
     cable_length: float,
 ) -> "Figure":
-    """A panel for each r0 without psi and for each with, and in it a hull for each speed.
+    """Draw a panel for each r0 without psi and for each with, and in it a hull for each speed.
 
     Args:
-        results: `Coverage.to_dict` of every combination.
+        results: Result of `Coverage.to_dict` for every combination.
         polar_casting_xy: Outline of what polar casting reaches [m], shape [vertex, 2].
         workspace: Table and reach.
         cable_length: Cable length r_c [m].
@@ -48,7 +51,7 @@ def coverage_figure(
     speeds = sorted({result["v_max"] for result in results})
     colors = {speed: _SPEED_COLORS[k % len(_SPEED_COLORS)] for k, speed in enumerate(speeds)}
     row_count = -(-len(panels) // _COLUMNS)
-    figure = new_figure(9.2, 2.2 * row_count + 0.1)
+    figure = new_figure(PAGE_WIDTH, _PANEL_HEIGHT * row_count + 0.1)
     with styled():
         grid = figure.subplots(row_count, _COLUMNS, squeeze=False).ravel()
         for axes in grid[len(panels) :]:
@@ -63,28 +66,8 @@ def coverage_figure(
 
 
 def _draw_ground(axes: "Axes", workspace: Workspace, radius: float, polar_casting_xy) -> None:
-    from matplotlib.patches import Circle, Rectangle
-
-    half_width = workspace.table_width / 2
-    axes.add_patch(
-        Rectangle(
-            (-half_width, 0.0),
-            workspace.table_width,
-            workspace.table_depth,
-            facecolor=TABLE,
-            edgecolor=FAINT,
-            linewidth=0.8,
-            zorder=0,
-        )
-    )
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
-    axes.plot(
-        [-radius, *(radius * np.sin(angle)), -radius],
-        [0.0, *(radius * np.cos(angle)), 0.0],
-        color=MUTED,
-        linewidth=0.9,
-        zorder=1,
-    )
+    draw_workspace(axes, workspace, grid=False, ticks=False)
+    draw_half_circle(axes, radius, closed=True)
     if len(polar_casting_xy):
         axes.fill(
             *polar_casting_xy.T,
@@ -94,15 +77,8 @@ def _draw_ground(axes: "Axes", workspace: Workspace, radius: float, polar_castin
             zorder=0.6,
             label="polar casting",
         )
-    axes.add_patch(Circle((0.0, 0.0), 0.05, facecolor=INK, edgecolor="none", zorder=6))
-    axes.set_aspect("equal")
-    # Room on the right for the legend.
-    axes.set_xlim(-radius - 0.05, radius + 1.0)
-    axes.set_ylim(-0.08, radius + 0.05)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for side in axes.spines.values():
-        side.set_visible(False)
+    side = max(radius, workspace.half_width)
+    frame_workspace(axes, workspace, radius=radius, left=-side - 0.05, right=side + _LEGEND_WIDTH)
 
 
 def _draw_hull(axes: "Axes", result: dict[str, Any], color: str) -> None:

@@ -8,7 +8,18 @@ import numpy as np
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.metrics import ErrorSummary
 from cablecast.evaluation.published import PublishedRow
-from cablecast.report.style import BLUE, FAINT, INK, MUTED, SKY, VERMILLION, new_figure, styled
+from cablecast.report.style import (
+    BLUE,
+    FAINT,
+    INK,
+    MUTED,
+    PAGE_WIDTH,
+    SKY,
+    VERMILLION,
+    new_figure,
+    styled,
+)
+from cablecast.report.text import FIVE_NUMBERS
 from cablecast.track import TrialStatus
 
 if TYPE_CHECKING:
@@ -19,7 +30,7 @@ if TYPE_CHECKING:
 def error_boxes(
     ours: Sequence[tuple[str, ErrorSummary]], published: Sequence[PublishedRow]
 ) -> "Figure":
-    """Our five numbers as boxes above those of the paper.
+    """Draw our five numbers as boxes above those of the paper.
 
     Args:
         ours: Labels and summaries; those without errors are left out.
@@ -30,7 +41,7 @@ def error_boxes(
         if summary.count:
             rows.append((label, BLUE, _five(summary)))
     rows += [(f"paper, real UR5: {row.method}", MUTED, _five(row)) for row in published]
-    figure = new_figure(9.2, 0.34 * len(rows) + 0.75)
+    figure = new_figure(PAGE_WIDTH, 0.34 * len(rows) + 0.75)
     with styled():
         axes = figure.add_subplot()
         for place, (_, color, (median, q1, q3, low, high)) in enumerate(rows):
@@ -60,18 +71,12 @@ def error_boxes(
 
 
 def _five(summary: ErrorSummary | PublishedRow) -> tuple[float, ...]:
-    return (
-        summary.median_pct,
-        summary.first_quartile_pct,
-        summary.third_quartile_pct,
-        summary.min_pct,
-        summary.max_pct,
-    )
+    return tuple(getattr(summary, name) for name in FIVE_NUMBERS)
 
 
 def target_errors(evaluation: Evaluation) -> "Figure":
-    """The error of every cast by target, and what the policy had planned for."""
-    figure = new_figure(9.2, 2.9)
+    """Draw the error of every cast by target, and the error that the policy had planned for."""
+    figure = new_figure(PAGE_WIDTH, 2.9)
     errors_pct, planned_pct = evaluation.errors_pct, evaluation.planned_errors_pct
     places = np.array([trial.target_index for trial in evaluation.trials])
     lost = np.array([trial.status is not TrialStatus.OK for trial in evaluation.trials])
@@ -118,7 +123,7 @@ def target_errors(evaluation: Evaluation) -> "Figure":
 
 
 def learning_curve(curve: Sequence[Mapping[str, Any]], cable_length: float) -> "Figure":
-    """Training and held-out loss over the epochs, as mean distances in % of cable length.
+    """Draw training and held-out loss over the epochs, as mean distances in % of cable length.
 
     Args:
         curve: Rows with `epoch`, `loss` [m] and `held_out_loss` [m].
@@ -130,13 +135,13 @@ def learning_curve(curve: Sequence[Mapping[str, Any]], cable_length: float) -> "
 def learning_curves(
     curves: Sequence[tuple[str, Sequence[Mapping[str, Any]]]], cable_length: float
 ) -> "Figure":
-    """Several learning curves above each other, as `learning_curve` draws one.
+    """Draw several learning curves above each other, as `learning_curve` draws one.
 
     Args:
-        curves: Titles and rows.
+        curves: Title and rows of each.
         cable_length: Cable length r_c [m].
     """
-    figure = new_figure(9.2, 2.6 * len(curves))
+    figure = new_figure(PAGE_WIDTH, 2.6 * len(curves))
     with styled():
         for axes, (title, curve) in zip(
             figure.subplots(len(curves), squeeze=False)[:, 0], curves, strict=True

@@ -11,12 +11,15 @@ from cablecast.report.style import (
     BLUE,
     GREEN,
     INK,
-    MUTED,
+    PAGE_WIDTH,
     PURPLE,
     SKY,
     VERMILLION,
+    draw_half_circle,
     draw_workspace,
+    frame_workspace,
     new_figure,
+    panel_height,
     styled,
 )
 from cablecast.workspace import Workspace
@@ -31,7 +34,7 @@ _COLORS = (BLUE, VERMILLION, GREEN, PURPLE, SKY)
 def ellipse_map(
     trials: Mapping[str, NDArray], workspace: Workspace, cable_length: float
 ) -> "Figure":
-    """Targets and landings of an evaluation with repeated casts.
+    """Draw targets and landings of an evaluation with repeated casts.
 
     Args:
         trials: Columns of trials.csv.
@@ -40,16 +43,13 @@ def ellipse_map(
     """
     from matplotlib.patheffects import withStroke
 
-    figure = new_figure(9.2, 5.4)
+    reach = workspace.reach(cable_length)
+    figure = new_figure(PAGE_WIDTH, panel_height(workspace, PAGE_WIDTH, radius=reach))
     halo = [withStroke(linewidth=2.2, foreground="white")]
     with styled():
         axes = figure.add_subplot()
         draw_workspace(axes, workspace)
-        reach = workspace.reach(cable_length)
-        angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
-        axes.plot(
-            reach * np.sin(angle), reach * np.cos(angle), color=MUTED, linewidth=0.9, zorder=1
-        )
+        draw_half_circle(axes, reach)
         landed = np.stack([trials["landed_x_m"], trials["landed_y_m"]], axis=-1)
         for target in np.unique(trials["target"]).astype(int):
             rows = trials["target"] == target
@@ -82,7 +82,5 @@ def ellipse_map(
                 path_effects=halo,
                 zorder=6,
             )
-        half_width = workspace.table_width / 2
-        axes.set_xlim(-half_width - 0.1, half_width + 0.1)
-        axes.set_ylim(-0.1, max(workspace.table_depth, reach) + 0.06)
+        frame_workspace(axes, workspace, radius=reach)
     return figure

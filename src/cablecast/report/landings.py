@@ -12,10 +12,14 @@ from cablecast.report.style import (
     ERROR_COLORS,
     INK,
     MUTED,
+    PAGE_WIDTH,
     SKY,
     VERMILLION,
+    draw_half_circle,
     draw_workspace,
+    frame_workspace,
     new_figure,
+    panel_height,
     styled,
 )
 from cablecast.track import TrialStatus
@@ -25,7 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MARGIN = 0.13  # Of white around the table [m].
+_MARGIN = 0.1  # White around the table, with room for labels [m].
+_LEGEND_HEIGHT = 0.5  # Legend below the table [inch].
+_BAR_WIDTH = 0.9  # Colour bar on the right, with its label [inch].
 _COVERAGE_CELL = 0.01  # Cells in which the coverage is drawn [m].
 
 
@@ -36,36 +42,35 @@ def landing_map(
     simulated_xy: NDArray[np.float64] | None = None,
     simulated_radius: float = 0.0,
 ) -> "Figure":
-    """Targets, landings, and a dashed line from each target to where its casts landed.
+    """Draw targets, landings, and a dashed line from each target to where its casts landed.
 
     Args:
-        evaluation: The casts.
+        evaluation: Casts to draw.
         workspace: Table and reach.
-        simulated_xy: Where the policy's candidates are predicted to land [m], on one half of the
-            table, shape [candidate, 2]; shades the coverage if given.
-        simulated_radius: How near a candidate covers [m].
+        simulated_xy: Predicted landings of the policy's candidates [m], on one half of the table,
+            shape [candidate, 2]; shades the coverage if given.
+        simulated_radius: Distance that a candidate covers about its landing [m].
     """
-    figure = new_figure(9.2, 5.6)
+    reach = workspace.reach(evaluation.cable.length)
+    height = panel_height(workspace, PAGE_WIDTH - _BAR_WIDTH, margin=_MARGIN, radius=reach)
+    figure = new_figure(PAGE_WIDTH, height + _LEGEND_HEIGHT)
     with styled():
         axes = figure.add_subplot()
         draw_workspace(axes, workspace)
         if simulated_xy is not None:
             _draw_coverage(axes, workspace, simulated_xy, simulated_radius)
-        _draw_reach(axes, workspace, evaluation.cable.length)
+        frame_workspace(axes, workspace, margin=_MARGIN, radius=reach)
+        _draw_reach(axes, workspace, reach)
         _draw_landings(figure, axes, evaluation)
-        half_width = workspace.table_width / 2
-        top = max(workspace.table_depth, workspace.reach(evaluation.cable.length))
-        axes.set_xlim(-half_width - _MARGIN, half_width + _MARGIN)
-        axes.set_ylim(-_MARGIN, top + _MARGIN / 2)
     return figure
 
 
 def _draw_coverage(axes: "Axes", workspace: Workspace, simulated_xy, radius: float) -> None:
     from scipy.spatial import KDTree
 
-    half_width = workspace.table_width / 2
+    half_width = workspace.half_width
     x = np.arange(-half_width, half_width + _COVERAGE_CELL, _COVERAGE_CELL)
-    y = np.arange(0.0, workspace.table_depth + _COVERAGE_CELL, _COVERAGE_CELL)
+    y = np.arange(workspace.y_min, workspace.y_max + _COVERAGE_CELL, _COVERAGE_CELL)
     points = np.stack(np.meshgrid(x, y), axis=-1)
     both_halves = np.concatenate([simulated_xy, mirror_xy(simulated_xy)])
     distance, _ = KDTree(both_halves).query(points, distance_upper_bound=4 * radius)
@@ -73,7 +78,7 @@ def _draw_coverage(axes: "Axes", workspace: Workspace, simulated_xy, radius: flo
     axes.contourf(x, y, covered, levels=[-1.0, 1.0], colors=[SKY], alpha=0.16, zorder=0.7)
     axes.text(
         -half_width + 0.03,
-        workspace.table_depth - 0.03,
+        workspace.y_max - 0.03,
         "shaded: where simulated casts land",
         color=BLUE,
         fontsize=8,
@@ -82,22 +87,17 @@ def _draw_coverage(axes: "Axes", workspace: Workspace, simulated_xy, radius: flo
     )
 
 
-def _draw_reach(axes: "Axes", workspace: Workspace, cable_length: float) -> None:
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
-    reach = workspace.reach(cable_length)
-    for radius, style in ((reach, (0, (1, 2))), (workspace.r_max, (0, (4, 3)))):
-        axes.plot(
-            radius * np.sin(angle),
-            radius * np.cos(angle),
-            color=MUTED,
-            linewidth=0.9,
-            linestyle=style,
-            zorder=1,
-        )
-    # The arc of the arm passes between targets: its label stands at its foot, clear of them.
+def _draw_reach(axes: "Axes", workspace: Workspace, reach: float) -> None:
+    arm = workspace.r_max
+    draw_half_circle(axes, reach, linestyle=(0, (1, 2)))
+    draw_half_circle(axes, arm, linestyle=(0, (4, 3)))
+    # The arc of the arm passes between targets: its label stands at its foot, clear of them, or
+    # where the arc leaves a narrow table.
+    side = min(arm, workspace.half_width)
+    foot = (side, float(np.sqrt(arm**2 - side**2)))
     for text, xy, ha in (
         (f"reach of arm and cable, {reach:.2f} m", (0.0, reach), "center"),
-        (f" reach of the arm,\n {workspace.r_max:.2f} m", (workspace.r_max, 0.0), "left"),
+        (f" reach of the arm,\n {arm:.2f} m", foot, "left"),
     ):
         axes.annotate(
             text,

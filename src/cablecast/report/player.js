@@ -10,16 +10,24 @@
   const slider = box.querySelector("input[type=range]");
   const slow = box.querySelector("input[type=checkbox]");
   const clock = box.querySelector("output");
-  const [width, depth] = data.table_mm;
-  const scale = Math.min(canvas.width / (width + 200), canvas.height / (depth + 220));
+  const [[left, near], [right, far]] = data.table_mm;
+  // The base is seen, too: the table may begin beyond it.
+  const bottom = Math.min(near, -75) - 60, top = far + 60;
+  const scale = Math.min(canvas.width / (right - left + 200), canvas.height / (top - bottom));
   const X = (x) => canvas.width / 2 + scale * x;
-  const Y = (y) => canvas.height - 0.11 * canvas.height - scale * y;
+  const Y = (y) => canvas.height / 2 - scale * (y - (bottom + top) / 2);
   let cast = data.casts[0], time = 0, playing = false, before = 0;
 
   data.casts.forEach((one, index) => {
     const result = one.status === "ok" ? one.error + " %" : one.status;
     choice.add(new Option(one.target + ": " + result, index));
   });
+
+  function halfMetres(low, high) {
+    const found = [];
+    for (let at = 500 * Math.ceil(low / 500); at < high; at += 500) if (at > low) found.push(at);
+    return found;
+  }
 
   function shape(at) {
     const times = cast.times, last = times.length - 1;
@@ -53,10 +61,10 @@
     pen.lineCap = pen.lineJoin = "round";
     pen.clearRect(0, 0, canvas.width, canvas.height);
     pen.fillStyle = "#f6f4ef";
-    pen.fillRect(X(-width / 2), Y(depth), scale * width, scale * depth);
-    for (let x = -1000; x <= 1000; x += 500) line([x, 0, x, depth], "#d9dee5", 1.5);
-    for (let y = 500; y < depth; y += 500) line([-width / 2, y, width / 2, y], "#d9dee5", 1.5);
-    line([-width / 2, 0, width / 2, 0, width / 2, depth, -width / 2, depth, -width / 2, 0], "#7b8794", 2);
+    pen.fillRect(X(left), Y(far), scale * (right - left), scale * (far - near));
+    for (const x of halfMetres(left, right)) line([x, near, x, far], "#d9dee5", 1.5);
+    for (const y of halfMetres(near, far)) line([left, y, right, y], "#d9dee5", 1.5);
+    line([left, near, right, near, right, far, left, far, left, near], "#7b8794", 2);
     dot(0, 0, 75 * scale, "#1f2933");
     const trail = [], grip = [];
     for (let t = 0; t <= time; t += 0.02) {

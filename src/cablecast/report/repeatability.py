@@ -6,30 +6,43 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cablecast.evaluation.repeatability import Repeatability
-from cablecast.report.style import INK, MUTED, VERMILLION, draw_workspace, new_figure, styled
+from cablecast.report.style import (
+    INK,
+    MUTED,
+    VERMILLION,
+    draw_half_circle,
+    draw_workspace,
+    frame_workspace,
+    new_figure,
+    panel_height,
+    styled,
+)
 from cablecast.workspace import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MARGIN = 0.06  # Of white around the table [m].
 _LEFT_MAX = -0.25  # Every panel shows the table from here on [m].
+_LEFT_MARGIN = 0.12  # White to the left of the landings [m].
 _COLUMNS_MAX = 2
-_PANEL_WIDTH, _PANEL_HEIGHT = 5.6, 3.75  # [inch]
+_PANEL_WIDTH = 5.6  # [inch]
+_LEGEND_HEIGHT = 0.3  # [inch]
 _NUMBERED_MAX = 60  # More actions than these would hide their landings behind their numbers.
 
 
 def repeatability_map(results: Sequence[Repeatability], workspace: Workspace) -> "Figure":
-    """One panel per combination: the landings of each action in its colour, with their ellipse.
+    """Draw a panel per combination: the landings of each action in its colour, with an ellipse.
 
     Args:
-        results: What was measured, one per combination.
+        results: Measured landings, one per combination.
         workspace: Table and reach.
     """
     columns = min(len(results), _COLUMNS_MAX)
     rows = -(-len(results) // columns)
-    figure = new_figure(_PANEL_WIDTH * columns, _PANEL_HEIGHT * rows + 0.3)
+    reach = max(workspace.reach(result.cable.length) for result in results)
+    height = panel_height(workspace, _PANEL_WIDTH, radius=reach)
+    figure = new_figure(_PANEL_WIDTH * columns, height * rows + _LEGEND_HEIGHT)
     with styled():
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for axes, result in zip(panels, results, strict=False):
@@ -46,9 +59,7 @@ def _draw(axes: "Axes", result: Repeatability, workspace: Workspace) -> None:
 
     draw_workspace(axes, workspace)
     reach = workspace.reach(result.cable.length)
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
-    arc = reach * np.stack([np.sin(angle), np.cos(angle)])
-    axes.plot(*arc, color=MUTED, linewidth=0.8, linestyle=(0, (1, 2)), zorder=1)
+    draw_half_circle(axes, reach, linestyle=(0, (1, 2)))
     # Neighbours in the grid land close to one another: give them colours far apart.
     colors = mpl.colormaps["tab20"].colors  # pyright: ignore[reportAttributeAccessIssue]
     numbered = len(result.actions) <= _NUMBERED_MAX
@@ -89,11 +100,10 @@ def _draw(axes: "Axes", result: Repeatability, workspace: Workspace) -> None:
             fontsize=7.5,
         )
     landed_x = np.concatenate([action.landed_xy[:, 0] for action in result.actions])
-    half_width = workspace.table_width / 2 + _MARGIN
+    frame_workspace(axes, workspace, radius=reach)
     # Grids of actions cast to the right: the empty left of the table would only shrink the rest.
-    left = float(np.min(landed_x, initial=_LEFT_MAX)) - 2 * _MARGIN
-    axes.set_xlim(max(-half_width, left), half_width)
-    axes.set_ylim(-0.1, max(workspace.table_depth, reach) + _MARGIN)
+    left = float(np.min(landed_x, initial=_LEFT_MAX)) - _LEFT_MARGIN
+    axes.set_xlim(left=max(axes.get_xlim()[0], left))
 
 
 def _draw_legend(figure: "Figure", axes: "Axes") -> None:

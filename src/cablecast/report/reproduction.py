@@ -1,17 +1,18 @@
-"""What the stages of a reproduction left in their run folders, and what its report is made of."""
+"""Results of a reproduction, read from the run folders of its stages, and parts of its report."""
 
 import base64
-import csv
 import dataclasses
-import json
 import pathlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from cablecast.errors import InputError
+from cablecast.errors import DamagedFileError, InputError
+from cablecast.evaluation.results import TRIAL_COLUMNS
+from cablecast.reading import read_csv, read_json
 from cablecast.report.tables import Table
+from cablecast.setup import SECTIONS, Setup
 
 METHOD_NAMES = {
     "polar": "polar casting",
@@ -21,10 +22,13 @@ METHOD_NAMES = {
     "fine-tuning": "forward model, D_sim + D_real",
     "correction": "corrected forward model, D_sim + D_real",
 }
-"""What each method is called: those of the paper's table II as there, and last our own."""
+"""Names of the methods: those of the paper's table II as there, and last our own."""
 
 BEST_METHOD = "correction"
-"""The method that is carried out on all cables. The paper's is the fine-tuned forward model."""
+"""Method that is carried out on all cables. The paper's is the fine-tuned forward model."""
+
+_SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
+"""Stages whose settings hold the set-up; those that decide the figures come first."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,8 +36,8 @@ class Figure:
     """A picture inside the page.
 
     Attributes:
-        uri: The picture as a data URI.
-        caption: What it shows.
+        uri: Picture as a data URI.
+        caption: Sentence below it.
     """
 
     uri: str
@@ -45,10 +49,10 @@ class Part:
     """A section of the page.
 
     Attributes:
-        title: Its heading.
+        title: Heading.
         paragraphs: Text before tables and figures.
-        tables: Its tables.
-        figures: Its figures.
+        tables: Tables of the section.
+        figures: Figures of the section.
     """
 
     title: str
@@ -59,10 +63,10 @@ class Part:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Reproduction:
-    """The run folders of a reproduction: one folder per cable, and in it one per stage.
+    """Run folders of a reproduction: one folder per cable, and in it one per stage.
 
     Attributes:
-        folder: The whole.
+        folder: Folder of the reproduction.
         cables: Names of the cables, the first being the one that every method is tried on.
     """
 
@@ -70,34 +74,50 @@ class Reproduction:
     cables: tuple[str, ...]
 
     def metrics(self, cable: str, stage: str) -> dict[str, Any] | None:
-        """metrics.json of a stage; None where the stage has not been run."""
+        """Return metrics.json of a stage; None where the stage has not been run."""
         return _read_json(self.folder / cable / stage / "metrics.json")
 
     def config(self, cable: str, stage: str) -> dict[str, Any] | None:
-        """config.json of a stage; None where the stage has not been run."""
+        """Return config.json of a stage; None where the stage has not been run."""
         return _read_json(self.folder / cable / stage / "config.json")
 
+    def setup(self, cable: str) -> Setup:
+        """Return the set-up that a cable was cast with, as its stages recorded it.
+
+        Raises:
+            InputError: No stage has been run, or its settings hold no set-up.
+        """
+        for stage in _SETUP_STAGES:
+            if (config := self.config(cable, stage)) is not None:
+                settings = config["settings"]
+                if missing := [name for name in SECTIONS if name not in settings]:
+                    raise InputError(
+                        f"{self.folder / cable / stage} does not record its {', '.join(missing)}"
+                    )
+                return Setup.from_dict({name: settings[name] for name in SECTIONS})
+        raise InputError(f"{self.folder} holds no finished stage of {cable} that tells its set-up")
+
     def evaluations(self, cable: str) -> dict[str, dict[str, Any]]:
-        """metrics.json of the evaluation of every method that was tried on a cable."""
+        """Return metrics.json of the evaluation of every method that was tried on a cable."""
         found = {method: self.metrics(cable, f"evaluate-{method}") for method in METHOD_NAMES}
         return {method: metrics for method, metrics in found.items() if metrics is not None}
 
     def best_evaluations(self) -> dict[str, dict[str, Any]]:
-        """metrics.json of the evaluation of the best method by cable."""
+        """Return metrics.json of the evaluation of the best method by cable."""
         found = {cable: self.metrics(cable, f"evaluate-{BEST_METHOD}") for cable in self.cables}
         return {cable: metrics for cable, metrics in found.items() if metrics is not None}
 
     def tunings(self) -> dict[str, dict[str, Any]]:
-        """metrics.json of the tuning of every cable."""
+        """Return metrics.json of the tuning of every cable."""
         found = {cable: self.metrics(cable, "tune") for cable in self.cables}
         return {cable: metrics for cable, metrics in found.items() if metrics is not None}
 
     def trials(self, cable: str, method: str) -> dict[str, np.ndarray]:
-        """Columns of trials.csv of an evaluation; an empty cell is NaN."""
-        text = (self.folder / cable / f"evaluate-{method}" / "trials.csv").read_text()
-        rows = list(csv.DictReader(text.splitlines()))
+        """Return the columns of trials.csv of an evaluation; an empty cell is NaN."""
+        file = self.folder / cable / f"evaluate-{method}" / "trials.csv"
+        rows = read_csv(file, TRIAL_COLUMNS)
         columns: dict[str, np.ndarray] = {}
-        for name in rows[0] if rows else ():
+        for name in TRIAL_COLUMNS:
             values = [row[name] for row in rows]
             try:
                 columns[name] = np.array([float(value) if value else np.nan for value in values])
@@ -106,7 +126,7 @@ class Reproduction:
         return columns
 
     def picture(self, cable: str, stage: str, name: str, caption: str) -> tuple[Figure, ...]:
-        """A PNG file that a stage left behind; nothing where it did not."""
+        """Return a PNG file that a stage left behind as a figure; nothing where it did not."""
         file = self.folder / cable / stage / name
         if not file.is_file():
             return ()
@@ -116,8 +136,8 @@ class Reproduction:
 
 def _read_json(file: pathlib.Path) -> dict[str, Any] | None:
     try:
-        return json.loads(file.read_text())
+        return read_json(file)
     except FileNotFoundError:
         return None
-    except ValueError as error:
-        raise InputError(f"{file} is damaged ({error}): delete it and run the same again") from None
+    except DamagedFileError as error:
+        raise DamagedFileError(f"{error}: delete it and run the same again") from None

@@ -6,41 +6,33 @@ from typing import Any
 
 import cablecast
 from cablecast.evaluation.published import PUBLISHED_ROWS, published_repeatability
-from cablecast.report.page import flatten_settings
 from cablecast.report.reproduction import BEST_METHOD, Reproduction
 from cablecast.report.reproduction_parts import all_parts
-from cablecast.report.tables import (
-    BEST_METHOD_PUBLISHED,
-    Row,
-    Table,
-    pct,
-    time_table,
-)
+from cablecast.report.tables import BEST_METHOD_PUBLISHED, Row, Table, time_table
 from cablecast.report.template import template_environment
+from cablecast.report.text import flatten_settings, pct
 from cablecast.tuning.published import published_tuning
-from cablecast.workspace import Workspace
 
 
 def reproduction_page(
     results: Reproduction, config: Mapping[str, Any], times: Sequence[tuple[str, float]]
 ) -> tuple[str, list[Table]]:
-    """The whole page, figures inside; it refers to no other file and no other host.
+    """Return the whole page, figures inside; it refers to no other file and no other host.
 
     Args:
-        results: The run folders.
+        results: Run folders; they tell the set-up of each cable as well.
         config: The reproduction's config.json.
         times: Title and time [s] of each stage.
 
     Returns:
-        The page, and its tables in their order.
+        Page, and its tables in their order.
     """
     environment = template_environment()
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
-    parts = all_parts(results, Workspace())
+    parts = all_parts(results)
     difficulty, took = difficulty_table(results), time_table(times)
     page = environment.get_template("reproduction.html").render(
         version=cablecast.__version__,
-        quick=config["settings"]["quick"],
         rig_phrase=_RIG_PHRASES.get(rig, f"on the rig {rig}"),
         target_count=target_count(results),
         repeats_phrase="once each" if budget["repeats"] == 1 else f"{budget['repeats']} times each",
@@ -66,16 +58,16 @@ _RIG_TEXTS = {
         "true parameters nothing outside the laboratory reads, an arm that lags behind its set "
         "points, a table whose friction differs from place to place, a reset that never ends in "
         "quite the same state, and a camera that errs.",
-        "A laboratory that is too easy would flatter the method. How difficult this one is, is "
-        "set by what was published of the real one: the table below says how far each measure of "
-        "it is from the paper's.",
+        "A laboratory that is too easy would flatter the method. The difficulty of this one was "
+        "set by hand to what was published of the real one: the table below says how far each "
+        "measure of it is from the paper's.",
     ],
     "engine": [
         "No real robot moved, and no laboratory stood in for it: the casts were carried out in the "
         "same kind of simulator that the method learns with. The errors below are those of "
-        "learning and planning alone, and cannot be compared with the paper's.",
+        "learning and planning alone; they cannot be compared with the paper's.",
     ],
-    "": ["The casts were carried out on the rig that was named, and are what it reported."],
+    "": ["The casts were carried out on the rig named above; the figures are what it reported."],
 }
 
 
@@ -84,13 +76,13 @@ def _cables_phrase(cables: Sequence[str]) -> str:
 
 
 def target_count(results: Reproduction) -> int:
-    """How many targets were cast at."""
+    """Return the number of targets that were cast at."""
     evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
     return max((metrics["target_count"] for metrics in evaluations), default=0)
 
 
 def _cards(results: Reproduction) -> list[dict[str, str]]:
-    """The figures that a reader should see first."""
+    """Return the figures that a reader should see first."""
     cards = []
     for cable, metrics in results.best_evaluations().items():
         paper = next(
@@ -109,7 +101,7 @@ def _cards(results: Reproduction) -> list[dict[str, str]]:
 
 
 def difficulty_table(results: Reproduction) -> Table | None:
-    """How difficult the rig is beside the real one: what was measured before any learning."""
+    """Compare the rig's difficulty with the real one's: what was measured before any learning."""
     rows = []
     for cable, metrics in results.tunings().items():
         paper = published_tuning(cable)
@@ -161,7 +153,7 @@ def difficulty_table(results: Reproduction) -> Table | None:
 def _settings(
     results: Reproduction, config: Mapping[str, Any]
 ) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Titles and lines of the settings at the end of the page."""
+    """Return titles and lines of the settings at the end of the page."""
     found = [("The whole", flatten_settings(config["settings"]))]
     for cable in results.cables:
         if (metrics := results.metrics(cable, "tune")) is not None:

@@ -1,17 +1,16 @@
 """The sections of a reproduction's report: what each experiment found, beside the paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cablecast.cable import Cable
 from cablecast.evaluation.metrics import ErrorSummary
-from cablecast.evaluation.published import PUBLISHED_ROWS, published_rows
+from cablecast.evaluation.published import PUBLISHED_ROWS
 from cablecast.report.coverage import coverage_figure
 from cablecast.report.curves import error_boxes
 from cablecast.report.ellipses import ellipse_map
+from cablecast.report.method_order import order_of_methods
 from cablecast.report.reproduction import (
     BEST_METHOD,
     METHOD_NAMES,
@@ -29,21 +28,17 @@ from cablecast.report.tables import (
     split_table,
     tuning_table,
 )
-from cablecast.workspace import Workspace
-
-DRAW_COUNT = 2000
-"""How often the targets are drawn anew to see whether the order of two methods is chance."""
 
 
-def all_parts(results: Reproduction, workspace: Workspace) -> list[Part]:
-    """Every section whose stages have been run, in the order of the paper."""
+def all_parts(results: Reproduction) -> list[Part]:
+    """Return every section whose stages have been run, in the order of the paper."""
     makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
-    parts = (maker(results, workspace) for maker in makers)
+    parts = (maker(results) for maker in makers)
     return [part for part in parts if part is not None]
 
 
-def tuning_part(results: Reproduction, workspace: Workspace) -> Part | None:
-    """Section V-D: how far the simulator was from the rig before and after tuning."""
+def tuning_part(results: Reproduction) -> Part | None:
+    """Report section V-D: the simulator's distance from the rig before and after tuning."""
     tunings = results.tunings()
     if not tunings:
         return None
@@ -53,8 +48,8 @@ def tuning_part(results: Reproduction, workspace: Workspace) -> Part | None:
         paragraphs=[
             "Differential Evolution looked for the ten parameters with which simulated endpoints "
             "stay nearest to measured ones, on some casts of the rig; the distances are those "
-            "of other casts, which it never saw. The default row is what was believed of the cable "
-            "before anything was measured; the paper's is PyBullet's default.",
+            "of other casts, which it never saw. Default parameters are those that were believed "
+            "of the cable before anything was measured; the paper's are PyBullet's.",
         ],
         tables=[tuning_table(tunings)],
         figures=results.picture(
@@ -63,15 +58,14 @@ def tuning_part(results: Reproduction, workspace: Workspace) -> Part | None:
     )
 
 
-def selection_part(results: Reproduction, workspace: Workspace) -> Part | None:
-    """Section V-E: coverage and repeatability, and what was chosen."""
+def selection_part(results: Reproduction) -> Part | None:
+    """Report section V-E: coverage and repeatability, and what was chosen."""
     selection = results.metrics(results.cables[0], "select")
     if selection is None:
         return None
-    config = results.config(results.cables[0], "select") or {}
-    cable = Cable.from_dict(config["settings"]["cable"])
+    setup = results.setup(results.cables[0])
     polar = np.array(selection["polar_casting"]["outline_xy"])
-    figure = coverage_figure(selection["coverage"], polar, workspace, cable.length)
+    figure = coverage_figure(selection["coverage"], polar, setup.workspace, setup.cable.length)
     ratio = selection["coverage"][0]["hull_ratio"]
     return Part(
         title="Choosing r0, v_max and psi (figures 6 and 7)",
@@ -98,8 +92,8 @@ def selection_part(results: Reproduction, workspace: Workspace) -> Part | None:
     )
 
 
-def model_part(results: Reproduction, workspace: Workspace) -> Part | None:
-    """Section V-F: what was learned from which data."""
+def model_part(results: Reproduction) -> Part | None:
+    """Report section V-F: what was learned from which data."""
     figures: list[Figure] = []
     told = []
     for cable in results.cables:
@@ -123,18 +117,18 @@ def model_part(results: Reproduction, workspace: Workspace) -> Part | None:
     return Part(
         title="Learning where casts land",
         paragraphs=[
-            "A network first learns from casts that were simulated with the tuned parameters. What "
-            "the rig does otherwise is then learned from its own casts in two ways: the network "
+            "A network first learns from casts that were simulated with the tuned parameters. The "
+            "rig's deviation from them is then learned from its own casts in two ways: the network "
             "goes on training with them, as in the paper, or it stays as it is and a correction is "
-            "added that also knows how far it can be trusted.",
+            "added that also tells its own uncertainty.",
             *told,
         ],
         figures=figures,
     )
 
 
-def method_part(results: Reproduction, workspace: Workspace) -> Part | None:
-    """Section VI: every method on the first cable."""
+def method_part(results: Reproduction) -> Part | None:
+    """Report section VI: every method on the first cable."""
     cable = results.cables[0]
     evaluations = results.evaluations(cable)
     if not evaluations:
@@ -169,16 +163,15 @@ def method_part(results: Reproduction, workspace: Workspace) -> Part | None:
     )
 
 
-def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
-    """Section VI: the best method on every cable."""
+def cable_part(results: Reproduction) -> Part | None:
+    """Report section VI: the best method on every cable."""
     evaluations = results.best_evaluations()
     if not evaluations:
         return None
     figures = []
     for cable, metrics in evaluations.items():
-        figure = ellipse_map(
-            results.trials(cable, BEST_METHOD), workspace, metrics["cable_length_m"]
-        )
+        trials, workspace = results.trials(cable, BEST_METHOD), results.setup(cable).workspace
+        figure = ellipse_map(trials, workspace, metrics["cable_length_m"])
         figures.append(
             Figure(
                 uri=svg_uri(figure),
@@ -203,8 +196,8 @@ def cable_part(results: Reproduction, workspace: Workspace) -> Part | None:
     )
 
 
-def split_part(results: Reproduction, workspace: Workspace) -> Part | None:
-    """Where the errors come from: of the best method on every cable, and of each on the first."""
+def split_part(results: Reproduction) -> Part | None:
+    """Split the errors into causes: the best method on every cable, the others on the first."""
     lead = results.cables[0]
     best = {
         f"{METHOD_NAMES[BEST_METHOD]}, {cable}": metrics
@@ -227,110 +220,17 @@ def split_part(results: Reproduction, workspace: Workspace) -> Part | None:
     return Part(
         title="Where the errors come from",
         paragraphs=[
-            "Each planned cast was also played in the tuned simulator and asked of the network "
-            "alone. The way from a target to a landing is so cut into steps, each with a cause of "
-            "its own: what the plan leaves, what the correction adds, how the network differs from "
-            "the simulator it learned from (fine-tuning makes it differ on purpose), how the "
-            "simulator differs from the rig, and how far equal casts land from each other.",
+            "Each planned cast was also played in the tuned simulator and predicted by the network "
+            "alone. That splits the way from a target to a landing into steps with one cause each: "
+            "what the plan leaves, what the correction adds, the difference between the network "
+            "and the simulator it learned from (fine-tuning makes them differ on purpose), the "
+            "difference between the simulator and the rig, and the scatter of equal casts.",
         ],
         tables=tables,
     )
 
 
-def order_of_methods(results: Reproduction) -> list[str]:
-    """Sentences on where our order of methods differs from the paper's, each with its measure."""
-    cable = results.cables[0]
-    evaluations = results.evaluations(cable)
-    paper = {row.method: row.median_pct for row in published_rows(cable)}
-    medians = {
-        method: metrics["errors_pct"]["median_pct"]
-        for method, metrics in evaluations.items()
-        if metrics["errors_pct"]["median_pct"] is not None and METHOD_NAMES[method] in paper
-    }
-    if len(medians) < 2:
-        return []
-    ours = sorted(medians, key=lambda method: medians[method])
-    theirs = sorted(medians, key=lambda method: paper[METHOD_NAMES[method]])
-    listed = ", ".join(f"{METHOD_NAMES[method]} ({medians[method]:.1f} %)" for method in ours)
-    sentences = [f"By their medians, from best to worst: {listed}."]
-    turned = {
-        better: [
-            worse
-            for worse in ours[place + 1 :]
-            if theirs.index(better) > theirs.index(worse)
-            # The paper prints whole percents; two methods with the same one have no order there.
-            and paper[METHOD_NAMES[better]] != paper[METHOD_NAMES[worse]]
-        ]
-        for place, better in enumerate(ours)
-    }
-    turned = {better: worse for better, worse in turned.items() if worse}
-    if not turned:
-        return [*sentences, "This is the paper's order."]
-    return sentences + [
-        f"Other than in the paper, {_with_median(results, better, paper)} is better than "
-        + " and than ".join(_with_median(results, method, paper) for method in worse)
-        + f". {_why(results, better, worse)}"
-        for better, worse in turned.items()
-    ]
-
-
-def _with_median(results: Reproduction, method: str, paper: Mapping[str, float]) -> str:
-    name = METHOD_NAMES[method]
-    ours = results.evaluations(results.cables[0])[method]["errors_pct"]["median_pct"]
-    return f"{name} ({ours:.1f} %, there {paper[name]:.0f} %)"
-
-
-def _why(results: Reproduction, better: str, worse: Sequence[str]) -> str:
-    """What was measured of some methods that tells where their difference comes from."""
-    cable = results.cables[0]
-    evaluations = results.evaluations(cable)
-    told = []
-    for method in (better, *worse):
-        metrics = evaluations[method]
-        parts = [f"{metrics['targets_inside_coverage']} targets in its coverage"]
-        prediction = metrics["prediction_errors_pct"]["median_pct"]
-        if prediction is not None:
-            parts.append(f"casts {prediction:.1f} % from where it expects them")
-        told.append(f"{METHOD_NAMES[method]} has " + ", ".join(parts))
-    errors = _errors_by_target(results, cable, better)
-    shares = " and ".join(
-        f"{100 * share_of_draws(errors, _errors_by_target(results, cable, method)):.0f} % against "
-        f"{METHOD_NAMES[method]}"
-        for method in worse
-    )
-    return (
-        "Measured: " + "; ".join(told) + f". With the targets drawn anew {DRAW_COUNT:,} times, "
-        f"{METHOD_NAMES[better]} has the smaller median in {shares}; half would be chance."
-    )
-
-
-def _errors_by_target(results: Reproduction, cable: str, method: str) -> NDArray[np.float64]:
-    """Errors [% of cable length], NaN without a landing, shape [target, cast]."""
-    trials = results.trials(cable, method)
-    targets = np.unique(trials["target"])
-    return np.stack([trials["error_pct"][trials["target"] == target] for target in targets])
-
-
-def share_of_draws(better: NDArray[np.float64], worse: NDArray[np.float64]) -> float:
-    """How often one method has the smaller median error when the targets are drawn anew.
-
-    Casts at one target err alike, so that whole targets are drawn, with replacement.
-
-    Args:
-        better: Errors, NaN without a landing, shape [target, cast].
-        worse: Those of the other method at the same targets, same shape.
-
-    Returns:
-        Share of `DRAW_COUNT` draws; a draw without a landing counts for neither.
-    """
-    draws = np.random.default_rng(0).integers(len(better), size=(DRAW_COUNT, len(better)))
-    medians = [
-        np.nanmedian(errors[draws].reshape(DRAW_COUNT, -1), axis=1) for errors in (better, worse)
-    ]
-    return float(np.mean(medians[0] < medians[1]))
-
-
 def summary(values: Mapping[str, Any]) -> ErrorSummary:
-    """A summary of errors from what metrics.json holds."""
+    """Return a summary of errors from what metrics.json holds."""
     numbers = {name: np.nan if value is None else float(value) for name, value in values.items()}
     return ErrorSummary(**(numbers | {"count": values["count"]}))  # pyright: ignore[reportArgumentType]

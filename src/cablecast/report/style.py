@@ -1,8 +1,10 @@
-"""How all figures look: one set of colours that colour-blind readers can tell apart, one font."""
+"""House style of all figures: colours that colour-blind readers can tell apart, one workspace."""
 
 import base64
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cablecast.errors import MissingExtraError
 
@@ -23,9 +25,17 @@ GREEN = "#009e73"
 VERMILLION = "#d55e00"
 PURPLE = "#cc79a7"
 
-# A sequential map that is as readable in grey; its pale end is cut off, which vanishes on white.
+# Sequential maps that are as readable in grey; users cut off the pale end, which vanishes on white.
 ERROR_COLORS = "plasma"
 TIME_COLORS = "viridis"
+
+PAGE_WIDTH = 9.2
+"""Width of a figure that fills a page [inch]."""
+
+_BASE_RADIUS = 0.075  # Disc that stands for the robot's base [m].
+_GRID_STEP = 0.5  # Lines on the table, and ticks [m].
+_TITLE_HEIGHT = 0.25  # Room for the title of a panel [inch].
+_ASPECT_MAX = 1.0  # A table deeper than wide gets white at its sides, not a page-long panel.
 
 _RC = {
     "font.family": "DejaVu Sans",
@@ -46,14 +56,22 @@ _RC = {
     "ytick.labelcolor": INK,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
-    # Fixed, so that the same evaluation gives the same bytes.
+    # Fixed, so that one evaluation always gives the same bytes.
     "svg.hashsalt": "cablecast",
     "svg.fonttype": "path",
 }
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure of a size in inches; needs no display and touches no global state."""
+    """Return an empty figure; it needs no display and touches no global state.
+
+    Args:
+        width: Width [inch].
+        height: Height [inch].
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -63,14 +81,19 @@ def new_figure(width: float, height: float) -> "Figure":
 
 
 def styled():
-    """A context in which axes and artists are created in the house style."""
+    """Return a context in which axes and artists are created in the house style."""
     import matplotlib as mpl
 
     return mpl.rc_context(_RC)  # pyright: ignore[reportArgumentType]
 
 
 def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
-    """A figure as a PNG file."""
+    """Return a figure as a PNG file.
+
+    Args:
+        figure: Figure to save.
+        dpi: Resolution [pixel/inch].
+    """
     buffer = io.BytesIO()
     with styled():
         figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
@@ -78,43 +101,123 @@ def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
 
 
 def svg_uri(figure: "Figure") -> str:
-    """A figure as an SVG data URI, for a page that refers to no other file."""
+    """Return a figure as an SVG data URI, for a page that refers to no other file."""
     buffer = io.BytesIO()
     with styled():
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def draw_workspace(axes: "Axes", workspace: "Workspace", *, ticks: bool = True) -> None:
-    """Draw the table with a grid of half metres and the robot's base, and scale both axes alike."""
+def draw_workspace(
+    axes: "Axes", workspace: "Workspace", *, grid: bool = True, ticks: bool = True
+) -> None:
+    """Draw the table and the robot's base from above, and scale both axes alike.
+
+    Args:
+        axes: Axes to draw on.
+        workspace: Table to draw.
+        grid: True for lines every half metre.
+        ticks: True for labelled axes.
+    """
     from matplotlib.patches import Circle, Rectangle
 
-    half_width = workspace.table_width / 2
+    half_width, y_min, y_max = workspace.half_width, workspace.y_min, workspace.y_max
     axes.add_patch(
         Rectangle(
-            (-half_width, 0.0),
-            workspace.table_width,
-            workspace.table_depth,
+            (-half_width, y_min),
+            2 * half_width,
+            y_max - y_min,
             facecolor=TABLE,
             edgecolor=MUTED,
             linewidth=1.0,
             zorder=0,
         )
     )
-    for x in (-1.0, -0.5, 0.0, 0.5, 1.0):
-        axes.plot([x, x], [0, workspace.table_depth], color=FAINT, linewidth=0.6, zorder=0.5)
-    for y in (0.5, 1.0):
-        axes.plot([-half_width, half_width], [y, y], color=FAINT, linewidth=0.6, zorder=0.5)
-    axes.add_patch(Circle((0.0, 0.0), 0.075, facecolor=INK, edgecolor="none", zorder=6))
+    x_lines, y_lines = _multiples(-half_width, half_width), _multiples(y_min, y_max)
+    if grid:
+        line: dict[str, Any] = {"color": FAINT, "linewidth": 0.6, "zorder": 0.5}
+        # Not over the edges, which are darker.
+        for x in x_lines[np.abs(x_lines) < half_width]:
+            axes.plot([x, x], [y_min, y_max], **line)
+        for y in y_lines[(y_lines > y_min) & (y_lines < y_max)]:
+            axes.plot([-half_width, half_width], [y, y], **line)
+    axes.add_patch(Circle((0.0, 0.0), _BASE_RADIUS, facecolor=INK, edgecolor="none", zorder=6))
     axes.set_aspect("equal")
     for side in axes.spines.values():
         side.set_visible(False)
+    axes.set_xticks(x_lines if ticks else [])
+    axes.set_yticks(y_lines if ticks else [])
     if ticks:
-        axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0])
-        axes.set_yticks([0.0, 0.5, 1.0, 1.5])
         axes.tick_params(length=0)
         axes.set_xlabel("x, to the robot's right [m]")
         axes.set_ylabel("y, away from the robot [m]")
-    else:
-        axes.set_xticks([])
-        axes.set_yticks([])
+
+
+def draw_half_circle(axes: "Axes", radius: float, *, closed: bool = False, **line: Any) -> None:
+    """Draw the half circle about the base that lies before the robot.
+
+    Args:
+        axes: Axes to draw on.
+        radius: Radius [m].
+        closed: True to draw the diameter as well.
+        **line: Properties of the line, in matplotlib's words.
+    """
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    xy = radius * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    if closed:
+        xy = np.concatenate([xy, xy[:1]])
+    axes.plot(*xy.T, **({"color": MUTED, "linewidth": 0.9, "zorder": 1} | line))
+
+
+def frame_workspace(
+    axes: "Axes",
+    workspace: "Workspace",
+    *,
+    margin: float = 0.05,
+    radius: float = 0.0,
+    left: float | None = None,
+    right: float | None = None,
+) -> None:
+    """Set the limits of both axes so that the table and the base are seen.
+
+    Args:
+        axes: Axes that `draw_workspace` drew on.
+        workspace: The same workspace.
+        margin: White around them [m].
+        radius: Distance straight ahead that must be seen, too [m].
+        left: Smallest x instead of the table's [m].
+        right: Largest x instead of the table's [m].
+    """
+    (x_min, x_max), (y_min, y_max) = _extent(workspace, margin, radius)
+    axes.set_xlim(x_min if left is None else left, x_max if right is None else right)
+    axes.set_ylim(y_min, y_max)
+
+
+def panel_height(
+    workspace: "Workspace", width: float, *, margin: float = 0.05, radius: float = 0.0
+) -> float:
+    """Return the height of a panel with a title that `frame_workspace` fills [inch].
+
+    Args:
+        workspace: Workspace to be drawn.
+        width: Width of the panel [inch].
+        margin: As for `frame_workspace` [m].
+        radius: As for `frame_workspace` [m].
+    """
+    (x_min, x_max), (y_min, y_max) = _extent(workspace, margin, radius)
+    return width * min((y_max - y_min) / (x_max - x_min), _ASPECT_MAX) + _TITLE_HEIGHT
+
+
+def _extent(
+    workspace: "Workspace", margin: float, radius: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ranges of x and y that show the table and the base [m]."""
+    half_width = max(workspace.half_width, _BASE_RADIUS) + margin
+    y_min = min(workspace.y_min, -_BASE_RADIUS) - margin
+    return (-half_width, half_width), (y_min, max(workspace.y_max, radius) + margin)
+
+
+def _multiples(low: float, high: float) -> np.ndarray:
+    """Return the multiples of the grid's step within a range."""
+    first, last = np.ceil(low / _GRID_STEP - 1e-9), np.floor(high / _GRID_STEP + 1e-9)
+    return _GRID_STEP * np.arange(first, last + 1)

@@ -1,22 +1,13 @@
 """Tables for people: the same rows as HTML in the report and as Markdown in a README."""
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
+from cablecast.evaluation.published import PUBLISHED_ROWS
 from cablecast.evaluation.selection import PUBLISHED_CANDIDATES
+from cablecast.report.text import FIVE_HEADS, five_cells, pct, published_cells
 from cablecast.tuning.published import PUBLISHED_SIMULATION_COUNT, published_tuning
-
-FIVE_NUMBERS = (
-    "median_pct",
-    "first_quartile_pct",
-    "third_quartile_pct",
-    "min_pct",
-    "max_pct",
-)
-FIVE_HEADS = ("median", "1st quartile", "3rd quartile", "min", "max")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -24,8 +15,8 @@ class Row:
     """One row of a table.
 
     Attributes:
-        cells: What stands in it, the first being its name.
-        kind: "ours", "paper", or empty; decides how it looks.
+        cells: Text of each cell, the first being the name of the row.
+        kind: "ours", "paper", or empty; decides its style.
     """
 
     cells: tuple[str, ...]
@@ -37,10 +28,10 @@ class Table:
     """A table with a title.
 
     Attributes:
-        title: What it shows.
+        title: Heading.
         heads: Names of the columns.
-        rows: Its rows.
-        note: A sentence below it.
+        rows: Rows below the heads.
+        note: Text below the table.
     """
 
     title: str
@@ -49,7 +40,7 @@ class Table:
     note: str = ""
 
     def to_markdown(self) -> str:
-        """The table as GitHub draws it, with its title and note."""
+        """Return the table in GitHub's Markdown, with its title and note."""
         lines = [f"**{self.title}**", ""]
         lines.append("| " + " | ".join(self.heads) + " |")
         lines.append("|" + "---|" * len(self.heads))
@@ -61,28 +52,6 @@ class Table:
         return "\n".join(lines) + "\n"
 
 
-def pct(value: float | None, digits: int = 1) -> str:
-    """A percentage, a dash where there is none, "miss" where it is infinite."""
-    if value is None or math.isnan(value):
-        return "–"
-    return "miss" if math.isinf(value) else f"{value:.{digits}f}"
-
-
-def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
-    """The five numbers of a summary of errors, as metrics.json holds them.
-
-    JSON has no infinity: where there are errors but a number is missing, a miss decides it.
-    """
-    missing = math.inf if summary["count"] else math.nan
-    values = (summary[name] for name in FIVE_NUMBERS)
-    return tuple(pct(missing if value is None else value) for value in values)
-
-
-def published_cells(row: PublishedRow) -> tuple[str, ...]:
-    """The five numbers of a row of the paper, which prints whole percents."""
-    return tuple(f"{getattr(row, name):.0f}" for name in FIVE_NUMBERS)
-
-
 def method_table(
     evaluations: Mapping[str, Mapping[str, Any]],
     names: Mapping[str, str],
@@ -91,14 +60,14 @@ def method_table(
     *,
     published: bool = True,
 ) -> Table:
-    """Table II: every method on cable 1, and the paper's rows below.
+    """Make table II: every method on cable 1, and the paper's rows below.
 
     Args:
-        evaluations: metrics.json of `cablecast evaluate` by method.
-        names: What to call each method; those of the paper as the paper's rows do.
-        key: Which summary of errors, e.g. `errors_pct`.
-        title: Of the table.
-        published: Also show the paper's rows; it counts no misses.
+        evaluations: Contents of metrics.json of `cablecast evaluate` by method.
+        names: Names of the methods; those of the paper as the paper's rows have them.
+        key: Name of the summary of errors, e.g. `errors_pct`.
+        title: Heading of the table.
+        published: True to show the paper's rows, too; it counts no misses.
     """
     rows = []
     best = min(
@@ -123,13 +92,13 @@ def method_table(
 def cable_table(
     evaluations: Mapping[str, Mapping[str, Any]], key: str, title: str, *, published: bool = True
 ) -> Table:
-    """Table III: the best method on every cable, each with the paper's row.
+    """Make table III: the best method on every cable, each with the paper's row.
 
     Args:
-        evaluations: metrics.json of `cablecast evaluate` by cable.
-        key: Which summary of errors.
-        title: Of the table.
-        published: Also show the paper's rows; it counts no misses.
+        evaluations: Contents of metrics.json of `cablecast evaluate` by cable.
+        key: Name of the summary of errors.
+        title: Heading of the table.
+        published: True to show the paper's rows, too; it counts no misses.
     """
     rows = []
     for cable, metrics in evaluations.items():
@@ -153,18 +122,18 @@ SPLIT_PARTS = {
     "mismatch_left": "simulator and correction together",
     "plan": "no cast is expected to land on the target",
 }
-"""What each part of an error is, in words; see `cablecast.evaluation.split`."""
+"""Cause of each part of an error, in words; see `cablecast.evaluation.split`."""
 
 
 def measured_table(
     evaluations: Mapping[str, Mapping[str, Any]], names: Mapping[str, str], cable: str
 ) -> Table:
-    """What was measured of each method that tells where its errors come from.
+    """Make a table of measurements that tell where the errors of each method begin.
 
     Args:
-        evaluations: metrics.json of `cablecast evaluate` by method.
-        names: What to call each method.
-        cable: Which cable was cast.
+        evaluations: Contents of metrics.json of `cablecast evaluate` by method.
+        names: Names of the methods.
+        cable: Name of the cable that was cast.
     """
     rows = [
         Row(
@@ -182,17 +151,17 @@ def measured_table(
         heads=("method", "targets in its coverage", "median error there", "from the expected"),
         rows=tuple(rows),
         note="A target is in the coverage of a method that expects one of its casts to land there. "
-        "From the expected: median distance from where a cast was expected to land to where it "
-        "did, whatever the target. In % of cable length.",
+        "From the expected: median distance between the expected and the actual landing of a "
+        "cast, whatever the target. In % of cable length.",
     )
 
 
 def split_table(evaluations: Mapping[str, Mapping[str, Any]], title: str) -> Table | None:
-    """The errors of some evaluations cut into their causes; None where none was split.
+    """Make a table of errors split into their causes; None where none was split.
 
     Args:
-        evaluations: metrics.json of `cablecast evaluate` by the name of their row.
-        title: Of the table.
+        evaluations: Contents of metrics.json of `cablecast evaluate` by the name of their row.
+        title: Heading of the table.
     """
     splits = {
         name: metrics["error_split"]
@@ -224,17 +193,17 @@ def split_table(evaluations: Mapping[str, Mapping[str, Any]], title: str) -> Tab
     )
     if any(split["repeats"] == 1 for split in splits.values()):
         note += (
-            " With one cast at each target, how equal casts scatter cannot be told from how the "
-            "simulator differs."
+            " With one cast at each target, the scatter of equal casts cannot be told from the "
+            "simulator's deviation."
         )
     return Table(title=title, heads=("", "median", "rms", "share [%]"), rows=tuple(rows), note=note)
 
 
 def coverage_table(selection: Mapping[str, Any]) -> Table:
-    """What every combination of system parameters covers, beside the paper's.
+    """Make a table of the coverage of every combination of system parameters, beside the paper's.
 
     Args:
-        selection: metrics.json of `cablecast select`.
+        selection: Contents of metrics.json of `cablecast select`.
     """
     published = {(c.r0, c.v_max, c.with_psi): c for c in PUBLISHED_CANDIDATES}
     chosen = selection["choice"]
@@ -283,10 +252,10 @@ def coverage_table(selection: Mapping[str, Any]) -> Table:
 
 
 def tuning_table(tunings: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Table I: the simulator's distance from the rig before and after tuning.
+    """Make table I: the simulator's distance from the rig before and after tuning.
 
     Args:
-        tunings: metrics.json of `cablecast tune` by cable.
+        tunings: Contents of metrics.json of `cablecast tune` by cable.
     """
     rows = []
     for cable, metrics in tunings.items():
@@ -324,10 +293,10 @@ def tuning_table(tunings: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def time_table(times: Sequence[tuple[str, float]]) -> Table:
-    """How long each stage took.
+    """Make a table of the time that each stage took.
 
     Args:
-        times: Title and time [s] of each.
+        times: Title and time [s] of each stage.
     """
     rows = [Row(cells=(title, f"{seconds / 60:.1f}")) for title, seconds in times]
     total = sum(seconds for _, seconds in times)

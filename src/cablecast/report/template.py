@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def template_environment() -> "jinja2.Environment":
-    """Templates of this package; a name that a page lacks is an error, and all text is escaped.
+    """Return the templates of this package; all text is escaped, and a missing name is an error.
 
     Raises:
         MissingExtraError: jinja2 is not installed.

@@ -10,9 +10,12 @@ from cablecast.report.style import (
     BLUE,
     INK,
     MUTED,
+    PAGE_WIDTH,
     VERMILLION,
     draw_workspace,
+    frame_workspace,
     new_figure,
+    panel_height,
     styled,
 )
 from cablecast.tuning.tracks import MeasuredTracks
@@ -23,16 +26,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLUMNS = 3
-_MARGIN = 0.06
+_LEGEND_HEIGHT = 0.4  # [inch]
 
 
 def chosen_tracks(mean_distances: NDArray[np.float64], count: int = 9) -> list[int]:
-    """Trials worth a look, evenly from the best simulated to the worst.
+    """Choose trials worth a look, evenly from the best simulated to the worst.
 
     Args:
         mean_distances: Mean distance of each trial [m], shape [trial]; NaN where nothing could be
             compared.
-        count: At most how many.
+        count: Largest number of trials.
 
     Returns:
         Indices of trials by rising distance; best, median and worst are among them.
@@ -52,18 +55,19 @@ def track_panels(
     trial_indices: Sequence[int],
     cable_length: float,
 ) -> "Figure":
-    """Measured tracks as points every 100 ms, and simulated ones as lines through such points.
+    """Draw measured tracks as points every 100 ms, and simulated ones as lines through such points.
 
     Args:
-        tracks: What a rig measured.
+        tracks: Tracks that a rig measured.
         simulated: Labels and simulated endpoints at the measured times [m], shape
             [trial, sample, 2]: one or two, of which the last is the one to look at.
-        workspace: The table.
-        trial_indices: Which trials to draw.
-        cable_length: Distances are given in % of it [m].
+        workspace: Table and base.
+        trial_indices: Indices of the trials to draw.
+        cable_length: Cable length r_c, of which distances are a percentage [m].
     """
     row_count = -(-max(len(trial_indices), 1) // _COLUMNS)
-    figure = new_figure(9.2, 1.95 * row_count + 0.5)
+    height = panel_height(workspace, PAGE_WIDTH / _COLUMNS)
+    figure = new_figure(PAGE_WIDTH, height * row_count + _LEGEND_HEIGHT)
     colors = (MUTED, BLUE)[-len(simulated) :]
     with styled():
         grid = figure.subplots(row_count, _COLUMNS, squeeze=False)
@@ -80,9 +84,7 @@ def track_panels(
             apart = np.linalg.norm(simulated[-1][1][trial, seen] - measured, axis=1)
             percent = 100.0 * apart / cable_length
             axes.set_title(f"trial {trial}: mean {percent.mean():.1f} %, end {percent[-1]:.1f} %")
-            half_width = workspace.table_width / 2 + _MARGIN
-            axes.set_xlim(-half_width, half_width)
-            axes.set_ylim(-2 * _MARGIN, workspace.table_depth + _MARGIN)
+            frame_workspace(axes, workspace)
         handles = [
             grid[0, 0].plot([], [], color=color, linewidth=1.6, label=label)[0]
             for (label, _), color in zip(simulated, colors, strict=True)
