@@ -1,5 +1,5 @@
-# Two commands do everything: `make demo` runs the main job, `make test` runs the tests. Both create
-# the environment in .venv first if it is not there, or if what it should hold has changed.
+# Two commands do everything: `make demo` runs the main job, `make test` runs the tests. Each command
+# creates the environment in .venv first if it is not there, or if what it should hold has changed.
 
 PYTHON ?= python3
 VENV := .venv
@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test lint format clean
+.PHONY: help install demo test coverage lint format docs clean
 
 help: ## Show what can be made
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -20,6 +20,9 @@ demo: $(STAMP) ## Simulate, train and evaluate cable_1 on the virtual rig, into 
 test: $(STAMP) ## Run the tests
 	$(BIN)/python -m pytest
 
+coverage: $(STAMP) ## Run the tests and report the lines that none of them runs
+	$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html:build/coverage
+
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -29,8 +32,11 @@ format: $(STAMP) ## Rewrite the code in the house style
 	$(BIN)/ruff check --fix-only .
 	$(BIN)/ruff format .
 
-clean: ## Remove the environment; runs/ stays
-	rm -rf $(VENV)
+docs: $(STAMP) ## Build the pages and the API reference into site/
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+clean: ## Remove the environment and what was built; runs/ stays
+	rm -rf $(VENV) build site
 
 # The stamp is written last, so an interrupted installation is taken up again.
 $(STAMP): pyproject.toml constraints.txt
@@ -44,5 +50,5 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "On Debian and Ubuntu: sudo apt install python3-venv, then run make again." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  --editable '.[all,dev]'
+	  --editable '.[all,dev,docs]'
 	@touch $(STAMP)

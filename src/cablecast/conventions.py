@@ -24,6 +24,12 @@ def polar_to_xy(polar: ArrayLike) -> Array:
 
     Returns:
         x and y [m], shape [..., 2].
+
+    Example:
+        A target 1.10 m away and 30 degrees to the right of straight ahead:
+
+        >>> polar_to_xy([1.10, np.radians(30.0)]).round(3)
+        array([0.55 , 0.953])
     """
     polar = np.asarray(polar, dtype=float)
     r, theta = polar[..., 0], polar[..., 1]
@@ -38,6 +44,11 @@ def xy_to_polar(xy: ArrayLike) -> Array:
 
     Returns:
         Radius [m] and angle from the y axis in (-pi, pi] [rad], shape [..., 2].
+
+    Example:
+        >>> r, theta = xy_to_polar([0.3, 0.4])
+        >>> print(f"{r:.2f} m, {np.degrees(theta):.1f} deg")
+        0.50 m, 36.9 deg
     """
     xy = np.asarray(xy, dtype=float)
     x, y = xy[..., 0], xy[..., 1]
@@ -49,6 +60,14 @@ def mirror_xy(xy: ArrayLike) -> Array:
 
     Args:
         xy: Points whose first component is x [m], shape [..., 2] or [..., 3].
+
+    Returns:
+        Mirrored points [m], in the shape of `xy`.
+
+    Example:
+        >>> mirror_xy([[0.2, 0.9], [-0.1, 1.1]])
+        array([[-0.2,  0.9],
+               [ 0.1,  1.1]])
     """
     mirrored = np.array(xy, dtype=float)
     mirrored[..., 0] *= -1.0
@@ -56,7 +75,7 @@ def mirror_xy(xy: ArrayLike) -> Array:
 
 
 def tangent(yaw: ArrayLike, pitch: ArrayLike = 0.0) -> Array:
-    """Unit direction in which the cable leaves the gripper.
+    """Return the unit direction in which the cable leaves the gripper.
 
     Args:
         yaw: Heading from the y axis, positive to the right [rad], shape [...].
