@@ -25,11 +25,13 @@ def test_a_number_within_its_bounds_is_returned_as_a_float(value):
         (5.1, "v_max = 5.1 m/s is outside [0.05, 5]"),
         (float("nan"), "v_max = nan m/s is outside"),
         (float("inf"), "v_max = inf m/s is outside"),
+        (10**400, "v_max = inf m/s is outside"),
         ("fast", "v_max = 'fast' is not a number"),
         (True, "v_max = True is not a number"),
         (None, "v_max = None is not a number"),
         ([1.0], "v_max = [1.0] is not a number"),
     ],
+    ids=lambda value: str(type(value)),
 )
 def test_a_number_out_of_bounds_or_of_another_kind_is_refused(value, words):
     with pytest.raises(InputError) as caught:

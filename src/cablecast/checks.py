@@ -41,7 +41,10 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str = "")
     """
     if isinstance(value, bool) or not isinstance(value, (numbers.Real, np.number)):
         raise InputError(f"{name} = {value!r} is not a number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     if not (math.isfinite(number) and low <= number <= high):
         raise InputError(
             f"{name} = {number:g}{' ' * bool(unit)}{unit} is outside [{low:g}, {high:g}]"

@@ -170,7 +170,12 @@ def read_sealed(path: str | pathlib.Path) -> dict[str, Any]:
         DamagedFileError: It is no JSON, no mapping, or its checksum does not match.
     """
     values = read_json(path)
-    if values.pop(CHECKSUM_KEY, None) != _checksum(values):
+    stored = values.pop(CHECKSUM_KEY, None)
+    try:
+        checksum = _checksum(values)
+    except RecursionError:
+        raise DamagedFileError(f"{path} is damaged: nested too deeply") from None
+    if stored != checksum:
         raise DamagedFileError(f"{path} is damaged: its content does not match its checksum")
     return values
 

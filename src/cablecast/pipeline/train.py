@@ -117,7 +117,6 @@ def train(
                 model, candidate_count, seed, ranges=model.action_ranges
             )
             if out is not None:
-                model.save(folder)
                 policy.save(folder)
                 write_documents(model, policy.info, folder, report)
                 run.finish({**model.metrics, "policy": policy.info})

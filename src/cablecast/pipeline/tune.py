@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.simulate import engine_settings
 from cablecast.errors import InputError
-from cablecast.files import write_bytes, write_json
+from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned, load_tuned
-from cablecast.reading import seal
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
-from cablecast.tuning.result import PARAMS_FILE, params_file
+from cablecast.tuning.result import PARAMS_FILE, params_file, write_params
 from cablecast.tuning.servo import ServoFit, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
 from cablecast.tuning.tune import TuneConfig, TuneProgress, split_tracks, tune_params
@@ -149,7 +148,7 @@ def _search(
     if keep:
         report(Progress(task="Drawing the tracks"))
         write_bytes(run.path / TRACKS_FILE, _figure(casts, validation, engines[1], result))
-        write_json(run.path / PARAMS_FILE, seal(values))
+        write_params(run.path, values)
         run.finish(metrics)
     return Tuned(
         setup=casts.setup,
