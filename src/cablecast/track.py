@@ -1,8 +1,8 @@
-"""What every executor returns: the path of the endpoint over time, and how the trial ended."""
+"""EndpointTrack: the path of the endpoint and the end of the trial, returned by every executor."""
 
 import dataclasses
 import enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class TrialStatus(enum.Enum):
-    """How a trial ended; the value is a sentence that tells a person what to do about it."""
+    """End of a trial; the value is a sentence that tells a person what to do about it."""
 
     OK = "The endpoint came to rest on the table and was seen."
     OFF_TABLE = "The endpoint left the table: choose a slower or narrower motion."
@@ -31,7 +31,7 @@ class TrialStatus(enum.Enum):
 
     @classmethod
     def from_code(cls, code: str) -> "TrialStatus":
-        """The status whose `code` this is.
+        """Return the status whose `code` this is.
 
         Raises:
             InputError: No status has this code.
@@ -48,14 +48,14 @@ class EndpointTrack:
     """Path of the cable's endpoint during one trial.
 
     Attributes:
-        times: Time since the motion began [s], shape [step].
+        times: Times since the motion began [s], shape [step].
         endpoint_xy: Endpoint on the table [m], shape [step, 2]; NaN where it was not seen.
-        status: How the trial ended.
+        status: End of the trial.
         nodes: Cable shape at the same times for pictures, base frame [m], shape
             [step, node, 3]; None where the executor cannot see it.
         joint_path: Joints as they really moved, with the times at which the arm reported them;
-            None where the executor has no joints or does not report them. What was commanded is
-            the trajectory's own joint path.
+            None where the executor has no joints or does not report them. The commanded joints are
+            those of the trajectory.
     """
 
     times: NDArray[np.float64]
@@ -65,6 +65,8 @@ class EndpointTrack:
     joint_path: "JointPath | None" = None
 
     def __post_init__(self):
+        for name in ("times", "endpoint_xy", "nodes"):
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         if self.endpoint_xy.shape != (*self.times.shape, 2) or self.times.ndim != 1:
             raise InputError(
                 f"endpoint_xy has shape {self.endpoint_xy.shape}, times {self.times.shape}: "
@@ -72,8 +74,27 @@ class EndpointTrack:
             )
         if self.times.size == 0:
             raise InputError("an endpoint track needs at least one sample")
+        nodes = self.nodes
+        if nodes is not None and (
+            nodes.ndim != 3 or len(nodes) != len(self.times) or nodes.shape[2] != 3
+        ):
+            raise InputError(
+                f"nodes have shape {nodes.shape}: {len(self.times)} times ask for [step, node, 3]"
+            )
 
     @property
     def final_xy(self) -> NDArray[np.float64]:
-        """Where the endpoint came to rest [m], shape [2]; NaN unless the status is OK."""
+        """Resting point of the endpoint [m], shape [2]; NaN unless the status is OK."""
         return self.endpoint_xy[-1] if self.status is TrialStatus.OK else np.full(2, np.nan)
+
+
+def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
+    """Return an array of real numbers; None for None as nodes."""
+    if isinstance(values, np.ndarray) and np.issubdtype(values.dtype, np.floating):
+        return values
+    if values is None and name == "nodes":
+        return None
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} of an endpoint track must be an array of numbers") from None

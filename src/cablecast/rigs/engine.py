@@ -1,81 +1,87 @@
 """RigEngine: any Engine as a Rig, so that the model's own error can be told from the world's."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import CableParams
+from cablecast.checks import check_number
 from cablecast.engines.base import SETTLE_TIME, Engine, Rollout
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.servo import ServoModel
+from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
-
-if TYPE_CHECKING:
-    from cablecast.motion.trajectory import Trajectory
 
 
 class RigEngine(RigLifecycle):
     """Plays motions in an engine: without noise, so that equal motions give equal tracks.
 
     Args:
-        engine: The simulator.
-        cable: The cable in the gripper.
-        workspace: Table and arm.
+        engine: Simulator of the cable.
+        setup: Cable, workspace, arm and motion settings.
         params: Cable parameters, shared by all trials; by default the cable's own.
         sample_dt: Time between samples of a track [s].
-        servo: How the arm follows its set points; exactly where None.
+        servo: Model of how the arm follows its set points; exactly where None.
+
+    Raises:
+        InputError: The parameters are those of many worlds, or the sample time is out of bounds.
     """
 
     def __init__(
         self,
         engine: Engine,
-        cable: Cable,
-        workspace: Workspace,
+        setup: Setup,
         params: CableParams | None = None,
         *,
         sample_dt: float = 0.1,
         servo: ServoModel | None = None,
     ):
         super().__init__()
-        params = cable.params if params is None else params
+        params = setup.cable.params if params is None else params
         if params.world_count is not None:
             raise InputError(
                 f"a rig has one cable, but its parameters are given for {params.world_count} worlds"
             )
         self.engine = engine
-        self.cable = cable
-        self.workspace = workspace
+        self.setup = setup
         self.params = params
-        self.sample_dt = sample_dt
+        self.sample_dt = check_number("sample_dt", sample_dt, 1e-3, 10.0, "s")
         self.servo = servo
+        settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "engine",
             "engine": type(engine).__name__,
             "segment_count": engine.segment_count,
-            "cable": cable.name,
+            "cable": setup.cable.name,
             "params": params.to_dict(),
-            "workspace": dataclasses.asdict(workspace),
+            "workspace": settings["workspace"],
+            "arm": settings["arm"],
             "servo": None if servo is None else servo.to_dict(),
         }
 
-    def execute(self, trajectory: "Trajectory") -> EndpointTrack:
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Simulate one motion from the reset state."""
         self._use_reset()
         return self._simulate([trajectory])[0]
 
     def execute_many(
         self,
-        trajectories: Sequence["Trajectory"],
+        trajectories: Sequence[Trajectory],
         progress: Callable[[int], None] | None = None,
     ) -> list[EndpointTrack]:
-        """Simulate many motions in one batch, each from the reset state."""
+        """Simulate many motions in one batch, each from the reset state.
+
+        Args:
+            trajectories: One per trial.
+            progress: Called with the number of finished trials.
+        """
         self._check_open()
         self._is_reset = False
         tracks = self._simulate(trajectories) if trajectories else []
@@ -83,17 +89,17 @@ class RigEngine(RigLifecycle):
             progress(len(tracks))
         return tracks
 
-    def _simulate(self, trajectories: Sequence["Trajectory"]) -> list[EndpointTrack]:
+    def _simulate(self, trajectories: Sequence[Trajectory]) -> list[EndpointTrack]:
         paths = [trajectory.grip_path for trajectory in trajectories]
         if self.servo is not None:
-            paths = [self.servo.apply(path) for path in paths]
+            paths = [self.servo.apply(path, self.setup.arm) for path in paths]
         # Whole sample intervals, so that the last sample is the end of the trial.
         step_counts = [
             math.ceil((float(path.duration[0]) + SETTLE_TIME) / self.sample_dt - 1e-9)
             for path in paths
         ]
         rollout = self.engine.rollout(
-            self.cable,
+            self.setup.cable,
             self.params,
             GripPath.stack(paths),
             duration=max(step_counts) * self.sample_dt,
@@ -111,17 +117,17 @@ class RigEngine(RigLifecycle):
         return EndpointTrack(
             times=rollout.times[:sample_count],
             endpoint_xy=endpoint_xy,
-            status=status_of(endpoint_xy, self.workspace),
+            status=status_of(endpoint_xy, self.setup.workspace),
             nodes=nodes,
         )
 
 
 def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialStatus:
-    """How a simulated trial ended, judged from the whole path of its endpoint.
+    """Return how a simulated trial ended, judged from the whole path of its endpoint.
 
     Args:
         endpoint_xy: Path of the endpoint [m], shape [step, 2].
-        workspace: Says where the table ends.
+        workspace: Gives the table's edges.
     """
     if not np.all(np.isfinite(endpoint_xy)):
         return TrialStatus.NON_FINITE

@@ -1,0 +1,150 @@
+"""make_rig: the rig of a name, a factory or an object, behind the checks of CheckedRig."""
+
+import contextlib
+import importlib
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from cablecast.checks import check_seed
+from cablecast.errors import CablecastError, RigError
+from cablecast.rigs.base import Rig, error_line
+from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts
+from cablecast.setup import Setup
+
+RIG_NAMES = ("virtual", "engine")
+"""Rigs that come with cablecast; any other is given as package.module:factory."""
+
+RigFactory = Callable[[Setup, int], Rig]
+"""Makes a rig for a set-up and a seed."""
+
+
+def make_rig(
+    spec: str | Rig | RigFactory,
+    setup: Setup,
+    seed: int = 0,
+    *,
+    time_limit: float | None = TIME_LIMIT,
+) -> CheckedRig:
+    """Return a rig whose answers are checked.
+
+    Args:
+        spec: "virtual", "engine", "package.module:factory", a function factory(setup, seed) that
+            returns a rig, or a rig. The module may lie in the working directory.
+        setup: Cable, workspace, arm and motion settings.
+        seed: Seed of what the rig draws by chance.
+        time_limit: Longest time of one reset or one trial [s]; None for no limit.
+
+    Raises:
+        RigError: There is no such rig, module or factory, the factory fails or returns no rig, or
+            the rig's description is no plain dictionary.
+        MissingExtraError: The rig needs a library that is not installed.
+        InputError: The seed or the time limit is out of bounds.
+    """
+    seed = check_seed(seed)
+    if isinstance(spec, CheckedRig):
+        if spec.setup.to_settings() != setup.to_settings():
+            raise RigError("the rig was made for another set-up: make it anew for this one")
+        return spec
+    rig = _make(spec, setup, seed)
+    return CheckedRig(rig, setup, seed, time_limit=time_limit)
+
+
+def _make(spec: Any, setup: Setup, seed: int) -> Rig:
+    """Return the rig itself."""
+    if spec == "virtual":
+        from cablecast.rigs.virtual import RigVirtual
+
+        return RigVirtual(setup, seed)
+    if spec == "engine":
+        from cablecast.engines.warp_ import EngineWarp
+        from cablecast.rigs.engine import RigEngine
+
+        return RigEngine(EngineWarp(), setup)
+    if isinstance(spec, str):
+        module_name, colon, factory_name = spec.partition(":")
+        if not (colon and module_name and factory_name):
+            names = ", ".join(RIG_NAMES)
+            raise RigError(f"unknown rig {spec[:80]!r}: one of {names}, or package.module:factory")
+        with _working_directory_importable():
+            return _from_factory(_find_factory(module_name, factory_name), spec, setup, seed)
+    if not missing_parts(spec):
+        return spec
+    if callable(spec):
+        name = getattr(spec, "__qualname__", type(spec).__name__)
+        return _from_factory(spec, name, setup, seed)
+    raise RigError(f"a {type(spec).__name__} is no rig: it lacks {', '.join(missing_parts(spec))}")
+
+
+def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: int) -> Rig:
+    """Return what a factory makes, if it is a rig."""
+    _check_signature(factory, name)
+    try:
+        rig = factory(setup, seed)
+    except (CablecastError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise RigError(f"rig factory {name} failed: {error_line(error)}") from error
+    if missing := missing_parts(rig):
+        raise RigError(
+            f"rig factory {name} returned a {type(rig).__name__}, which is no rig: "
+            f"it lacks {', '.join(missing)}"
+        )
+    return rig
+
+
+def _check_signature(factory: Callable[..., Any], name: str) -> None:
+    """Refuse a factory that takes something else than a set-up and a seed."""
+    try:
+        signature = inspect.signature(factory)
+    except (TypeError, ValueError):
+        return
+    try:
+        signature.bind(None, 0)
+    except TypeError:
+        raise RigError(
+            f"rig factory {name} takes {str(signature)[:100]}: it must take (setup, seed)"
+        ) from None
+
+
+def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
+    """Return a factory by the names of its module and of itself."""
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        # The module itself may be there and miss something that it imports: say which is missing.
+        if error.name is not None and (module_name + ".").startswith(error.name + "."):
+            raise RigError(f"there is no module {error.name!r} for the rig {module_name}") from None
+        raise _import_failure(module_name, error) from error
+    except (CablecastError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise _import_failure(module_name, error) from error
+    factory = getattr(module, factory_name, None)
+    if factory is None:
+        raise RigError(f"rig module {module_name} has no factory {factory_name!r}")
+    if not callable(factory):
+        raise RigError(f"{module_name}:{factory_name} is a {type(factory).__name__}, no factory")
+    return factory
+
+
+def _import_failure(module_name: str, error: BaseException) -> RigError:
+    return RigError(f"rig module {module_name} cannot be imported: {error_line(error)}")
+
+
+@contextlib.contextmanager
+def _working_directory_importable() -> Iterator[None]:
+    """Let modules in the working directory be found, as an installed command does not."""
+    directory = os.getcwd()
+    if directory in sys.path or "" in sys.path:
+        yield
+        return
+    # At the end, so that a file there never hides an installed package.
+    sys.path.append(directory)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):
+            sys.path.remove(directory)
