@@ -7,12 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cablecast.cable import Cable, load_cable
-from cablecast.motion.action import Action, MotionConfig
+from cablecast.cable import Cable
+from cablecast.motion.action import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.rigs.base import Rig, make_rig
+from cablecast.rigs.base import Rig
 from cablecast.rigs.engine import RigEngine
+from cablecast.rigs.make import make_rig
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
 # A user's own rig is made as the command line makes it, from a module in the working directory.
@@ -21,34 +23,39 @@ USER_RIG = "05_your_own_rig:make_rig"
 
 
 @pytest.fixture(scope="session")
-def cable() -> Cable:
-    return load_cable("cable_1")
+def setup() -> Setup:
+    return Setup()
 
 
 @pytest.fixture(scope="session")
-def workspace() -> Workspace:
-    return Workspace()
+def cable(setup) -> Cable:
+    return setup.cable
 
 
 @pytest.fixture(scope="session")
-def cast(workspace) -> Trajectory:
+def workspace(setup) -> Workspace:
+    return setup.workspace
+
+
+@pytest.fixture(scope="session")
+def cast(setup) -> Trajectory:
     """A cast that lands well on the table."""
     action = Action(np.radians(-40), np.radians(35), 0.65, np.radians(60))
-    return plan_trajectory(action, MotionConfig(), workspace)
+    return plan_trajectory(action, setup)
 
 
 @pytest.fixture(scope="session")
-def wide_cast(workspace) -> Trajectory:
+def wide_cast(setup) -> Trajectory:
     """A cast that whips the tip around."""
     action = Action(np.radians(-60), np.radians(50), 0.7, np.radians(80))
-    return plan_trajectory(action, MotionConfig(), workspace)
+    return plan_trajectory(action, setup)
 
 
 @pytest.fixture(scope="session")
-def small_cast(workspace) -> Trajectory:
+def small_cast(setup) -> Trajectory:
     """A short and narrow cast."""
     action = Action(np.radians(-15), np.radians(10), 0.6)
-    return plan_trajectory(action, MotionConfig(), workspace)
+    return plan_trajectory(action, setup)
 
 
 @pytest.fixture(scope="session")
@@ -68,27 +75,33 @@ class RigKind:
     make: Callable[[], Rig]
 
 
-@pytest.fixture(scope="module", params=["virtual", "engine", "user"])
-def rig_kind(request, cable, workspace) -> RigKind:
+@pytest.fixture(scope="module", params=["virtual", "checked virtual", "engine", "user"])
+def rig_kind(request, setup) -> RigKind:
     """Each rig in a quick setting, made afresh by each call of `make`."""
-    if request.param == "virtual":
+    if "virtual" in request.param:
         pytest.importorskip("mujoco")
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
         config = VirtualConfig(segment_count=16, dt=1e-3, sensing="exact")
-        return RigKind("virtual", lambda: RigVirtual(cable, workspace, 0, config))
+
+        def make_virtual() -> Rig:
+            return RigVirtual(setup, 0, config)
+
+        if request.param == "virtual":
+            return RigKind("virtual", make_virtual)
+        return RigKind("virtual", lambda: make_rig(make_virtual(), setup))
     if request.param == "engine":
         from cablecast.engines.warp_ import EngineWarp
 
         engine = EngineWarp(segment_count=16, dt=1e-3)
-        return RigKind("engine", lambda: RigEngine(engine, cable, workspace))
+        return RigKind("engine", lambda: RigEngine(engine, setup))
 
-    def make() -> Rig:
+    def make_user() -> Rig:
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(EXAMPLES)
-            return make_rig(USER_RIG, cable, workspace, 0)
+            return make_rig(USER_RIG, setup)
 
-    return RigKind("user", make)
+    return RigKind("user", make_user)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import RigError
-from cablecast.rigs.base import Rig, run_trials
+from cablecast.rigs.base import PURPOSES, Rig, run_trials
 from cablecast.track import TrialStatus
 
 # Rods may stretch by as much as a soft length constraint lets them; 1 % would be seen.
@@ -112,6 +112,25 @@ def test_a_trial_that_is_sought_by_its_number_is_the_one_made_in_turn(rig_kind, 
     other = sought.execute(cast).endpoint_xy
     # Another trial has another luck.
     assert other.shape != expected.endpoint_xy.shape or np.any(other != expected.endpoint_xy)
+
+
+def test_trials_of_each_purpose_and_of_none_have_luck_of_their_own(rig_kind, small_cast):
+    rig = rig_kind.make()
+    if not hasattr(rig, "seek"):
+        pytest.skip("this rig draws nothing by chance")
+    ends = []
+    for purpose in ("", *PURPOSES):
+        rig.seek(0, purpose)
+        rig.reset()
+        ends.append(tuple(rig.execute(small_cast).final_xy))
+    assert len(set(ends)) == len(ends)
+
+
+def test_a_rig_is_closed_at_the_end_of_its_block(rig_kind):
+    with rig_kind.make() as rig:
+        rig.reset()
+    with pytest.raises(RigError, match="closed"):
+        rig.reset()
 
 
 def test_a_motion_without_a_reset_is_refused(rig_kind, small_cast):

@@ -1,6 +1,7 @@
 """Tags, boards, and the calibration that follows from their pictures."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.errors import InputError
+from cablecast.rigs.virtual.camera_calibrate import board_pictures
 from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.tracking.tags import Tag, TagLayout, default_layout, detect_tags, tag_picture
-from cablecast.rigs.virtual.camera_calibrate import board_pictures
+from cablecast.workspace import Workspace
 
 # Tags are stuck with 1 mm of error each, and eleven of them average most of it.
 TABLE_RMS = 1.5e-3
@@ -111,15 +113,50 @@ def test_a_layout_survives_its_file(tmp_path):
     ("text", "fragment"),
     [
         ("tags: 3", "list named `tags`"),
-        ("tags: [{id: 1, x: 0}]", "must give id, x, y"),
+        ("tags: [{id: 1, x: 0}]", "lacks the keys ['y']"),
+        ("tags: [{id: 1, x: 0, y: 0, colour: red}]", "unknown keys ['colour']"),
+        ("tags: [{id: 1, x: 0, y: 0, yaw_deg: left}]", "yaw_deg = 'left' is not a number"),
         ("tags: [{id: 9999, x: 0, y: 0}]", "9999"),
         ("tags: [{id: 1, x: far, y: 0}]", "far"),
         ("tags: [{id: 1, x: 0, y: 0}, {id: 1, x: 0, y: 1}]", "at least 4"),
-        ("tags: [", "cannot be read"),
+        ("tags: [", "not plain YAML"),
     ],
 )
 def test_a_layout_that_says_nonsense_is_refused(text, fragment, tmp_path):
     file = tmp_path / "tags.yaml"
     file.write_text(text)
-    with pytest.raises(InputError, match=fragment):
+    with pytest.raises(InputError, match=re.escape(fragment)):
         TagLayout.load(file)
+
+
+def test_a_missing_layout_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"no file .*tags\.yaml"):
+        TagLayout.load(tmp_path / "tags.yaml")
+
+
+def test_the_layout_of_the_paper_s_table_has_eleven_tags_along_its_edges():
+    places = [(tag.x, tag.y) for tag in default_layout().tags]
+    assert len(places) == 11
+    assert places[:5] == [(-1.27, 1.4), (-0.64, 1.4), (0.0, 1.4), (0.64, 1.4), (1.27, 1.4)]
+    assert (0.0, 0.1) not in places, "the robot stands there"
+
+
+@pytest.mark.parametrize(
+    "workspace",
+    [
+        Workspace(table_yaw_deg=90.0),
+        Workspace(table_width=1.2, table_depth=0.9, table_near_y=0.4),
+        Workspace(table_width=4.0, table_depth=3.0, table_near_y=-1.0),
+        Workspace(table_width=0.4, table_depth=0.4, table_near_y=0.4),
+    ],
+    ids=["turned", "small", "around the robot", "tiny"],
+)
+def test_the_tags_of_any_table_lie_on_it_apart_and_clear_of_the_robot(workspace):
+    tags = default_layout(workspace).tags
+    for tag in tags:
+        assert workspace.on_table(tag.corners[:, :2]).all()
+        assert np.hypot(tag.x, tag.y) > 0.2
+    centres = np.array([[tag.x, tag.y] for tag in tags])
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1)[~np.eye(len(tags), dtype=bool)]
+    # A tag with its white rim is 1.25 times as wide as its square.
+    assert apart.min() > 1.25 * tags[0].size

@@ -7,16 +7,17 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
-from cablecast.tracking.tracker import EndpointTracker, TrackerConfig, judge_status, sample_path
 from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.track import TrialStatus
+from cablecast.tracking.samples import judge_status, sample_path
+from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
 from cablecast.workspace import Workspace
 
 # What the project asks of the tracker [m].
@@ -27,6 +28,7 @@ ERROR_MAX = 8e-3
 DEEP, CLEAR = -0.02, 0.035
 DT = 0.01
 CABLE = load_cable("cable_1")
+ARM = ArmUR()
 
 
 def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6)):
@@ -42,7 +44,7 @@ def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0
     height = np.full((*xy.shape[:2], 1), CABLE.radius)
     if z is not None:
         # Beyond the table the cable hangs: everything past the edge is below it.
-        height = np.where(np.abs(xy[..., :1]) > Workspace().table_width / 2, z, height)
+        height = np.where(np.abs(xy[..., :1]) > Workspace().half_width, z, height)
     nodes = np.concatenate([xy, height], axis=-1)
     return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=joint_path)
 
@@ -50,7 +52,7 @@ def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0
 def still_arm(theta, reach):
     """An arm that holds its gripper over one place."""
     pose = [reach * np.sin(theta), reach * np.cos(theta), 0.02, theta, 0.0]
-    q = ArmUR5().inverse(np.array([pose, pose]))
+    q = ARM.inverse(np.array([pose, pose]))
     return JointPath(times=np.array([0.0, 10.0]), q=q, qd=np.zeros_like(q))
 
 
@@ -58,7 +60,7 @@ def hidden_place(camera, arm):
     """Where on the table the arm hides most [m], shape [2]."""
     x, y = np.meshgrid(np.linspace(-0.4, 0.4, 81), np.linspace(0.3, 0.7, 41))
     points = np.stack([x, y, np.full_like(x, CABLE.radius)], axis=-1).reshape(-1, 3)
-    shape = arm_shape(joints_at(arm, np.zeros(len(points))))
+    shape = arm_shape(joints_at(arm, np.zeros(len(points))), ARM)
     clearance = sight_clearance(points, camera.view.position, shape)
     assert clearance.min() < DEEP
     return points[clearance.argmin(), :2]
@@ -135,7 +137,7 @@ def test_below_the_arm_nothing_is_reported_and_behind_it_the_marker_is_found_aga
     tracker, truth, xy = follow(virtual_camera, calibration, trial, seed=2)
     times, _ = tracker.frames
     clearance = sight_clearance(
-        truth, virtual_camera.view.position, arm_shape(joints_at(arm, times))
+        truth, virtual_camera.view.position, arm_shape(joints_at(arm, times), ARM)
     )
     seen = np.isfinite(xy).all(axis=1)
     assert (clearance < DEEP).sum() >= 3

@@ -137,7 +137,7 @@ class EngineMujoco:
                 _path_rows(grip_path, worlds),
                 None if far_path is None else _path_rows(far_path, worlds),
             )
-            with _quiet():
+            with quiet():
                 nodes[worlds] = group.run(plan.sample_count, plan.steps_per_sample)
             state = group.state()
             for field in dataclasses.fields(CableState):
@@ -319,8 +319,11 @@ class _Group:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep MuJoCo from writing a log file where a world breaks; we mark that world instead."""
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to a log file in the working directory.
+
+    A world that it warns of is marked instead.
+    """
     import mujoco
 
     library: Any = mujoco

@@ -2,32 +2,35 @@
 
 A board held at several angles tells the lens (`calibrate_lens`), tags at known places tell where
 the camera is (`calibrate_view`). Without a board, the tags alone tell the distortion too, given the
-angle of view from the camera's data sheet: seen from straight above, a wrong focal length is made
-up for by a wrong height, and only points above the table's plane notice.
+angle of view from the camera's data sheet. Seen from straight above, a wrong focal length is then
+made up for by a wrong height, and only points above the table's plane notice.
 """
 
 import dataclasses
-import json
 import pathlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
 from cablecast.files import write_json
+from cablecast.reading import read_json
 from cablecast.tracking.lens import CameraView, Lens
 from cablecast.tracking.opencv import load_cv2
 from cablecast.tracking.tags import TagLayout, detect_tags
 
 TAG_COUNT_MIN = 4
-"""Fewer tags than this leave the lens and the camera's place poorly known."""
+"""Fewest tags that tell the lens and the camera's place well."""
 VIEW_COUNT_MIN = 5
-"""Fewer pictures of a board than this leave the lens poorly known."""
+"""Fewest pictures of a board that tell the lens well."""
 _OUTLIER_PX = 3.0
-"""A tag whose corners miss by more than this was moved, or half covered [px]."""
-_BOARD_MARGIN = 0.35
-"""A board must be seen over at least this part of the image's width, taken over all pictures."""
+"""Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
+_BOARD_SPREAD_MIN = 0.35
+"""Smallest share of the image's width over which all pictures together must show the board."""
+_BOARD_CORNERS_MIN = 12
+"""Fewest corners of a board by which a picture counts."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,8 +38,8 @@ class Board:
     """A ChArUco board for calibrating a lens, the squares' corners between tags 4x4.
 
     Attributes:
-        column_count: Squares across.
-        row_count: Squares down.
+        column_count: Number of squares across.
+        row_count: Number of squares down.
         square: Side of a square [m].
         tag: Side of a tag in it [m].
     """
@@ -46,30 +49,34 @@ class Board:
     square: float = 0.06
     tag: float = 0.045
 
-    def to_opencv(self):
-        """The board as OpenCV knows it."""
+    def to_opencv(self) -> Any:
+        """Return the board as OpenCV knows it."""
         cv2 = load_cv2()
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
         size = (self.column_count, self.row_count)
         return cv2.aruco.CharucoBoard(size, self.square, self.tag, dictionary)
 
     def picture(self, square_px: int = 60) -> NDArray[np.uint8]:
-        """The board to print or to render, without a rim."""
+        """Draw the board to print or to render, without a rim.
+
+        Args:
+            square_px: Side of a square [px].
+        """
         size = (self.column_count * square_px, self.row_count * square_px)
         return self.to_opencv().generateImage(size, marginSize=0, borderBits=1)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A calibrated camera, and how well it was calibrated.
+    """A calibrated camera, and the quality of its calibration.
 
     Attributes:
-        view: Lens and place.
+        view: Lens and place of the camera.
         rms_px: Root mean square distance between where tags' corners were seen and where this
             calibration puts them [px].
-        rms: The same on the table [m].
-        tag_ids: Tags that were used.
-        rejected_ids: Tags that were seen where the layout does not have them.
+        rms: Root mean square of that distance on the table [m].
+        tag_ids: Numbers of the tags that were used.
+        rejected_ids: Numbers of tags that were seen where the layout does not have them.
     """
 
     view: CameraView
@@ -90,7 +97,7 @@ class Calibration:
             InputError: There is no such file, or it is no calibration.
         """
         try:
-            values = json.loads(path.read_text())
+            values = read_json(path)
             view = values.pop("view")
             lens = view.pop("lens")
             lens |= {name: tuple(lens[name]) for name in ("focal", "centre", "distortion")}
@@ -100,21 +107,22 @@ class Calibration:
                     rotation=tuple(tuple(row) for row in view["rotation"]),
                     position=tuple(view["position"]),
                 ),
-                **values | {name: tuple(values[name]) for name in ("tag_ids", "rejected_ids")},
+                rms_px=values["rms_px"],
+                rms=values["rms"],
+                tag_ids=tuple(values["tag_ids"]),
+                rejected_ids=tuple(values["rejected_ids"]),
             )
-        except InputError as error:
-            raise InputError(f"calibration {path}: {error}") from None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else repr(error)
-            raise InputError(f"{path} is no calibration of a camera ({reason})") from None
+            reason = repr(error) if isinstance(error, (KeyError, AttributeError)) else error
+            raise InputError(f"{path} is no calibration of a camera: {reason}") from None
 
 
 def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> tuple[Lens, float]:
-    """Intrinsics from pictures of a board at several places and angles.
+    """Fit a lens to pictures of a board at several places and angles.
 
     Args:
-        images: Grey or BGR, all of one size.
-        board: What they show.
+        images: Pictures, grey or BGR, all of one size.
+        board: Board that they show.
 
     Returns:
         The lens, and the rms distance of the board's corners from where it puts them [px].
@@ -132,7 +140,7 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> tuple[L
             raise InputError(f"pictures of a board differ in size: {image.shape}, {height, width}")
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         corners, ids, _, _ = detector.detectBoard(grey)
-        if ids is None or len(ids) < 12:
+        if ids is None or len(ids) < _BOARD_CORNERS_MIN:
             continue
         object_points, image_points = charuco.matchImagePoints(corners, ids)
         objects.append(object_points)
@@ -143,10 +151,10 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> tuple[L
             f"at least {VIEW_COUNT_MIN} are needed"
         )
     spread = np.ptp(np.concatenate(pixels).reshape(-1, 2)[:, 0]) / width
-    if spread < _BOARD_MARGIN:
+    if spread < _BOARD_SPREAD_MIN:
         raise InputError(
             f"the board was seen over {100 * spread:.0f} % of the image's width only: "
-            f"show it in all corners, over at least {100 * _BOARD_MARGIN:.0f} %"
+            f"show it in all corners, over at least {100 * _BOARD_SPREAD_MIN:.0f} %"
         )
     rms, K, distortion, _, _ = cv2.calibrateCamera(objects, pixels, (width, height), None, None)
     return _lens_from_opencv(width, height, K, distortion), float(rms)
@@ -159,19 +167,18 @@ def calibrate_view(
     lens: Lens | None = None,
     diagonal_view: float = np.radians(78.0),
 ) -> Calibration:
-    """Where the camera is, and its lens too if that is not known, from tags on the table.
+    """Fit the camera's place, and its lens too if that is not known, to tags on the table.
 
     Args:
         images: Pictures of the table from the unmoved camera; corners are averaged over them.
-        layout: Where the tags lie.
-        lens: Intrinsics from `calibrate_lens`; None to find the distortion from the tags.
+        layout: Places of the tags.
+        lens: Lens from `calibrate_lens`; None to find the distortion from the tags.
         diagonal_view: Angle of view over the diagonal, used without a lens [rad]. The default is
             that of the paper's camera.
 
     Raises:
         InputError: Too few tags were seen, or they do not lie where the layout says.
     """
-    cv2 = load_cv2()
     if not images:
         raise InputError("a calibration needs at least one picture")
     seen = _average_tags(images, layout)
@@ -192,25 +199,8 @@ def calibrate_view(
         ids = sorted(seen)
         points = np.concatenate([layout.corners_of(i) for i in ids])  # pyright: ignore
         corners = np.concatenate([seen[i] for i in ids])
-        if lens is None:
-            guess = Lens.from_view(width, height, diagonal_view)
-            # Tags do not tell focal length from height, nor the axis from a tilt: hold these.
-            flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH
-            flags |= cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST
-            flags |= cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-            _, K, distortion, rvecs, tvecs = cv2.calibrateCamera(
-                [points.astype(np.float32)],
-                [corners.astype(np.float32)],
-                (width, height),
-                guess.matrix,
-                np.zeros(5),
-                flags=flags,
-            )
-            fitted = _lens_from_opencv(width, height, K, distortion)
-            view = _view(fitted, rvecs[0], tvecs[0])
-        else:
-            _, rvec, tvec = cv2.solvePnP(points, corners, lens.matrix, np.array(lens.distortion))
-            view = _view(lens, rvec, tvec)
+        guess = Lens.from_view(width, height, diagonal_view) if lens is None else lens
+        view = _fit_view(points, corners, guess, lens_known=lens is not None)
         miss = np.linalg.norm(view.to_image(points) - corners, axis=1).reshape(-1, 4)
         worst = int(np.argmax(miss.max(axis=1)))
         if miss[worst].max() <= _OUTLIER_PX:
@@ -227,10 +217,41 @@ def calibrate_view(
     )
 
 
+def _fit_view(
+    points: NDArray[np.float64], corners: NDArray[np.float64], guess: Lens, *, lens_known: bool
+) -> CameraView:
+    """Fit a camera to points of the table and where they appear.
+
+    Args:
+        points: Corners of tags [m], shape [corner, 3].
+        corners: Pixels at which they appear [px], shape [corner, 2].
+        guess: Lens, as it is or without its distortion.
+        lens_known: Whether the lens is known; else its distortion is fitted, too.
+    """
+    cv2 = load_cv2()
+    if lens_known:
+        _, rvec, tvec = cv2.solvePnP(points, corners, guess.matrix, np.array(guess.distortion))
+        return _view(guess, rvec, tvec)
+    # Tags do not tell focal length from height, nor the axis from a tilt: hold these.
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH
+    flags |= cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST
+    flags |= cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    _, K, distortion, rvecs, tvecs = cv2.calibrateCamera(
+        [points.astype(np.float32)],
+        [corners.astype(np.float32)],
+        (guess.width, guess.height),
+        guess.matrix,
+        np.zeros(5),
+        flags=flags,
+    )
+    fitted = _lens_from_opencv(guess.width, guess.height, K, distortion)
+    return _view(fitted, rvecs[0], tvecs[0])
+
+
 def _average_tags(
     images: Sequence[NDArray[np.uint8]], layout: TagLayout
 ) -> dict[int, NDArray[np.float64]]:
-    """Median corners of each tag of the layout over all pictures that show it [px]."""
+    """Return median corners of each tag of the layout over the pictures that show it [px]."""
     quads: dict[int, list[NDArray[np.float64]]] = {}
     for image in images:
         for tag_id, quad in detect_tags(image).items():
@@ -240,7 +261,8 @@ def _average_tags(
     return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items()}
 
 
-def _lens_from_opencv(width: int, height: int, K, distortion) -> Lens:
+def _lens_from_opencv(width: int, height: int, K: Any, distortion: Any) -> Lens:
+    """Return the lens of OpenCV's camera matrix and distortion."""
     k = [float(value) for value in np.ravel(distortion)[:5]]
     return Lens(
         width=width,
@@ -251,7 +273,8 @@ def _lens_from_opencv(width: int, height: int, K, distortion) -> Lens:
     )
 
 
-def _view(lens: Lens, rvec, tvec) -> CameraView:
+def _view(lens: Lens, rvec: Any, tvec: Any) -> CameraView:
+    """Return the camera of a lens and OpenCV's pose of the table before it."""
     cv2 = load_cv2()
     R = cv2.Rodrigues(np.asarray(rvec, dtype=float))[0]
     position = (-R.T @ np.ravel(tvec)).tolist()

@@ -20,11 +20,11 @@ class Lens:
     """Intrinsics of a camera.
 
     Attributes:
-        width: Of the image [px].
-        height: Of the image [px].
+        width: Width of the image [px].
+        height: Height of the image [px].
         focal: Focal lengths along u and v [px].
-        centre: Where the optical axis meets the image, u and v [px].
-        distortion: k1, k2, p1, p2, k3 of OpenCV's model [-].
+        centre: Point at which the optical axis meets the image, u and v [px].
+        distortion: Coefficients k1, k2, p1, p2, k3 of OpenCV's model [-].
     """
 
     width: int
@@ -46,11 +46,11 @@ class Lens:
 
     @classmethod
     def from_view(cls, width: int, height: int, diagonal_view: float) -> "Lens":
-        """A lens without distortion from what a data sheet tells.
+        """Return a lens without distortion from what a data sheet tells.
 
         Args:
-            width: Of the image [px].
-            height: Of the image [px].
+            width: Width of the image [px].
+            height: Height of the image [px].
             diagonal_view: Angle of view over the image's diagonal [rad].
         """
         if not 0.1 <= diagonal_view <= 2.6:
@@ -77,13 +77,13 @@ class Lens:
         )
 
     def distort(self, normalised: ArrayLike) -> NDArray[np.float64]:
-        """Pixels at which normalised points appear, shape [..., 2]."""
+        """Return the pixels at which normalised points appear, shape [..., 2]."""
         ideal = np.asarray(normalised, dtype=float)
         bent, _ = self._bend(ideal)
         return bent * self.focal + self.centre
 
     def undistort(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Normalised points that appear at some pixels, shape [..., 2]."""
+        """Return the normalised points that appear at some pixels, shape [..., 2]."""
         wanted = (np.asarray(pixels, dtype=float) - self.centre) / self.focal
         ideal = wanted.copy()
         for _ in range(_NEWTON_COUNT):
@@ -102,7 +102,7 @@ class Lens:
         return ideal
 
     def _bend(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Distorted normalised points, shape [..., 2], and their derivative, [..., 2, 2]."""
+        """Return distorted normalised points, [..., 2], and their derivative, [..., 2, 2]."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = ideal[..., 0], ideal[..., 1]
         r2 = x * x + y * y
@@ -128,10 +128,10 @@ class CameraView:
     """A lens at a place: everything that maps between table and image.
 
     Attributes:
-        lens: Intrinsics.
-        rotation: Turns base-frame vectors into the camera's frame (x along u, y along v, z out of
-            the lens), shape [3, 3] as nested tuples.
-        position: Of the camera's centre in the base frame [m].
+        lens: Intrinsics of the camera.
+        rotation: Rotation of base-frame vectors into the camera's frame (x along u, y along v, z
+            out of the lens), shape [3, 3] as nested tuples.
+        position: Centre of the camera in the base frame [m].
     """
 
     lens: Lens
@@ -148,10 +148,10 @@ class CameraView:
             raise InputError(f"camera position {self.position} must be three finite numbers")
 
     def to_image(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Pixels at which points appear.
+        """Return the pixels at which points appear.
 
         Args:
-            points: In the base frame [m], shape [..., 3].
+            points: Points in the base frame [m], shape [..., 3].
 
         Returns:
             u and v [px], shape [..., 2]; NaN for points beside or behind the camera.
@@ -161,10 +161,10 @@ class CameraView:
         return self.lens.distort(seen[..., :2] / depth[..., None])
 
     def to_table(self, pixels: ArrayLike, z: float = 0.0) -> NDArray[np.float64]:
-        """Points of a level plane that appear at some pixels.
+        """Return the points of a level plane that appear at some pixels.
 
         Args:
-            pixels: u and v [px], shape [..., 2].
+            pixels: Pixels u and v [px], shape [..., 2].
             z: Height of the plane above the table's surface [m].
 
         Returns:
@@ -180,13 +180,13 @@ class CameraView:
         return position[:2] + scale[..., None] * ray[..., :2]
 
     def homography(self, z: float = 0.0) -> NDArray[np.float64]:
-        """Maps (x, y, 1) of a level plane to undistorted, normalised image points.
+        """Return what maps (x, y, 1) of a level plane to undistorted, normalised image points.
 
         Args:
             z: Height of the plane above the table's surface [m].
 
         Returns:
-            Shape [3, 3], scaled to a lower right entry of 1.
+            Homography, shape [3, 3], scaled to a lower right entry of 1.
         """
         R = np.asarray(self.rotation)
         offset = R @ (np.array([0.0, 0.0, z]) - self.position)
@@ -194,7 +194,15 @@ class CameraView:
         return H / H[2, 2]
 
     def pixels_per_metre(self, xy: ArrayLike, z: float = 0.0) -> float:
-        """Scale of the image at a point of the table [px/m]."""
+        """Return the scale of the image at a point of the table.
+
+        Args:
+            xy: Point [m], shape [2].
+            z: Height above the table's surface [m].
+
+        Returns:
+            Scale [px/m].
+        """
         x, y = np.asarray(xy, dtype=float)
         step = 0.01
         corners = np.array([[x, y, z], [x + step, y, z], [x, y + step, z]])

@@ -1,8 +1,8 @@
-"""The green marker in an image: which patches are as green, and which of them is it.
+"""Green patches of an image, one of which may be the marker.
 
 A patch is found by thresholds in HSV. It is judged and located by its greenness, 2 G - R - B, in
 which a motion blur over grey or white ground changes nothing but the spread: the sum over the patch
-stays, and so does the centroid, which then is the marker's place in the middle of the exposure.
+stays, and so does the centroid, which is the marker's place in the middle of the exposure.
 """
 
 import dataclasses
@@ -10,26 +10,26 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.errors import InputError
+from cablecast.checks import check_ranges
 from cablecast.tracking.opencv import load_cv2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MarkerConfig:
-    """What the marker looks like.
+    """Looks of the marker.
 
     Attributes:
-        length: Of the marker along the cable [m].
-        width: Across it [m].
-        hue_deg: Its hue on the colour wheel; green is 120 [deg].
-        hue_tolerance_deg: How far the light may change it [deg].
-        saturation_min: Least saturation of a pixel of it, of 255; low enough for a blurred one.
-        value_min: Least brightness of a pixel of it, of 255.
-        greenness_min: Least 2 G - R - B of a pixel that belongs to it.
-        share_min: Part of the marker's greenness that must be seen; with less of it in sight its
+        length: Length of the marker along the cable [m].
+        width: Width of the marker across the cable [m].
+        hue_deg: Hue on the colour wheel; green is 120 [deg].
+        hue_tolerance_deg: Largest change of the hue by the light [deg].
+        saturation_min: Smallest saturation of its pixels, of 255; low enough for a blurred one.
+        value_min: Smallest brightness of its pixels, of 255.
+        greenness_min: Smallest 2 G - R - B of its pixels.
+        share_min: Share of the marker's greenness that must be seen; with less of it in sight its
             centroid is not its middle.
-        area_min: Part of its area that must be seen while it hardly moves.
-        share_max: A patch greener than this multiple of the marker is something else.
+        area_min: Share of its area that must be seen while it hardly moves.
+        share_max: Largest greenness of a patch that may be the marker, as a multiple of its own.
     """
 
     length: float = 0.038
@@ -44,25 +44,26 @@ class MarkerConfig:
     share_max: float = 1.6
 
     def __post_init__(self):
-        for name, low, high in (
-            ("length", 0.002, 0.5),
-            ("width", 0.002, 0.5),
-            ("hue_deg", 0.0, 360.0),
-            ("hue_tolerance_deg", 1.0, 90.0),
-            ("saturation_min", 0, 255),
-            ("value_min", 0, 255),
-            ("greenness_min", 1.0, 500.0),
-            ("share_min", 0.05, 1.0),
-            ("area_min", 0.05, 1.0),
-            ("share_max", 1.0, 20.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"marker {name} = {value} is outside [{low:g}, {high:g}]")
+        check_ranges(
+            self,
+            {
+                "length": (0.002, 0.5, "m"),
+                "width": (0.002, 0.5, "m"),
+                "hue_deg": (0.0, 360.0, "deg"),
+                "hue_tolerance_deg": (1.0, 90.0, "deg"),
+                "saturation_min": (0, 255, ""),
+                "value_min": (0, 255, ""),
+                "greenness_min": (1.0, 500.0, ""),
+                "share_min": (0.05, 1.0, ""),
+                "area_min": (0.05, 1.0, ""),
+                "share_max": (1.0, 20.0, ""),
+            },
+            "marker",
+        )
 
     @property
     def area(self) -> float:
-        """Size of the marker seen from above, round at both ends [m²]."""
+        """Area of the marker seen from above, round at both ends [m²]."""
         straight = max(self.length - self.width, 0.0)
         return straight * self.width + np.pi / 4 * self.width**2
 
@@ -72,13 +73,13 @@ class Patch:
     """A green patch of an image.
 
     Attributes:
-        pixel: Its centroid, weighted by greenness [px], shape [2].
-        greenness: Sum of 2 G - R - B over it.
-        area: Of it at full greenness, which does not depend on the light, as long as it is not
-            blurred [px²].
-        hue_deg: Its mean hue [deg].
-        extent: Standard deviation of its greenness along its longer and its shorter axis [px].
-        box: Left, top, right and bottom of it in the frame [px], the last two excluded.
+        pixel: Centroid, weighted by greenness [px], shape [2].
+        greenness: Sum of 2 G - R - B over the patch.
+        area: Area at full greenness, which does not depend on the light, as long as the patch is
+            not blurred [px²].
+        hue_deg: Mean hue [deg].
+        extent: Standard deviation of the greenness along the longer and the shorter axis [px].
+        box: Left, top, right and bottom in the frame [px], the last two excluded.
         touches_edge: Whether it reaches the edge of the piece of image that was searched.
     """
 
@@ -92,7 +93,7 @@ class Patch:
 
 
 def green_mask(image: NDArray[np.uint8], config: MarkerConfig) -> NDArray[np.uint8]:
-    """Which pixels are of the marker's colour, or next to one: 255 there, else 0, shape [v, u]."""
+    """Return 255 at pixels of the marker's colour and next to them, else 0, shape [v, u]."""
     cv2 = load_cv2()
     hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
     # OpenCV halves hues, so that 360 degrees fit into a byte.
@@ -109,12 +110,12 @@ def green_mask(image: NDArray[np.uint8], config: MarkerConfig) -> NDArray[np.uin
 def find_patches(
     image: NDArray[np.uint8], config: MarkerConfig, corner: tuple[int, int] = (0, 0)
 ) -> list[Patch]:
-    """All patches of the marker's colour.
+    """Return all patches of the marker's colour.
 
     Args:
-        image: A piece of a frame, BGR, shape [v, u, 3].
-        config: What the marker looks like.
-        corner: Where the upper left pixel of the piece lies in the frame, u and v [px].
+        image: Piece of a frame, BGR, shape [v, u, 3].
+        config: Looks of the marker.
+        corner: Place of the piece's upper left pixel in the frame, u and v [px].
     """
     cv2 = load_cv2()
     if image.size == 0:
@@ -164,7 +165,7 @@ def find_patches(
 
 
 def _hue_deg(bgr: NDArray[np.floating]) -> float:
-    """Hue of a colour whose largest part is green [deg]."""
+    """Return the hue of a colour whose largest part is green [deg]."""
     blue, green, red = (float(value) for value in bgr)
     span = max(green - min(red, blue), 1e-6)
     return 120.0 + 60.0 * (blue - red) / span

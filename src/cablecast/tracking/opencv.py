@@ -7,7 +7,7 @@ from cablecast.errors import MissingExtraError
 
 
 def load_cv2() -> Any:
-    """The cv2 module, which complains about damaged videos to nobody but its caller.
+    """Return the cv2 module, which complains about damaged videos to nobody but its caller.
 
     Raises:
         MissingExtraError: OpenCV is not installed.

@@ -1,25 +1,37 @@
 """Fiducial tags on the table: where they lie, and where an image shows them.
 
-Tags are AprilTags of the family 36h11. `python -m cablecast.tracking.tags` writes pictures of
-those that a layout asks for, to print, and the layout as a file to edit.
+Tags are AprilTags of the family 36h11. tools/make_tags.py writes pictures of those that a layout
+asks for, to print, and the layout as a file to edit.
 """
 
 import dataclasses
+import math
 import pathlib
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from cablecast.checks import check_count, check_keys, check_number, check_ranges
 from cablecast.errors import InputError
-from cablecast.files import write_bytes, write_text
+from cablecast.files import write_text
+from cablecast.reading import read_yaml
 from cablecast.tracking.opencv import load_cv2
+from cablecast.workspace import Workspace
 
 TAG_COUNT_MAX = 587
 """Number of tags in the family."""
 _PRINT_CELL = 40
 """Size of one of the ten cells of a printed tag with its white rim [px]."""
+_EDGE_X, _EDGE_Y = 0.105, 0.10
+"""Distance of the outer tags' centres from the table's edges along x and y [m]."""
+_SPACING = 0.65
+"""Usual distance between tags along an edge [m]."""
+_SIZE = 0.1
+"""Usual side of a tag's black square [m]."""
+_ROBOT_RADIUS = 0.3
+"""Distance from the base within which the robot stands on the tags [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -28,10 +40,10 @@ class Tag:
 
     Attributes:
         id: Number of the tag.
-        x: Its centre [m].
-        y: Its centre [m].
-        yaw: How far it is turned clockwise, seen from above; at zero its upper edge points along y,
-            away from the robot [rad].
+        x: Place of its centre [m].
+        y: Place of its centre [m].
+        yaw: Clockwise turn, seen from above; at zero its upper edge points along y, away from the
+            robot [rad].
         size: Length of a side of its black square [m].
     """
 
@@ -42,17 +54,17 @@ class Tag:
     size: float = 0.1
 
     def __post_init__(self):
-        if not (isinstance(self.id, int) and 0 <= self.id < TAG_COUNT_MAX):
-            raise InputError(f"tag id = {self.id!r} is outside [0, {TAG_COUNT_MAX - 1}]")
-        for name, low, high in (
-            ("x", -10.0, 10.0),
-            ("y", -10.0, 10.0),
-            ("yaw", -10.0, 10.0),
-            ("size", 0.01, 1.0),
-        ):
-            value = getattr(self, name)
-            if not isinstance(value, (int, float)) or not low <= value <= high:
-                raise InputError(f"tag {self.id}: {name} = {value!r} is outside [{low}, {high}]")
+        check_count("tag id", self.id, 0, TAG_COUNT_MAX - 1)
+        check_ranges(
+            self,
+            {
+                "x": (-10.0, 10.0, "m"),
+                "y": (-10.0, 10.0, "m"),
+                "yaw": (-10.0, 10.0, "rad"),
+                "size": (0.01, 1.0, "m"),
+            },
+            f"tag {self.id}",
+        )
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -83,7 +95,7 @@ class TagLayout:
             raise InputError(f"a layout names tag {doubled[0]} twice")
 
     def corners_of(self, tag_id: int) -> NDArray[np.float64] | None:
-        """Corners of a tag [m], shape [4, 3]; None if the layout has no such tag."""
+        """Return the corners of a tag [m], shape [4, 3]; None if the layout has no such tag."""
         for tag in self.tags:
             if tag.id == tag_id:
                 return tag.corners
@@ -111,39 +123,56 @@ class TagLayout:
             InputError: There is no such file, or it is no layout; says what is wrong with it.
         """
         try:
-            values = yaml.safe_load(path.read_text())
-        except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-            raise InputError(
-                f"tag layout {path} cannot be read: {str(error).splitlines()[0]}"
-            ) from None
-        rows = values.get("tags") if isinstance(values, Mapping) else None
+            values = read_yaml(path)
+        except (OSError, InputError) as error:
+            text = str(error)
+            where = "" if str(path) in text else f"{path}: "
+            raise InputError(f"tag layout {where}{text}") from None
+        rows = values.get("tags")
         if not isinstance(rows, list):
             raise InputError(f"tag layout {path} must hold a list named `tags`")
-        known = {"id", "x", "y", "yaw_deg", "size"}
-        tags = []
-        for row in rows:
-            if not isinstance(row, Mapping) or not {"id", "x", "y"} <= set(row) <= known:
-                raise InputError(
-                    f"tag layout {path}: {row!r} must give id, x, y and may give yaw_deg, size"
-                )
-            row = dict(row)
-            yaw_deg = row.pop("yaw_deg", 0.0)
-            if not isinstance(yaw_deg, (int, float)):
-                raise InputError(f"tag layout {path}: yaw_deg = {yaw_deg!r} is not a number")
-            tags.append(Tag(**row, yaw=float(np.radians(yaw_deg))))
-        return cls(tags=tuple(tags))
+        try:
+            return cls(tags=tuple(_tag_from_row(row) for row in rows))
+        except InputError as error:
+            raise InputError(f"tag layout {path}: {error}") from None
 
 
-def default_layout() -> TagLayout:
-    """Eleven tags of 10 cm along the edges of the paper's table, clear of the robot."""
-    places = [(x, 1.40) for x in (-1.27, -0.64, 0.0, 0.64, 1.27)]
-    places += [(-1.27, 0.75), (1.27, 0.75)]
-    places += [(x, 0.10) for x in (-1.27, -0.64, 0.64, 1.27)]
-    return TagLayout(tags=tuple(Tag(id=i, x=x, y=y) for i, (x, y) in enumerate(places)))
+def _tag_from_row(row: Any) -> Tag:
+    """Return the tag that one entry of a layout's file describes."""
+    row = check_keys(row, {"id", "x", "y", "yaw_deg", "size"}, "a tag", required={"id", "x", "y"})
+    yaw_deg = check_number("yaw_deg", row.pop("yaw_deg", 0.0), -360.0, 360.0, "deg")
+    return Tag(**row, yaw=math.radians(yaw_deg))
+
+
+def default_layout(workspace: Workspace | None = None) -> TagLayout:
+    """Return tags of 10 cm, or less on a small table, along its edges and clear of the robot.
+
+    Args:
+        workspace: Gives the table's size and place; the paper's table, which has eleven tags, where
+            None.
+    """
+    workspace = workspace or Workspace()
+    right = workspace.half_width - _EDGE_X
+    near, far = workspace.y_min + _EDGE_Y, workspace.y_max - _EDGE_Y
+    # Whole centimetres are easier to measure.
+    across = np.round(np.linspace(-right, right, _edge_count(2 * right)), 2).tolist()
+    along = np.round(np.linspace(far, near, _edge_count(far - near)), 2).tolist()
+    places = [(x, along[0]) for x in across]
+    places += [(x, y) for y in along[1:-1] for x in (across[0], across[-1])]
+    places += [(x, along[-1]) for x in across]
+    places = [(x, y) for x, y in places if math.hypot(x, y) >= _ROBOT_RADIUS]
+    # Smaller on a small table, so that they do not overlap.
+    size = min(_SIZE, 0.6 * min(across[1] - across[0], along[0] - along[1]))
+    return TagLayout(tags=tuple(Tag(id=i, x=x, y=y, size=size) for i, (x, y) in enumerate(places)))
+
+
+def _edge_count(length: float) -> int:
+    """Return the number of tags along an edge, at least one at each end."""
+    return max(round(length / _SPACING), 1) + 1
 
 
 def tag_picture(tag_id: int, cell: int = _PRINT_CELL) -> NDArray[np.uint8]:
-    """A tag with its white rim: ten by ten cells, of which eight are the black square.
+    """Draw a tag with its white rim: ten by ten cells, of which eight are the black square.
 
     Args:
         tag_id: Number of the tag.
@@ -161,7 +190,7 @@ def detect_tags(image: NDArray[np.uint8]) -> dict[int, NDArray[np.float64]]:
         image: Grey or BGR.
 
     Returns:
-        For each tag its corners, clockwise from its upper left [px], shape [4, 2].
+        Corners of each tag by its number, clockwise from its upper left [px], shape [4, 2].
     """
     cv2 = load_cv2()
     parameters = cv2.aruco.DetectorParameters()
@@ -187,24 +216,3 @@ def detect_tags(image: NDArray[np.uint8]) -> dict[int, NDArray[np.float64]]:
 def _dictionary():
     cv2 = load_cv2()
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-
-
-def main() -> None:
-    """Write the tags of the default layout to print, and the layout to edit."""
-    import argparse
-
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("out", type=pathlib.Path, help="folder to write to")
-    out = parser.parse_args().out
-    cv2 = load_cv2()
-    layout = default_layout()
-    for tag in layout.tags:
-        encoded = cv2.imencode(".png", tag_picture(tag.id))[1]
-        write_bytes(out / f"tag-{tag.id:02}.png", encoded.tobytes())
-    layout.save(out / "tags.yaml")
-    print(f"{len(layout.tags)} tags and tags.yaml are in {out}: print them so that the black")
-    print(f"square measures {100 * layout.tags[0].size:g} cm, and put your own places in tags.yaml")
-
-
-if __name__ == "__main__":
-    main()

@@ -9,20 +9,20 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.checks import check_count, check_ranges
 from cablecast.errors import InputError
+from cablecast.track import EndpointTrack
 from cablecast.tracking.lens import CameraView
 from cablecast.tracking.marker import MarkerConfig, Patch, find_patches, green_mask
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.tracking.samples import judge_status, sample_path
 from cablecast.workspace import Workspace
 
 Window = tuple[int, int, int, int]
 """A piece of a frame: left, top, right, bottom [px], the last two excluded."""
 _BLUR_SMALL = 4.0
-"""A marker whose trace is shorter than this looks as it does at rest [px]."""
-_BRINK = 0.03
-"""What vanishes this near to the table's left, right or far edge fell over it [m]."""
+"""Length of a trace below which the marker looks as it does at rest [px]."""
 Grab = Callable[[Window], NDArray[np.uint8]]
-"""Gives a piece of the current frame, BGR."""
+"""Function that returns a piece of the current frame, BGR."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -30,16 +30,16 @@ class TrackerConfig:
     """Settings of the tracker.
 
     Attributes:
-        marker: What the marker looks like.
+        marker: Looks of the marker.
         marker_z: Height of the marker's middle above the table while it lies there [m].
         sample_dt: Time between samples of the track [s]; the paper's camera analysis takes 100 ms.
         exposure_max: Longest exposure of a frame that is expected, which bounds the blur [s].
-        speed_max: The endpoint moves no faster than this [m/s].
-        acceleration_max: It is not faster sped up or slowed down than this [m/s²].
+        speed_max: Largest speed of the endpoint [m/s].
+        acceleration_max: Largest acceleration of the endpoint [m/s²].
         search_period: Frames between searches of the whole image while the marker is lost; between
             them it is searched where it was expected.
-        start_radius: The endpoint begins no farther than this from where it is expected [m].
-        edge_tolerance: An endpoint is off the table when it is seen this far beyond the edge [m].
+        start_radius: Largest distance of the first endpoint from where it is expected [m].
+        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
     """
 
     marker: MarkerConfig = dataclasses.field(default_factory=MarkerConfig)
@@ -53,19 +53,20 @@ class TrackerConfig:
     edge_tolerance: float = 0.005
 
     def __post_init__(self):
-        for name, low, high in (
-            ("marker_z", -0.1, 0.5),
-            ("sample_dt", 0.005, 10.0),
-            ("exposure_max", 0.0, 0.1),
-            ("speed_max", 0.1, 100.0),
-            ("acceleration_max", 1.0, 1e5),
-            ("search_period", 1, 1000),
-            ("start_radius", 0.01, 5.0),
-            ("edge_tolerance", 0.0, 0.2),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"tracker {name} = {value} is outside [{low:g}, {high:g}]")
+        check_count("tracker search_period", self.search_period, 1, 1000)
+        check_ranges(
+            self,
+            {
+                "marker_z": (-0.1, 0.5, "m"),
+                "sample_dt": (0.005, 10.0, "s"),
+                "exposure_max": (0.0, 0.1, "s"),
+                "speed_max": (0.1, 100.0, "m/s"),
+                "acceleration_max": (1.0, 1e5, "m/s²"),
+                "start_radius": (0.01, 5.0, "m"),
+                "edge_tolerance": (0.0, 0.2, "m"),
+            },
+            "tracker",
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -82,11 +83,11 @@ class EndpointTracker:
     """Follows the green marker through the frames of one trial.
 
     Args:
-        view: The calibrated camera.
-        workspace: Says where the table ends.
-        config: Settings.
-        start_xy: About where the endpoint is at the beginning, if that is known [m], shape [2]:
-            it tells the marker from other green things.
+        view: Calibrated camera.
+        workspace: Gives the table's edges.
+        config: Settings of the tracker.
+        start_xy: Approximate endpoint at the beginning, where it is known [m], shape [2]: it tells
+            the marker from other green things.
     """
 
     def __init__(
@@ -108,15 +109,15 @@ class EndpointTracker:
         self._still_green: NDArray[np.bool_] | None = None
         lens = view.lens
         self._frame: Window = (0, 0, lens.width, lens.height)
-        centre = (0.0, workspace.table_depth / 2)
+        centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
         self._px_per_m = view.pixels_per_metre(centre, self.config.marker_z)
 
     def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
-        """Look at the next frame.
+        """Look at the next frame, and return the endpoint in it.
 
         Args:
-            time: When it was taken, in the middle of the exposure [s]; must rise.
-            grab: Gives pieces of it. The tracker asks for no more than it looks at.
+            time: Middle of the exposure [s]; must rise.
+            grab: Returns pieces of the frame. The tracker asks for no more than it looks at.
 
         Returns:
             Endpoint on the table [m], shape [2]; NaN if it was not seen.
@@ -143,7 +144,7 @@ class EndpointTracker:
         return xy
 
     def _learn(self, patch: Patch) -> None:
-        """How green and how large the marker is here and now."""
+        """Learn how green and how large the marker is here and now."""
         if self._greenness is None:
             self._greenness, self._area = patch.greenness, patch.area
             return
@@ -155,7 +156,7 @@ class EndpointTracker:
             self._area += 0.2 * (patch.area - self._area)
 
     def _blur_px(self) -> float:
-        """Length of the marker's trace if it moves as it last did [px]."""
+        """Return the length of the marker's trace if it moves as it last did [px]."""
         if len(self._seen) < 2:
             return 0.0
         before, last = self._seen[-2:]
@@ -163,7 +164,7 @@ class EndpointTracker:
         return speed * self.config.exposure_max
 
     def track(self, duration: float | None = None) -> EndpointTrack:
-        """The track so far, one sample every `sample_dt` from time 0 on.
+        """Return the track so far, one sample every `sample_dt` from time 0 on.
 
         Args:
             duration: Time of the last sample [s]; by default that of the last frame.
@@ -195,7 +196,7 @@ class EndpointTracker:
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
     def _first(self, grab: Grab) -> Patch | None:
-        """The marker in the first frame that shows it.
+        """Return the marker in the first frame that shows it.
 
         Whatever else is green then lies still, and is no marker later either.
         """
@@ -232,7 +233,7 @@ class EndpointTracker:
         return candidates[0] if candidates else None
 
     def _predict(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Where the marker should be [px], how fast it moves there [px/s], and how far off [px]."""
+        """Predict the marker's place [px], its speed [px/s], and the error of both [px]."""
         last = self._seen[-1]
         velocity = np.zeros(2)
         if len(self._seen) > 1:
@@ -247,7 +248,7 @@ class EndpointTracker:
         )
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> Patch | None:
-        """The marker where it is expected."""
+        """Return the marker where it is expected, if it is there."""
         # A long time after it was seen, it is where it was or anywhere.
         if lost_count <= 3:
             centre, velocity, radius = self._predict(time)
@@ -271,7 +272,7 @@ class EndpointTracker:
         return self._choose(self._patches(window, grab), centre, half, window, blur_px)
 
     def _anywhere(self, time: float, grab: Grab) -> Patch | None:
-        """The marker anywhere that it could have reached since it was seen."""
+        """Return the marker from anywhere that it could have reached since it was seen."""
         last = self._seen[-1]
         reach = self.config.speed_max * (time - last.time) * self._px_per_m + 40.0
         patches = self._patches(self._frame, grab)
@@ -283,6 +284,7 @@ class EndpointTracker:
         return self.config.speed_max * self.config.exposure_max * self._px_per_m
 
     def _patches(self, window: Window, grab: Grab) -> list[Patch]:
+        """Return the green patches of a piece of the frame that do not lie on other green."""
         patches = find_patches(grab(window), self.config.marker, (window[0], window[1]))
         still = self._still_green
         if still is None:
@@ -303,7 +305,7 @@ class EndpointTracker:
         window: Window,
         blur_px: float,
     ) -> Patch | None:
-        """The patch that looks most like the marker, if any does."""
+        """Return the patch that looks most like the marker, if any does."""
         config = self.config.marker
         best, best_score = None, np.inf
         for patch in patches:
@@ -330,7 +332,7 @@ class EndpointTracker:
         return best
 
     def _shaped(self, patch: Patch, blur_px: float) -> bool:
-        """Whether a patch is as large as the marker can look."""
+        """Return whether a patch is as large as the marker can look."""
         config = self.config.marker
         if abs(patch.hue_deg - config.hue_deg) > config.hue_tolerance_deg:
             return False
@@ -338,80 +340,3 @@ class EndpointTracker:
         longest = (config.length * self._px_per_m + blur_px) / np.sqrt(12.0) * 1.3 + 1.0
         widest = (config.length * self._px_per_m) / np.sqrt(12.0) * 1.15 + 1.0
         return patch.extent[0] <= longest and patch.extent[1] <= widest
-
-
-def sample_path(
-    times: NDArray[np.float64], xy: NDArray[np.float64], sample_times: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Positions at some times from those of the frames next to each.
-
-    A sample that falls on a frame is that frame's. One between two frames lies on the line between
-    them, and is NaN if either is NaN or they are more than two frames apart.
-
-    Args:
-        times: Of the frames, rising [s], shape [frame].
-        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
-        sample_times: When to sample [s], shape [sample].
-
-    Returns:
-        Positions [m], shape [sample, 2].
-    """
-    sampled = np.full((len(sample_times), 2), np.nan)
-    if len(times) == 0:
-        return sampled
-    frame_dt = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    near = 0.05 * frame_dt + 1e-9
-    for i, time in enumerate(sample_times):
-        after = int(np.searchsorted(times, time))
-        nearest = min(max(after - 1, 0), len(times) - 1)
-        if after < len(times) and abs(times[after] - time) < abs(times[nearest] - time):
-            nearest = after
-        if abs(times[nearest] - time) <= near:
-            sampled[i] = xy[nearest]
-        elif 0 < after < len(times) and times[after] - times[after - 1] < 1.5 * frame_dt:
-            part = (time - times[after - 1]) / (times[after] - times[after - 1])
-            sampled[i] = (1 - part) * xy[after - 1] + part * xy[after]
-    return sampled
-
-
-def judge_status(
-    times: NDArray[np.float64],
-    xy: NDArray[np.float64],
-    endpoint_xy: NDArray[np.float64],
-    workspace: Workspace,
-    edge_tolerance: float = 0.005,
-) -> TrialStatus:
-    """How a trial ended, from what was seen.
-
-    Off the table is an endpoint that was seen last beyond the edge, on its way over it, or so near
-    to it that nothing else can have hidden it: no arm reaches there. Occluded is any other that was
-    not seen at the end. One that swept past the edge and came back has landed.
-
-    Args:
-        times: Of the frames [s], shape [frame].
-        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
-        endpoint_xy: The samples [m], shape [sample, 2].
-        workspace: Says where the table ends.
-        edge_tolerance: How far beyond the edge counts as off the table [m].
-    """
-    seen = np.flatnonzero(np.isfinite(xy).all(axis=1))
-    if not len(seen):
-        return TrialStatus.OCCLUDED
-    last = xy[seen[-1]]
-    # A point pulled towards the table by the tolerance must lie on it.
-    centre = np.array([0.0, workspace.table_depth / 2])
-    if not workspace.on_table(last - np.clip(last - centre, -edge_tolerance, edge_tolerance)):
-        return TrialStatus.OFF_TABLE
-    if np.isfinite(endpoint_xy[-1]).all():
-        return TrialStatus.OK
-    to_edge = min(workspace.table_width / 2 - abs(last[0]), workspace.table_depth - last[1])
-    if to_edge < _BRINK:
-        return TrialStatus.OFF_TABLE
-    if len(seen) > 1 and seen[-1] < len(times) - 1:
-        a, b = seen[-2:]
-        velocity = (xy[b] - xy[a]) / (times[b] - times[a])
-        # Two more frames at the speed at which it was seen last.
-        ahead = last + velocity * 2 * (times[b + 1] - times[b])
-        if not workspace.on_table(ahead):
-            return TrialStatus.OFF_TABLE
-    return TrialStatus.OCCLUDED

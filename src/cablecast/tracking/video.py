@@ -15,18 +15,18 @@ from cablecast.tracking.opencv import load_cv2
 Image = NDArray[np.uint8]
 
 RATE_MIN, RATE_MAX = 5.0, 1000.0
-"""Frame rates that a camera may have [1/s]; anything else is a damaged header."""
+"""Smallest and largest frame rate of a camera [1/s]; anything else is a damaged header."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VideoInfo:
-    """What the header of a video file says.
+    """Header of a video file.
 
     Attributes:
-        width: Of its frames [px].
-        height: Of its frames [px].
+        width: Width of its frames [px].
+        height: Height of its frames [px].
         rate: Frames per second [1/s].
-        frame_count: How many frames there should be; 0 where the header does not say.
+        frame_count: Number of frames; 0 where the header does not say.
     """
 
     width: int
@@ -39,10 +39,10 @@ def read_video(path: pathlib.Path) -> tuple[VideoInfo, Iterator[tuple[float, Ima
     """Open a video.
 
     Args:
-        path: Of the file.
+        path: Video file.
 
     Returns:
-        What it is, and its frames one after another: the time since the first frame [s], and the
+        Its header, and its frames one after another: the time since the first frame [s], and the
         frame, BGR, shape [v, u, 3].
 
     Raises:
@@ -70,6 +70,7 @@ def read_video(path: pathlib.Path) -> tuple[VideoInfo, Iterator[tuple[float, Ima
 
 
 def _frames(capture: Any, path: pathlib.Path, info: VideoInfo) -> Iterator[tuple[float, Image]]:
+    """Yield the frames of an opened video with their times."""
     cv2 = load_cv2()
     count, start, last = 0, 0.0, -1.0
     try:
@@ -100,12 +101,12 @@ def write_video(path: pathlib.Path, frames: Iterable[Image], rate: float) -> int
     """Write frames to an MP4 file.
 
     Args:
-        path: Of the file; its folder is created.
-        frames: BGR, all of one size.
+        path: Video file; its folder is created.
+        frames: Frames, BGR, all of one size.
         rate: Frames per second [1/s].
 
     Returns:
-        How many frames were written.
+        Number of frames written.
 
     Raises:
         InputError: There are no frames, or the file cannot be written.

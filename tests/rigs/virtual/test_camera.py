@@ -6,13 +6,14 @@ import json
 import numpy as np
 import pytest
 
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
 from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 
 CABLE_RADIUS = 0.0055
+ARM = ArmUR()
 # Two distributions estimated from some 500 frames of twelve clips each [m].
 MEAN_AGREEMENT = 0.4e-3
 RMS_AGREEMENT = 0.5e-3
@@ -28,25 +29,38 @@ def quiet(model, **changes):
     )
 
 
-def arm_at(theta, reach):
+def arm_at(theta, reach, arm=ARM):
     pose = [reach * np.sin(theta), reach * np.cos(theta), 0.02, theta, 0.0]
-    q = ArmUR5().inverse(np.array([pose, pose]))
+    q = arm.inverse(np.array([pose, pose]))
     return JointPath(times=np.array([0.0, 1.0]), q=q, qd=np.zeros_like(q))
 
 
 def observe(model, points, joint_path=None, seed=0):
     times = np.arange(len(points)) / 60
     rng = np.random.default_rng(seed)
-    return model.observe(times, points, joint_path, CABLE_RADIUS, rng)
+    return model.observe(times, points, joint_path, CABLE_RADIUS, rng, ARM)
 
 
-def test_the_last_rod_of_the_arm_ends_where_the_gripper_holds_the_cable():
-    path = arm_at(0.4, 0.7)
-    shape = arm_shape(path.q[:1])
-    pose = ArmUR5().grip_pose(path.q[0])
+@pytest.mark.parametrize(
+    "arm", [ARM, ArmUR(model="ur5e", base_height=0.1, base_yaw_deg=90.0)], ids=["ur5", "ur5e"]
+)
+def test_the_last_rod_of_the_arm_ends_where_the_gripper_holds_the_cable(arm):
+    path = arm_at(0.4, 0.7, arm)
+    shape = arm_shape(path.q[:1], arm)
+    pose = arm.grip_pose(path.q[0])
     # The cable leaves the fingers beside their axis.
     distance = np.linalg.norm(shape.ends[0, -1, 1] - pose[:3])
-    assert distance == pytest.approx(ArmUR5().grip_offset, abs=1e-9)
+    assert distance == pytest.approx(arm.grip_offset, abs=1e-9)
+    # Each rod begins where one before it ends, but for those that carry the sides' offsets.
+    ends = shape.ends[0]
+    gaps = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
+    np.testing.assert_allclose(gaps, 0.0, atol=1e-9)
+
+
+def test_a_turn_of_the_base_leaves_the_arm_where_it_is_and_turns_only_its_first_joint():
+    turned = ArmUR(base_yaw_deg=60.0)
+    there, here = (arm_shape(arm_at(0.3, 0.7, arm).q[:1], arm) for arm in (turned, ARM))
+    np.testing.assert_allclose(there.ends, here.ends, atol=1e-9)
 
 
 def test_a_line_of_sight_is_measured_from_a_rod_s_surface():
@@ -65,7 +79,7 @@ def test_the_error_model_sees_what_it_should_and_hides_what_geometry_hides():
     arm = arm_at(0.0, 0.75)
     x, y = np.meshgrid(np.linspace(-0.4, 0.4, 41), np.linspace(0.3, 0.7, 21))
     table = np.stack([x, y, np.full_like(x, CABLE_RADIUS)], axis=-1).reshape(-1, 3)
-    clearance = sight_clearance(table, camera, arm_shape(joints_at(arm, np.zeros(len(table)))))
+    clearance = sight_clearance(table, camera, arm_shape(joints_at(arm, np.zeros(len(table))), ARM))
     below_arm, clear = table[clearance.argmin()], table[clearance.argmax()]
     assert np.isnan(observe(model, below_arm[None], arm)).all()
     np.testing.assert_allclose(observe(model, clear[None], arm)[0], clear[:2], atol=1e-9)
@@ -118,7 +132,7 @@ def test_a_damaged_error_model_is_refused(change, tmp_path):
 @pytest.fixture(scope="module")
 def clips(virtual_camera, calibration):
     """Filmed and tracked motions, half of them by the arm."""
-    from cablecast.rigs.virtual.camera_fit import clip_trial, measure
+    from cablecast.rigs.virtual.camera_clips import clip_trial, measure
 
     # Other motions than those that the model was fitted to.
     clips = measure(virtual_camera, calibration, 12, seed=77)
@@ -137,6 +151,7 @@ def test_the_error_model_and_the_rendered_camera_agree_in_mean_and_rms(clips):
             joint_path,
             clip.marker_z,
             np.random.default_rng(i),
+            ARM,
         )
         rendered.append(clip.tracked_xy - clip.points[:, :2])
         drawn.append(xy - clip.points[:, :2])
@@ -155,14 +170,15 @@ def test_the_error_model_and_the_rendered_camera_agree_in_mean_and_rms(clips):
 def test_a_fit_to_clips_finds_the_errors_that_they_were_made_with(
     clips, virtual_camera, calibration
 ):
-    from cablecast.rigs.virtual.camera_fit import fit_error_model
+    from tools.fit_camera_error import fit_error_model
 
     truth = dataclasses.replace(
         quiet(CameraErrorModel.load()), noise_sd=3e-4, delay=0.004, bias=((2e-3, *(0.0,) * 5),) * 2
     )
     made = []
     for i, clip in enumerate(clips[0]):
-        xy = truth.observe(clip.times, clip.points, None, clip.marker_z, np.random.default_rng(i))
+        rng = np.random.default_rng(i)
+        xy = truth.observe(clip.times, clip.points, None, clip.marker_z, rng, ARM)
         nowhere, no_arm = np.empty((0, 3)), np.full(len(xy), np.inf)
         made.append(dataclasses.replace(clip, tracked_xy=xy, clearance=no_arm, blind=nowhere))
     found = fit_error_model(made, virtual_camera, calibration, 0)
@@ -173,7 +189,7 @@ def test_a_fit_to_clips_finds_the_errors_that_they_were_made_with(
 
 
 def test_a_piece_of_a_frame_equals_that_part_of_the_whole(virtual_camera):
-    from cablecast.rigs.virtual.camera_fit import clip_trial
+    from cablecast.rigs.virtual.camera_clips import clip_trial
 
     film = virtual_camera.film(clip_trial(np.random.default_rng([0, 1]), 1), seed=4)
     whole = film.frame(25)
@@ -188,7 +204,7 @@ def test_a_piece_of_a_frame_equals_that_part_of_the_whole(virtual_camera):
 
 
 def test_films_of_equal_seeds_are_equal_and_others_differ_in_light_and_noise(virtual_camera):
-    from cablecast.rigs.virtual.camera_fit import clip_trial
+    from cablecast.rigs.virtual.camera_clips import clip_trial
 
     trial = clip_trial(np.random.default_rng([0, 0]), 0)
     window = (800, 400, 1000, 600)

@@ -52,9 +52,9 @@ def test_other_rooms_know_of_the_laboratory_only_what_it_makes_public():
                 }, path
 
 
-def test_the_description_tells_no_hidden_value(cable, workspace):
+def test_the_description_tells_no_hidden_value(cable, setup):
     pytest.importorskip("mujoco")
-    description = RigVirtual(cable, workspace, 0).description
+    description = RigVirtual(setup).description
 
     def numbers(value):
         if isinstance(value, dict):

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.arm.ur5 import ArmUR5
 from cablecast.cable import CABLE_NAMES, Attachment, load_cable
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory
+from cablecast.setup import Setup
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
@@ -21,6 +21,8 @@ from cablecast.rigs.virtual.reset_library import ASIDE_MAX, find_library
 from cablecast.rigs.virtual.scene import build_scene
 from cablecast.rigs.virtual.trials import Trial, reset_shape
 
+# A table far behind the robot: the cable hangs free above the floor, and touches nothing.
+IN_THE_AIR = Workspace(grip_height=0.5, table_near_y=-5.0, table_depth=0.3)
 QUICK = VirtualConfig(segment_count=16, dt=1e-3, sensing="exact")
 SILENT = dataclasses.replace(QUICK, noise=TrialNoise.none())
 # Contacts give way by micrometres; half a millimetre would be a cable that sinks in.
@@ -43,10 +45,8 @@ def play(rig, trajectory):
     return rig.execute(trajectory)
 
 
-def test_the_same_seed_repeats_the_sequence_of_trials_and_another_does_not(
-    cable, workspace, small_cast
-):
-    first, again, other = (RigVirtual(cable, workspace, seed, QUICK) for seed in (3, 3, 4))
+def test_the_same_seed_repeats_the_sequence_of_trials_and_another_does_not(setup, small_cast):
+    first, again, other = (RigVirtual(setup, seed, QUICK) for seed in (3, 3, 4))
     tracks = [play(first, small_cast), play(first, small_cast)]
     np.testing.assert_array_equal(play(again, small_cast).nodes, tracks[0].nodes)
     np.testing.assert_array_equal(play(again, small_cast).nodes, tracks[1].nodes)
@@ -54,23 +54,21 @@ def test_the_same_seed_repeats_the_sequence_of_trials_and_another_does_not(
     assert not np.array_equal(play(other, small_cast).final_xy, tracks[0].final_xy)
 
 
-def test_the_number_of_threads_changes_nothing(cable, workspace, small_cast):
+def test_the_number_of_threads_changes_nothing(setup, small_cast):
     tracks = [
-        RigVirtual(
-            cable, workspace, 0, dataclasses.replace(QUICK, thread_count=count)
-        ).execute_many([small_cast] * 3)
+        RigVirtual(setup, 0, dataclasses.replace(QUICK, thread_count=count)).execute_many(
+            [small_cast] * 3
+        )
         for count in (1, 2)
     ]
     for one, two in zip(*tracks, strict=True):
         np.testing.assert_array_equal(one.nodes, two.nodes)
 
 
-def test_equal_motions_scatter_by_some_per_cent_and_not_at_all_without_noise(
-    cable, workspace, cast
-):
+def test_equal_motions_scatter_by_some_per_cent_and_not_at_all_without_noise(setup, cable, cast):
     landings = [
         [track.final_xy for track in rig.execute_many([cast] * 4)]
-        for rig in (RigVirtual(cable, workspace, 0, c) for c in (QUICK, SILENT))
+        for rig in (RigVirtual(setup, 0, c) for c in (QUICK, SILENT))
     ]
     scatter, none = (np.ptp(xy, axis=0).max() / cable.length for xy in landings)
     assert 0.001 < scatter < 0.2
@@ -78,20 +76,22 @@ def test_equal_motions_scatter_by_some_per_cent_and_not_at_all_without_noise(
 
 
 def test_a_mirrored_motion_ends_mirrored_on_an_even_table_with_an_even_cable(
-    cable, workspace, cast, monkeypatch
+    setup, cast, monkeypatch
 ):
     def even(cable, lab_seed):
         return dataclasses.replace(hidden_cable(cable, lab_seed), curl=0.0, endpoint_offset=0.0)
 
     monkeypatch.setattr(laboratory, "hidden_cable", even)
-    bare = dataclasses.replace(cable, attachment=Attachment.NONE)
+    bare = dataclasses.replace(
+        setup, cable=dataclasses.replace(setup.cable, attachment=Attachment.NONE)
+    )
     right = Trajectory(action=None, grip_path=cast.grip_path, joint_path=None)
     left = Trajectory(action=None, grip_path=cast.grip_path.mirrored(), joint_path=None)
-    uneven = RigVirtual(bare, workspace, 0, SILENT).execute_many([right, left])
+    uneven = RigVirtual(bare, 0, SILENT).execute_many([right, left])
     monkeypatch.setattr(
         laboratory, "hidden_table", lambda seed: HiddenTable(seed=seed, wear=0, board=0, seam=0)
     )
-    tracks = RigVirtual(bare, workspace, 0, SILENT).execute_many([right, left])
+    tracks = RigVirtual(bare, 0, SILENT).execute_many([right, left])
     landings = [track.final_xy for track in tracks]
     np.testing.assert_allclose(landings[1] * [-1, 1], landings[0], atol=MIRROR_TOLERANCE)
     # The true table is not even: both sides differ by more than that, and by less than a cast.
@@ -99,23 +99,19 @@ def test_a_mirrored_motion_ends_mirrored_on_an_even_table_with_an_even_cable(
     assert 5 * MIRROR_TOLERANCE < apart < 0.1
 
 
-def test_a_trial_is_the_same_bit_for_bit_whatever_is_played_beside_it(
-    cable, workspace, cast, small_cast
-):
-    together = RigVirtual(cable, workspace, 0, QUICK).execute_many([small_cast, cast, small_cast])
-    alone = RigVirtual(cable, workspace, 0, QUICK)
+def test_a_trial_is_the_same_bit_for_bit_whatever_is_played_beside_it(setup, cast, small_cast):
+    together = RigVirtual(setup, 0, QUICK).execute_many([small_cast, cast, small_cast])
+    alone = RigVirtual(setup, 0, QUICK)
     alone.seek(1)
     track = play(alone, cast)
     np.testing.assert_array_equal(track.nodes, together[1].nodes)
     np.testing.assert_array_equal(track.joint_path.q, together[1].joint_path.q)
 
 
-def test_the_arm_reports_joints_that_carry_the_cable_where_it_is_gripped(
-    cable, workspace, small_cast
-):
-    track = play(RigVirtual(cable, workspace, 0, SILENT), small_cast)
+def test_the_arm_reports_joints_that_carry_the_cable_where_it_is_gripped(setup, small_cast):
+    track = play(RigVirtual(setup, 0, SILENT), small_cast)
     times, q = track.joint_path.times, track.joint_path.q
-    grip = ArmUR5().grip_pose(q)[:, :2]
+    grip = setup.arm.grip_pose(q)[:, :2]
     seen = track.times[track.times <= times[-1]]
     there = np.stack([np.interp(seen, times, grip[:, axis]) for axis in (0, 1)], axis=1)
     np.testing.assert_allclose(track.nodes[: len(seen), 0, :2], there, atol=INTERPOLATION)
@@ -124,7 +120,7 @@ def test_the_arm_reports_joints_that_carry_the_cable_where_it_is_gripped(
     assert np.abs(commanded - there).max() > 10 * INTERPOLATION
 
 
-def test_a_cable_that_only_sweeps_past_the_edge_has_landed(cable, workspace):
+def test_a_cable_that_only_sweeps_past_the_edge_has_landed(setup, workspace):
     pose = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
     times = np.linspace(0.0, 3.0, 60)
     poses = np.repeat(pose[None], len(times), axis=0)
@@ -132,13 +128,13 @@ def test_a_cable_that_only_sweeps_past_the_edge_has_landed(cable, workspace):
     poses[:, 1] += 0.36 * np.sin(np.pi * times / times[-1]) ** 2
     there = Trajectory(action=None, grip_path=GripPath.fit(times, poses), joint_path=None)
     # A laboratory without stored resets, whose drawn cable is straight enough to be pushed.
-    track = play(RigVirtual(cable, workspace, 0, dataclasses.replace(QUICK, lab_seed=1)), there)
-    assert track.endpoint_xy[:, 1].max() > workspace.table_depth
+    track = play(RigVirtual(setup, 0, dataclasses.replace(QUICK, lab_seed=1)), there)
+    assert track.endpoint_xy[:, 1].max() > workspace.y_max
     assert track.status is TrialStatus.OK
 
 
 def test_a_motion_that_no_simulation_survives_is_marked_and_leaves_no_log_file(
-    cable, workspace, small_cast, tmp_path, monkeypatch
+    setup, workspace, small_cast, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     times = np.linspace(0.0, 0.4, 30)
@@ -146,16 +142,16 @@ def test_a_motion_that_no_simulation_survives_is_marked_and_leaves_no_log_file(
     poses[:, 1:3] = workspace.reset_y, workspace.grip_height
     poses[15:, 0] = 400.0
     jump = Trajectory(action=None, grip_path=GripPath.fit(times, poses), joint_path=None)
-    tracks = RigVirtual(cable, workspace, 0, QUICK).execute_many([jump, small_cast])
+    tracks = RigVirtual(setup, 0, QUICK).execute_many([jump, small_cast])
     assert tracks[0].status in (TrialStatus.NON_FINITE, TrialStatus.OFF_TABLE)
     assert tracks[1].status is TrialStatus.OK
     assert not list(tmp_path.iterdir())
 
 
-def test_a_cable_that_is_only_held_lies_still_on_the_table(cable, workspace):
+def test_a_cable_that_is_only_held_lies_still_on_the_table(setup, cable, workspace):
     pose = [0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0]
     hold = Trajectory(action=None, grip_path=GripPath.hold(pose, 1.0), joint_path=None)
-    track = play(RigVirtual(cable, workspace, 0, VirtualConfig()), hold)
+    track = play(RigVirtual(setup, 0, VirtualConfig()), hold)
     assert track.status is TrialStatus.OK
     # It rests as soon as it may: the trial ends with the first sample after the motion.
     assert track.times[-1] <= 1.2 + 1e-9
@@ -167,9 +163,10 @@ def test_a_cable_that_is_only_held_lies_still_on_the_table(cable, workspace):
 
 
 @pytest.mark.parametrize("name", ["cable_2", "cable_3"])
-def test_thin_and_stiff_cables_swing_out_and_come_to_rest_on_the_table(name, workspace, wide_cast):
-    cable = load_cable(name)
-    track = play(RigVirtual(cable, workspace, 0, QUICK), wide_cast)
+def test_thin_and_stiff_cables_swing_out_and_come_to_rest_on_the_table(name, wide_cast):
+    setup = Setup(cable=name)
+    cable = setup.cable
+    track = play(RigVirtual(setup, 0, QUICK), wide_cast)
     assert track.status is TrialStatus.OK
     length = np.linalg.norm(np.diff(track.nodes, axis=1), axis=-1).sum(axis=1)
     np.testing.assert_allclose(length, cable.length, rtol=0.01)
@@ -180,19 +177,19 @@ def test_thin_and_stiff_cables_swing_out_and_come_to_rest_on_the_table(name, wor
     assert track.times[-1] < wide_cast.duration + QUICK.rest_time_max - 0.5
 
 
-def test_a_cable_that_falls_off_the_edge_hangs_below_the_table(cable, workspace):
+def test_a_cable_that_falls_off_the_edge_hangs_below_the_table(setup, workspace):
     pose = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
     times = np.linspace(0.0, 2.0, 30)
     poses = np.repeat(pose[None], len(times), axis=0)
     u = times / times[-1]
     poses[:, 1] += 0.6 * u**3 * (10 - 15 * u + 6 * u**2)
     push = Trajectory(action=None, grip_path=GripPath.fit(times, poses), joint_path=None)
-    track = play(RigVirtual(cable, workspace, 0, QUICK), push)
+    track = play(RigVirtual(setup, 0, QUICK), push)
     assert track.status is TrialStatus.OFF_TABLE
     assert track.nodes[-1, -1, 2] < -0.1
 
 
-def test_settings_out_of_bounds_are_refused_by_name(cable, workspace):
+def test_settings_out_of_bounds_are_refused_by_name(setup):
     with pytest.raises(InputError, match=r"dt = 0\.01 is outside"):
         VirtualConfig(dt=0.01)
     with pytest.raises(InputError, match="segment_count = 1 "):
@@ -200,16 +197,16 @@ def test_settings_out_of_bounds_are_refused_by_name(cable, workspace):
     with pytest.raises(InputError, match="friction = -1"):
         TrialNoise(friction=-1)
     with pytest.raises(InputError, match="seed = -1"):
-        RigVirtual(cable, workspace, -1)
+        RigVirtual(setup, -1)
 
 
 def test_a_cable_that_swings_down_from_a_height_never_gains_energy(cable):
     import mujoco
 
-    # The grip high above the floor: no contact takes or hides energy. The softest cable folds most.
+    # No contact takes or hides energy. The softest cable folds most.
     truth = dataclasses.replace(hidden_cable(cable, 0), bend_stiffness=1e-5)
     bare = dataclasses.replace(cable, attachment=Attachment.NONE)
-    scene = build_scene(bare, truth, Workspace(grip_height=2.0), 16, 1e-3)
+    scene = build_scene(bare, truth, IN_THE_AIR, 16, 1e-3)
     data = mujoco.MjData(scene.model)
     mass = scene.masses[2:].copy()
     mass[-1] += scene.endpoint_mass
@@ -233,7 +230,7 @@ def test_a_hook_or_a_magnet_that_falls_with_its_cable_never_gains_energy(name):
 
     cable = load_cable(name)
     truth = hidden_cable(cable, 0)
-    scene = build_scene(cable, truth, Workspace(grip_height=2.0), 16, 1e-3)
+    scene = build_scene(cable, truth, IN_THE_AIR, 16, 1e-3)
     scene.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data = mujoco.MjData(scene.model)
     energy = []
@@ -280,7 +277,7 @@ def test_a_magnet_that_still_turns_rolls_the_end_of_a_cable_at_rest_aside(worksp
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_a_trial_begins_with_the_cable_on_the_table_and_nearly_straight_ahead(name):
     cable = load_cable(name)
-    library = find_library(cable)
+    library = find_library(Setup(cable=cable))
     assert library is not None
     pose = np.array([0.0, 0.6, 0.02, 0.0, 0.0])
     arc_lengths = np.linspace(0.0, cable.length, 32)

@@ -25,14 +25,12 @@ def distance(track, truth):
 
 
 @pytest.fixture(scope="module")
-def exact(cable, workspace, small_cast, cast):
-    return RigVirtual(cable, workspace, 0, QUICK).execute_many([small_cast, cast])
+def exact(setup, small_cast, cast):
+    return RigVirtual(setup, 0, QUICK).execute_many([small_cast, cast])
 
 
-def test_the_error_model_sees_the_endpoint_nearly_where_it_is(
-    cable, workspace, small_cast, cast, exact
-):
-    tracks = RigVirtual(cable, workspace, 0, ERROR_MODEL).execute_many([small_cast, cast])
+def test_the_error_model_sees_the_endpoint_nearly_where_it_is(setup, small_cast, cast, exact):
+    tracks = RigVirtual(setup, 0, ERROR_MODEL).execute_many([small_cast, cast])
     for track, truth in zip(tracks, exact, strict=True):
         off = distance(track, truth)
         assert 0.0 < np.nanmax(off) < CAMERA_ERROR
@@ -41,11 +39,9 @@ def test_the_error_model_sees_the_endpoint_nearly_where_it_is(
         np.testing.assert_allclose(track.nodes[:9], truth.nodes[:9], atol=1e-9)
 
 
-def test_the_camera_in_the_loop_sees_the_endpoint_nearly_where_it_is(
-    cable, workspace, small_cast, exact
-):
+def test_the_camera_in_the_loop_sees_the_endpoint_nearly_where_it_is(setup, small_cast, exact):
     pytest.importorskip("cv2")
-    rig = RigVirtual(cable, workspace, 0, CAMERA)
+    rig = RigVirtual(setup, 0, CAMERA)
     rig.reset()
     track = rig.execute(small_cast)
     assert track.status is TrialStatus.OK
@@ -53,24 +49,24 @@ def test_the_camera_in_the_loop_sees_the_endpoint_nearly_where_it_is(
     assert np.isfinite(track.endpoint_xy).all(axis=1).mean() > 0.8
 
 
-def test_what_is_seen_depends_on_seed_and_trial_alone(cable, workspace, small_cast):
-    rig = RigVirtual(cable, workspace, 3, ERROR_MODEL)
+def test_what_is_seen_depends_on_seed_and_trial_alone(setup, small_cast):
+    rig = RigVirtual(setup, 3, ERROR_MODEL)
     together = rig.execute_many([small_cast, small_cast])
-    again = RigVirtual(cable, workspace, 3, ERROR_MODEL)
+    again = RigVirtual(setup, 3, ERROR_MODEL)
     for track in together:
         again.reset()
         np.testing.assert_array_equal(again.execute(small_cast).endpoint_xy, track.endpoint_xy)
     assert not np.array_equal(together[0].endpoint_xy, together[1].endpoint_xy)
 
 
-def test_an_endpoint_that_leaves_the_table_is_seen_to(cable, workspace, wild):
-    track = RigVirtual(cable, workspace, 0, ERROR_MODEL).execute_many([wild])[0]
+def test_an_endpoint_that_leaves_the_table_is_seen_to(setup, wild):
+    track = RigVirtual(setup, 0, ERROR_MODEL).execute_many([wild])[0]
     assert track.status is TrialStatus.OFF_TABLE
     assert np.isnan(track.final_xy).all()
 
 
-def test_a_broken_simulation_is_not_looked_at(cable, workspace):
-    sensor = make_sensor("error_model", cable, workspace, 0.1)
+def test_a_broken_simulation_is_not_looked_at(setup):
+    sensor = make_sensor("error_model", setup, 0.1)
     broken = EndpointTrack(
         times=np.arange(31) * 0.01,
         endpoint_xy=np.zeros((31, 2)),
@@ -83,8 +79,8 @@ def test_a_broken_simulation_is_not_looked_at(cable, workspace):
     assert np.isnan(track.endpoint_xy).all()
 
 
-def test_a_record_too_coarse_for_a_camera_is_refused(cable, workspace):
-    sensor = make_sensor("error_model", cable, workspace, 0.1)
+def test_a_record_too_coarse_for_a_camera_is_refused(setup):
+    sensor = make_sensor("error_model", setup, 0.1)
     coarse = EndpointTrack(
         times=np.arange(4) * 0.1,
         endpoint_xy=np.zeros((4, 2)),

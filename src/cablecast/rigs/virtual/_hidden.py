@@ -1,4 +1,4 @@
-"""What is true of the cables in the virtual laboratory. Nothing outside rigs/virtual may read it.
+"""True values of the virtual laboratory. Nothing outside rigs/virtual may read them.
 
 The learning side has to find these values, or live with its error, as with a real cable. They
 differ from the starting values in cable.py by what a careful person gets wrong who weighs the cable
@@ -15,25 +15,26 @@ from cablecast.cable import CABLE_NAMES, Attachment, Cable, load_cable
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HiddenCable:
-    """The true cable.
+    """True properties of a cable.
 
     Attributes:
-        mass: Of the cable without its attachment [kg].
-        bend_stiffness: EI [N·m²].
-        twist_stiffness: GJ [N·m²].
+        mass: Mass of the cable without its attachment [kg].
+        bend_stiffness: Bending stiffness EI [N·m²].
+        twist_stiffness: Torsional stiffness GJ [N·m²].
         bend_damping: Internal damping as a multiple of the elastic stiffness [s].
         friction: Coulomb coefficient between cable and table, mean of all places [-].
         grain: Friction across the cable is higher by this share, along it lower [-].
         curl: Curvature of the cable at rest, as it came off its spool [1/m].
         yield_curvature: Sharper elastic bends leave a lasting one [1/m].
         yield_time: Time in which a bend yields [s].
-        endpoint_mass: Of the attachment [kg].
-        endpoint_share: Where the attachment's centre of mass lies, from its near end [-].
-        endpoint_offset: How far a hook's bend lies beside the cable [m].
-        endpoint_radius: Of a magnet's disc, or of a hook's wire [m].
+        endpoint_mass: Mass of the attachment [kg].
+        endpoint_share: Place of the attachment's centre of mass, as a share of its length from its
+            near end [-].
+        endpoint_offset: Distance of a hook's bend from the cable's axis [m].
+        endpoint_radius: Radius of a magnet's disc, or of a hook's wire [m].
         endpoint_friction: Coulomb coefficient between attachment and table [-].
-        drag: Drag coefficient of the cable in air for its normal velocity [-].
-        linear_damping: Decay rate of velocities beside the drag [1/s].
+        drag: Coefficient of the air drag on the cable's normal velocity [-].
+        linear_damping: Decay rate of velocities in addition to the drag [1/s].
         sleeve: Length of cable that the gripper's jaws hold straight [m].
     """
 
@@ -58,17 +59,17 @@ class HiddenCable:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HiddenArm:
-    """The true servos of the arm's six joints.
+    """True servos of the arm's six joints.
 
     Attributes:
-        delay: From the set point to the motor [s].
-        frequency: Of the closed position loop, undamped [Hz].
-        damping_ratio: Of the closed position loop [-].
-        feedforward: Share of the commanded rate that the loop is told of [-].
-        torque: Of the standing base joint, less the friction of its gear [N·m].
-        free_speed: At which the base joint's motor has no torque left [rad/s].
-        inertia: Of the folded arm about the base axis [kg·m²].
-        stretch_mass: Adds to it times the square of the gripper's distance [kg].
+        delay: Dead time from the set point to the motor [s].
+        frequency: Undamped frequency of the closed position loop [Hz].
+        damping_ratio: Damping ratio of the closed position loop [-].
+        feedforward: Share of the commanded rate that is fed forward [-].
+        torque: Torque of the standing base joint, less the friction of its gear [N·m].
+        free_speed: Rate at which the base joint's motor has no torque left [rad/s].
+        inertia: Moment of inertia of the folded arm about the base axis [kg·m²].
+        stretch_mass: Growth of that moment with the square of the gripper's distance [kg].
     """
 
     delay: tuple[float, ...] = (0.012, 0.011, 0.011, 0.010, 0.010, 0.010)
@@ -83,18 +84,18 @@ class HiddenArm:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HiddenTable:
-    """The true face of the table; each effect is relative to the mean friction.
+    """True face of the table; each effect is relative to the mean friction.
 
     Attributes:
-        seed: Of the drawing.
+        seed: Seed of the drawing.
         wear: Standard deviation of the smooth part [-].
-        wear_length: Distance over which it changes [m].
-        wave_count: Waves that it is drawn from.
+        wear_length: Distance over which the smooth part changes [m].
+        wave_count: Number of waves that the smooth part is made of.
         board: Standard deviation from board to board [-].
-        board_size: Of one board along x and y [m].
-        first_seam: Where the first seams lie, from the corner of the table [m].
-        seam_width: Of the gap between boards and its frayed rims [m].
-        seam: How much more friction there is on a seam [-].
+        board_size: Size of one board along the table's width and depth [m].
+        first_seam: Distance of the first seams from the corner of the table [m].
+        seam_width: Width of the gap between boards and its frayed rims [m].
+        seam: Additional friction on a seam [-].
     """
 
     seed: int
@@ -165,8 +166,8 @@ _PRESETS = {
     ),
 }
 
-# Copies of one product differ by a few per cent; the values that a user believes of a cable of
-# their own by more, least for those that a scale tells and most for stiffness.
+# Copies of one product differ by a few per cent. What users believe of a cable of their own differs
+# by more: least for what a scale tells, and most for stiffness.
 _COPY_SPREAD = 0.03
 _BELIEF_SPREAD = {
     "mass": 0.08,
@@ -180,11 +181,11 @@ _ARM_SPREAD = 0.05
 
 
 def hidden_cable(cable: Cable, lab_seed: int) -> HiddenCable:
-    """The true cable behind what is believed of it.
+    """Return the true cable behind what is believed of it.
 
     Args:
         cable: A preset, or a user's own, for which the truth is drawn about its parameters.
-        lab_seed: Which laboratory.
+        lab_seed: Seed of the laboratory.
     """
     rng = np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())])
     if _is_preset(cable):
@@ -224,7 +225,7 @@ def hidden_cable(cable: Cable, lab_seed: int) -> HiddenCable:
 
 
 def hidden_arm(lab_seed: int) -> HiddenArm:
-    """The true arm of a laboratory: another specimen has other servos, by some per cent."""
+    """Return the true arm of a laboratory: servos differ from specimen to specimen by per cents."""
     arm = HiddenArm()
     if lab_seed == 0:
         return arm
@@ -243,12 +244,12 @@ def hidden_arm(lab_seed: int) -> HiddenArm:
 
 
 def hidden_table(lab_seed: int) -> HiddenTable:
-    """The true table of a laboratory."""
+    """Return the true table of a laboratory."""
     return HiddenTable(seed=1000 + lab_seed)
 
 
 def _is_preset(cable: Cable) -> bool:
-    """Whether a cable is a preset by name and by geometry; its params may have been tuned."""
+    """Return whether a cable is a preset by name and geometry; its params may have been tuned."""
     if cable.name not in CABLE_NAMES:
         return False
     preset = load_cable(cable.name)

@@ -11,34 +11,31 @@ to it is cut by an amount that changes with the motor's temperature.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm
-
-if TYPE_CHECKING:
-    from cablecast.motion.trajectory import Trajectory
-    from cablecast.rigs.virtual.trials import Trial
+from cablecast.rigs.virtual.trials import Trial
 
 REPORT_DT = 1 / 125
-"""The arm reports its joints at its control cycle [s]."""
+"""Time between reports of the joints, the control cycle of the arm [s]."""
 _SETTLE_TIME = 0.4
-"""The arm is watched this long after the command has ended [s]."""
+"""Time from the end of the command to the last report [s]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArmMotion:
-    """How the arm moved in one trial.
+    """Motion of the arm in one trial.
 
     Attributes:
-        poses: Gripped end, x, y, z [m], yaw, pitch [rad], shape [step + 1, 5].
-        joint_path: What the arm reported of its joints; None for a motion without joints.
+        poses: Pose of the gripped end: x, y, z [m], yaw, pitch [rad], shape [step + 1, 5].
+        joint_path: Joints as the arm reported them; None for a motion without joints.
     """
 
     poses: NDArray[np.float64]
@@ -46,19 +43,21 @@ class ArmMotion:
 
 
 def move_arm(
-    trajectories: Sequence["Trajectory"],
-    trials: Sequence["Trial"],
-    arm: HiddenArm,
+    trajectories: Sequence[Trajectory],
+    trials: Sequence[Trial],
+    arm: ArmUR,
+    servos: HiddenArm,
     dt: float,
     step_count: int,
 ) -> list[ArmMotion]:
-    """Follow commanded motions.
+    """Return the motions of an arm that follows commanded ones.
 
     Args:
-        trajectories: One per trial. Without a joint path, the gripper itself follows its path as
-            the joints would.
+        trajectories: Commanded motion of each trial. Without a joint path, the gripper itself
+            follows its path as the joints would.
         trials: Draw of each trial.
-        arm: The servos.
+        arm: Geometry of the arm.
+        servos: True servos of its joints.
         dt: Step [s].
         step_count: Number of steps from the beginning of the motion.
     """
@@ -67,20 +66,20 @@ def move_arm(
         rows = [i for i, t in enumerate(trajectories) if (t.joint_path is not None) is jointed]
         if not rows:
             continue
-        commands = [_command(trajectories[i], trials[i], arm, dt, step_count) for i in rows]
+        commands = [_command(trajectories[i], trials[i], servos, dt, step_count) for i in rows]
         followed = _follow(
             np.stack([command[0] for command in commands]),
             np.stack([command[1] for command in commands]),
-            _channels(arm, jointed),
-            arm,
-            _strength(trajectories, trials, rows, arm, dt, step_count) if jointed else None,
+            _channels(servos, jointed),
+            servos,
+            _strength(trajectories, trials, rows, servos, dt, step_count) if jointed else None,
             np.stack([trials[i].servo_factor(_channel_count(jointed)) for i in rows]),
             dt,
         )
         for row, (q, qd) in zip(rows, zip(*followed, strict=True), strict=True):
             if jointed:
                 report = _report(q, qd, trajectories[row], trials[row], dt)
-                motions[row] = ArmMotion(poses=ArmUR5().grip_pose(q), joint_path=report)
+                motions[row] = ArmMotion(poses=arm.grip_pose(q), joint_path=report)
             else:
                 motions[row] = ArmMotion(poses=q, joint_path=None)
     return [motion for motion in motions if motion is not None]
@@ -90,27 +89,27 @@ def _channel_count(jointed: bool) -> int:
     return JOINT_COUNT if jointed else len(CHANNELS)
 
 
-def _channels(arm: HiddenArm, jointed: bool) -> NDArray[np.float64]:
-    """Angular frequency [rad/s] and damping ratio of each channel, shape [2, channel]."""
+def _channels(servos: HiddenArm, jointed: bool) -> NDArray[np.float64]:
+    """Return angular frequency [rad/s] and damping ratio of each channel, shape [2, channel]."""
     # A gripper without joints is carried by the base joint and turned by the last wrist joint.
     pick = list(range(JOINT_COUNT)) if jointed else [0, 0, 0, 5, 5]
-    frequency = 2 * np.pi * np.array(arm.frequency)[pick]
-    return np.stack([frequency, np.array(arm.damping_ratio)[pick]])
+    frequency = 2 * np.pi * np.array(servos.frequency)[pick]
+    return np.stack([frequency, np.array(servos.damping_ratio)[pick]])
 
 
 def _command(
-    trajectory: "Trajectory", trial: "Trial", arm: HiddenArm, dt: float, step_count: int
+    trajectory: Trajectory, trial: Trial, servos: HiddenArm, dt: float, step_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Set points and their rates as they reach each servo, each of shape [step + 1, channel]."""
+    """Return set points and rates as they reach each servo, each of shape [step + 1, channel]."""
     now = np.arange(step_count + 1) * dt
     path = trajectory.joint_path
     if path is None:
         times = np.arange(int(np.ceil(trajectory.duration / REPORT_DT)) + 1) * REPORT_DT
         values, rates = (trajectory.grip_path.evaluate(times, order)[0] for order in (0, 1))
-        delays = np.full(len(CHANNELS), arm.delay[0])
+        delays = np.full(len(CHANNELS), servos.delay[0])
     else:
         times, values, rates = path.times, path.q, path.qd
-        delays = np.array(arm.delay)
+        delays = np.array(servos.delay)
     # A set point acts when it arrives, and none overtakes another.
     arrival = np.maximum.accumulate(times + trial.latencies(len(times)))
     arrival += 1e-9 * np.arange(len(times))
@@ -126,20 +125,20 @@ def _command(
 
 
 def _strength(
-    trajectories: Sequence["Trajectory"],
-    trials: Sequence["Trial"],
+    trajectories: Sequence[Trajectory],
+    trials: Sequence[Trial],
     rows: Sequence[int],
-    arm: HiddenArm,
+    servos: HiddenArm,
     dt: float,
     step_count: int,
 ) -> NDArray[np.float64]:
-    """Acceleration that the standing base joint can give the arm [rad/s²], shape [row, step]."""
+    """Return the acceleration that the standing base joint can give [rad/s²], [row, step]."""
     now = np.arange(step_count) * dt
     strength = np.empty((len(rows), step_count))
     for row, index in enumerate(rows):
         poses = trajectories[index].grip_path.evaluate(now)[0]
-        inertia = arm.inertia + arm.stretch_mass * (poses[:, 0] ** 2 + poses[:, 1] ** 2)
-        strength[row] = arm.torque * trials[index].torque_factor / inertia
+        inertia = servos.inertia + servos.stretch_mass * (poses[:, 0] ** 2 + poses[:, 1] ** 2)
+        strength[row] = servos.torque * trials[index].torque_factor / inertia
     return strength
 
 
@@ -147,12 +146,12 @@ def _follow(
     set_points: NDArray[np.float64],
     set_rates: NDArray[np.float64],
     channels: NDArray[np.float64],
-    arm: HiddenArm,
+    servos: HiddenArm,
     strength: NDArray[np.float64] | None,
     factor: NDArray[np.float64],
     dt: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Angles and rates of the servos from rest, each of shape [row, step + 1, channel].
+    """Return angles and rates of the servos from rest, each of shape [row, step + 1, channel].
 
     Only sums and products of single elements: a row's result does not depend on its neighbours.
     """
@@ -164,11 +163,11 @@ def _follow(
     here, rate = q[:, 0].copy(), qd[:, 0].copy()
     for step in range(set_points.shape[1] - 1):
         error = set_points[:, step + 1] - here
-        share = arm.feedforward * set_rates[:, step + 1]
+        share = servos.feedforward * set_rates[:, step + 1]
         acceleration = stiffness * error + drag * (share - rate)
         if strength is not None:
             acceleration[:, 0] = _within_torque(
-                acceleration[:, 0], rate[:, 0], strength[:, step], arm.free_speed
+                acceleration[:, 0], rate[:, 0], strength[:, step], servos.free_speed
             )
         rate = rate + dt * acceleration
         here = here + dt * rate
@@ -182,7 +181,7 @@ def _within_torque(
     strength: NDArray[np.float64],
     free_speed: float,
 ) -> NDArray[np.float64]:
-    """What a motor gives: less the faster it runs already; braking is helped by the gear."""
+    """Limit accelerations to what a motor gives: less the faster it runs, but not in braking."""
     left = strength * np.maximum(1.0 - np.abs(rate) / free_speed, 0.0)
     ahead = np.where(rate > 0, left, strength)
     back = np.where(rate < 0, left, strength)
@@ -192,11 +191,11 @@ def _within_torque(
 def _report(
     q: NDArray[np.float64],
     qd: NDArray[np.float64],
-    trajectory: "Trajectory",
-    trial: "Trial",
+    trajectory: Trajectory,
+    trial: Trial,
     dt: float,
 ) -> JointPath:
-    """What the arm tells of its joints: its own clock, and encoders that are not perfect."""
+    """Return the joints as the arm reports them, by its own clock and with noisy encoders."""
     last = min(trajectory.duration + _SETTLE_TIME, (len(q) - 1) * dt)
     times = REPORT_DT * np.arange(int(last / REPORT_DT) + 1, dtype=np.float64)
     now = np.arange(len(q)) * dt

@@ -1,17 +1,18 @@
-"""The UR5 and its gripper as a few rounded rods, for drawing it and for what it hides."""
+"""The arm and its gripper as a few rounded rods: to draw it, and to tell what it hides."""
 
 import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
 from cablecast.motion.joint_path import JointPath
 
-# The upper arm and the forearm run beside the plane in which the DH lengths are measured; distances
-# along the shoulder's axis and radii are read off the maker's drawings [m].
-_SHOULDER_OFFSET = 0.136
-_FOREARM_OFFSET = 0.016
+# The upper arm and the forearm run beside the plane in which the DH lengths are measured. Their
+# distances from it along the shoulder's axis [m], from the maker's description for ROS
+# (Universal_Robots_ROS2_Description, shoulder_offset and shoulder_offset + elbow_offset).
+_SIDE_OFFSETS = {"ur5": (0.136, 0.016), "ur5e": (0.138, 0.007)}
+# Radii are read off the maker's drawings [m].
 _SOCKET_RADIUS, _BASE_RADIUS, _SHOULDER_RADIUS = 0.095, 0.075, 0.062
 _UPPER_RADIUS, _ELBOW_RADIUS, _FOREARM_RADIUS, _WRIST_RADIUS = 0.056, 0.053, 0.043, 0.041
 _GRIPPER_RADIUS, _FINGER_RADIUS = 0.036, 0.014
@@ -24,7 +25,7 @@ class ArmShape:
 
     Attributes:
         ends: Both ends of each rod's axis [m], shape [time, rod, 2, 3].
-        radii: Of each rod [m], shape [rod].
+        radii: Radius of each rod [m], shape [rod].
     """
 
     ends: NDArray[np.float64]
@@ -32,11 +33,11 @@ class ArmShape:
 
 
 def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
-    """Joint angles at some times, held before the first and after the last tick.
+    """Return joint angles at some times, held before the first and after the last tick.
 
     Args:
         path: Joints as they moved.
-        times: When [s], shape [time].
+        times: Times [s], shape [time].
 
     Returns:
         Angles [rad], shape [time, 6].
@@ -45,23 +46,23 @@ def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.interp(times, path.times, q) for q in path.q.T], axis=-1)
 
 
-def arm_shape(q: ArrayLike, arm: ArmUR5 | None = None) -> ArmShape:
-    """The arm as rods.
+def arm_shape(q: ArrayLike, arm: ArmUR) -> ArmShape:
+    """Return the arm as rods.
 
     Args:
         q: Joint angles [rad], shape [time, 6].
-        arm: The robot; a UR5 as the paper's by default.
+        arm: Model, mounting and gripper of the arm.
     """
-    arm = arm or ArmUR5()
+    upper_offset, fore_offset = _SIDE_OFFSETS[arm.model]
     frames = arm.frames(q)
     base, shoulder, elbow, wrist_1, wrist_2, wrist_3, flange = (T[..., :3, 3] for T in frames)
     across = frames[1][..., :3, 2]
     down = frames[6][..., :3, 2]
     floor = base * [1.0, 1.0, 0.0]
-    upper_start = shoulder + _SHOULDER_OFFSET * across
-    upper_end = elbow + _SHOULDER_OFFSET * across
-    fore_start = elbow + _FOREARM_OFFSET * across
-    fore_end = wrist_1 + _FOREARM_OFFSET * across
+    upper_start = shoulder + upper_offset * across
+    upper_end = elbow + upper_offset * across
+    fore_start = elbow + fore_offset * across
+    fore_end = wrist_1 + fore_offset * across
     palm = flange + _PALM_SHARE * arm.gripper_length * down
     # The fingertips hold the cable a little above their ends.
     tip = flange + arm.gripper_length * down
@@ -85,16 +86,16 @@ def arm_shape(q: ArrayLike, arm: ArmUR5 | None = None) -> ArmShape:
 def sight_clearance(
     points: NDArray[np.float64], camera: ArrayLike, shape: ArmShape
 ) -> NDArray[np.float64]:
-    """How far the line of sight to a point passes beside the arm.
+    """Return the distance between the arm and the lines of sight to some points.
 
     Args:
-        points: What the camera looks at [m], shape [time, 3].
-        camera: Where it is [m], shape [3].
-        shape: The arm at the same times.
+        points: Points that the camera looks at [m], shape [time, 3].
+        camera: Place of the camera [m], shape [3].
+        shape: Arm at the same times.
 
     Returns:
-        Smallest distance between the lines of sight and the surface of a rod, measured where the
-        line passes the rod, negative where the arm hides the point [m], shape [time].
+        Smallest distance between each line of sight and the surface of a rod, measured where the
+        line passes the rod; negative where the arm hides the point [m], shape [time].
     """
     p = np.asarray(camera, dtype=float)
     u = (points - p)[:, None, :]

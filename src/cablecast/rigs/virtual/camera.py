@@ -7,30 +7,30 @@ marker sees the same as one that is given the whole video, and in a small part o
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera_drawing import Drawing, FilmedTrial
+from cablecast.rigs.virtual.camera_table import draw_background
 from cablecast.tracking.calibration import Board, Calibration
 from cablecast.tracking.marker import MarkerConfig
 from cablecast.tracking.opencv import load_cv2
 from cablecast.tracking.tags import TagLayout, default_layout
 from cablecast.tracking.tracker import EndpointTracker, Grab, TrackerConfig, Window
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_drawing import Drawing, FilmedTrial
-from cablecast.rigs.virtual.camera_table import draw_background
 from cablecast.workspace import Workspace
 
 Image = NDArray[np.uint8]
 
 _PAD = 24
-"""What is drawn around a piece, so that blurs at its edge come out as in the whole frame [px]."""
+"""Rim drawn around a piece, so that blurs at its edge come out as in the whole frame [px]."""
 
 
 class VirtualCamera:
     """A webcam on a stand over the table of the virtual laboratory.
 
     Args:
-        config: Lens, place, and troubles.
-        workspace: Size of the table.
-        layout: Tags on it.
-        seed: Chooses what the table looks like.
+        config: Lens, place, and troubles; mounted to see all of the table where None.
+        workspace: Gives the table's size and place.
+        layout: Tags on the table; those of `default_layout` where None.
+        seed: Seed of the table's looks.
     """
 
     def __init__(
@@ -41,9 +41,9 @@ class VirtualCamera:
         seed: int = 0,
     ):
         cv2 = load_cv2()
-        self.config = CameraConfig() if config is None else config
         self.workspace = Workspace() if workspace is None else workspace
-        self.layout = default_layout() if layout is None else layout
+        self.config = CameraConfig.over(self.workspace) if config is None else config
+        self.layout = default_layout(self.workspace) if layout is None else layout
         self.view = self.config.view
         self.background, self.on_table, self.shade = draw_background(
             self.view, self.config, self.workspace, self.layout, seed
@@ -57,30 +57,30 @@ class VirtualCamera:
         self.noise = np.round(noise * (self.config.noise / float(noise.std()))).astype(np.int16)
 
     def film(self, trial: FilmedTrial, seed: int = 0, marker: MarkerConfig | None = None) -> "Film":
-        """A film of one trial.
+        """Return a film of one trial.
 
         Args:
-            trial: What happens.
-            seed: Chooses light and noise.
+            trial: Motion of cable and arm.
+            seed: Seed of light and noise.
             marker: Size of the marker.
         """
         return Film(self, trial, seed, marker or MarkerConfig())
 
     def empty_frame(self, seed: int = 0) -> Image:
-        """A picture of the table without cable and arm."""
+        """Draw a picture of the table without cable and arm."""
         return _expose(self, self.background, (0, 0), np.ones(3), seed, 0)
 
     def board_frame(
         self, board: Board, rotation: NDArray[np.float64], centre: NDArray[np.float64], seed: int
     ) -> Image:
-        """A picture of a calibration board that a person holds before the camera.
+        """Draw a picture of a calibration board that a person holds before the camera.
 
         Args:
-            board: What is held.
-            rotation: Turns the board's axes (x along its width, y down its height, z away from the
-                viewer) into the base frame, shape [3, 3].
-            centre: Of the board in the base frame [m], shape [3].
-            seed: Chooses the noise.
+            board: Board that is held.
+            rotation: Rotation of the board's axes (x along its width, y down its height, z away
+                from the viewer) into the base frame, shape [3, 3].
+            centre: Centre of the board in the base frame [m], shape [3].
+            seed: Seed of the noise.
         """
         cv2 = load_cv2()
         square_px = 40
@@ -130,9 +130,9 @@ class Film:
     """The frames of one trial; frame 0 is taken at `start` before the motion begins.
 
     Args:
-        camera: What films.
-        trial: What happens.
-        seed: Chooses light and noise.
+        camera: Camera that films.
+        trial: Motion of cable and arm.
+        seed: Seed of light and noise.
         marker: Size of the marker.
     """
 
@@ -156,23 +156,23 @@ class Film:
         self._drawn: tuple[int, Drawing] | None = None
 
     def time(self, frame: int) -> float:
-        """Middle of a frame's exposure, since the motion began [s]."""
+        """Return the middle of a frame's exposure, since the motion began [s]."""
         return (frame - self.LEAD) * self.frame_dt
 
     def frame(self, frame: int) -> Image:
-        """A whole frame, BGR, shape [v, u, 3]."""
+        """Draw a whole frame, BGR, shape [v, u, 3]."""
         config = self.camera.config
         return self.piece(frame, (0, 0, config.width, config.height))
 
     def grab(self, frame: int) -> Grab:
-        """Gives pieces of a frame."""
+        """Return what draws pieces of a frame."""
         return lambda window: self.piece(frame, window)
 
     def piece(self, frame: int, window: Window) -> Image:
-        """A piece of a frame, equal to that part of the whole frame.
+        """Draw a piece of a frame, equal to that part of the whole frame.
 
         Args:
-            frame: Which frame.
+            frame: Index of the frame.
             window: Left, top, right, bottom [px], the last two excluded.
         """
         config = self.camera.config
@@ -198,7 +198,7 @@ class Film:
         )
 
     def _gains(self, time: float) -> NDArray[np.float64]:
-        """By how much the light differs from even light, for blue, green and red."""
+        """Return the brightness of blue, green and red as a multiple of that of even light."""
         light, phases = self.camera.config.light, self._phases
         gain = self._base
         gain *= 1 + light.drift * np.sin(2 * np.pi * time / light.drift_period + phases[0])
@@ -216,7 +216,7 @@ def _expose(
     seed: int,
     frame: int,
 ) -> Image:
-    """What the sensor makes of a drawn piece: lens blur, brightness, noise."""
+    """Return what the sensor makes of a drawn piece: lens blur, brightness, noise."""
     cv2 = load_cv2()
     config = camera.config
     if config.blur > 0:
@@ -237,9 +237,9 @@ def track_film(film: Film, calibration: Calibration, start_known: bool = True) -
     """Run the tracker over a film, drawing only what it looks at.
 
     Args:
-        film: What to watch.
-        calibration: What the tracker knows of the camera.
-        start_known: Whether it is told where the endpoint begins.
+        film: Film to watch.
+        calibration: Calibration of the camera that the tracker works with.
+        start_known: Whether the tracker is told where the endpoint begins.
     """
     trial = film.trial
     tracker = EndpointTracker(

@@ -4,25 +4,37 @@ Only the renderer reads them. The tracker works with what it calibrates from ren
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
+from cablecast.checks import check_count, check_number, check_ranges
 from cablecast.errors import InputError
 from cablecast.tracking.lens import CameraView, Lens
+from cablecast.workspace import Workspace
+
+HEIGHT_MIN = 1.0
+"""Height of the lowest camera that the arm cannot reach [m]."""
+
+USUAL_CENTRE_Y = 0.75
+"""y of the middle of the paper's table [m]."""
+
+_CLUTTER_SHARE_MIN = 0.5
+"""Smallest table with other green things on it, as a share of the paper's width and depth."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LightConfig:
-    """How the light changes.
+    """Changes of the light.
 
     Attributes:
         drift: Amplitude of a slow change of brightness [-].
-        drift_period: Of that change [s].
+        drift_period: Period of that change [s].
         flicker: Amplitude of what mains light leaves after the exposure [-].
         flicker_rate: Beat of the lamps against the frames [1/s].
         tint: Amplitude of the change of colour [-].
-        step: A lamp or a cloud changes the brightness at once by up to this part [-].
-        falloff: How much darker the table's far corners are than its middle [-].
+        step: Largest sudden change of brightness, by a lamp or a cloud [-].
+        falloff: Loss of light from the table's middle to its far corners [-].
     """
 
     drift: float = 0.08
@@ -34,31 +46,42 @@ class LightConfig:
     falloff: float = 0.25
 
     def __post_init__(self):
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            high = 100.0 if field.name in ("drift_period", "flicker_rate") else 0.6
-            if not 0.0 <= value <= high:
-                raise InputError(f"light {field.name} = {value} is outside [0, {high:g}]")
+        check_ranges(
+            self,
+            {
+                "drift": (0.0, 0.6, ""),
+                "drift_period": (0.01, 100.0, "s"),
+                "flicker": (0.0, 0.6, ""),
+                "flicker_rate": (0.0, 100.0, "1/s"),
+                "tint": (0.0, 0.6, ""),
+                "step": (0.0, 0.6, ""),
+                "falloff": (0.0, 0.6, ""),
+            },
+            "light",
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfig:
     """The camera over the virtual table: a webcam on a stand, mounted nearly level.
 
+    The defaults see the paper's table; `over` mounts the camera for another one.
+
     Attributes:
-        width: Of its images [px].
-        height: Of its images [px].
-        frame_rate: [1/s].
+        width: Width of the images [px].
+        height: Height of the images [px].
+        frame_rate: Frames per second [1/s].
         exposure: Time during which a frame is exposed [s].
         focal: Focal length [px]; the paper's camera has about 1360 at this size.
-        centre_offset: Of the optical axis from the image's middle, u and v [px].
-        distortion: k1, k2, p1, p2, k3 of OpenCV's model [-].
-        position: Of the camera in the base frame [m].
-        tilt: About the x, y and z axes of the base frame away from straight down [rad].
+        centre_offset: Offset of the optical axis from the image's middle, u and v [px].
+        distortion: Coefficients k1, k2, p1, p2, k3 of OpenCV's model [-].
+        position: Place of the camera in the base frame [m].
+        tilt: Turns about the x, y and z axes of the base frame away from straight down with y
+            upwards in the image [rad].
         noise: Standard deviation of a pixel's noise, of 255.
         blur: Standard deviation of the lens's blur [px].
-        tag_error: Standard deviation of where tags are stuck from where they should be [m].
-        light: How the light changes.
+        tag_error: Standard deviation of the places where tags are stuck [m].
+        light: Changes of the light.
         distractors: Whether other green things lie on the table.
     """
 
@@ -78,23 +101,43 @@ class CameraConfig:
     distractors: bool = True
 
     def __post_init__(self):
-        for name, low, high in (
-            ("frame_rate", 1.0, 1000.0),
-            ("exposure", 0.0, 0.1),
-            ("noise", 0.0, 40.0),
-            ("blur", 0.0, 5.0),
-            ("tag_error", 0.0, 0.05),
-        ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and low <= value <= high):
-                raise InputError(f"camera {name} = {value} is outside [{low:g}, {high:g}]")
+        for name in ("width", "height"):
+            check_count(f"camera {name}", getattr(self, name), 16, 16384)
+        check_ranges(
+            self,
+            {
+                "frame_rate": (1.0, 1000.0, "1/s"),
+                "exposure": (0.0, 0.1, "s"),
+                "focal": (10.0, 1e5, "px"),
+                "noise": (0.0, 40.0, ""),
+                "blur": (0.0, 5.0, "px"),
+                "tag_error": (0.0, 0.05, "m"),
+            },
+            "camera",
+        )
         if self.exposure * self.frame_rate > 1.0:
             raise InputError(
                 f"camera exposure = {self.exposure} s is longer than a frame at "
                 f"{self.frame_rate:g} frames/s"
             )
-        if self.position[2] < 1.0:
-            raise InputError(f"camera height = {self.position[2]} m is below 1 m, the arm's reach")
+        check_number("camera position z", self.position[2], HEIGHT_MIN, 50.0, "m")
+
+    @classmethod
+    def over(cls, workspace: Workspace) -> "CameraConfig":
+        """Return the camera as a person mounts it over a table: high enough to see all of it.
+
+        Over a table that is deeper than wide it is turned by a quarter. Over a smaller table it
+        stays as high as over the paper's, out of the arm's way.
+
+        Args:
+            workspace: Gives the table's size and place.
+        """
+        usual, mount = cls(), Mount.over(workspace)
+        x, y, z = usual.position
+        return cls(
+            position=(x, y + (mount.centre_y - USUAL_CENTRE_Y), z * mount.scale),
+            tilt=(*usual.tilt[:2], usual.tilt[2] + mount.quarter_turns * math.pi / 2),
+        )
 
     @property
     def view(self) -> CameraView:
@@ -112,11 +155,57 @@ class CameraConfig:
         return CameraView(lens=lens, rotation=camera_rotation(self.tilt), position=self.position)
 
 
-def camera_rotation(tilt: tuple[float, float, float]) -> tuple[tuple[float, float, float], ...]:
-    """Rotation of a camera that looks down with y of the base frame upwards in its image.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Mount:
+    """Place of a camera over a table, compared with that over the paper's table.
+
+    Attributes:
+        centre_y: y of the table's middle [m].
+        scale: Height of the camera as a multiple of that over the paper's table [-].
+        quarter_turns: 1 where the camera is turned by a quarter about the vertical, else 0.
+    """
+
+    centre_y: float
+    scale: float
+    quarter_turns: int
+
+    @classmethod
+    def over(cls, workspace: Workspace) -> "Mount":
+        """Return the place over a table that shows all of it."""
+        wide, deep = workspace.half_width, (workspace.y_max - workspace.y_min) / 2
+        turned = deep > wide
+        if turned:
+            wide, deep = deep, wide
+        return cls(
+            centre_y=(workspace.y_min + workspace.y_max) / 2,
+            scale=max(1.0, wide / Workspace().half_width, deep / USUAL_CENTRE_Y),
+            quarter_turns=int(turned),
+        )
+
+
+def clutter_place(x: float, y: float, workspace: Workspace) -> tuple[float, float] | None:
+    """Return where something that lies on the paper's table lies on another one.
 
     Args:
-        tilt: Small turns about x, y and z of the base frame [rad].
+        x: Place on the paper's table [m].
+        y: Place on the paper's table [m].
+        workspace: Gives the other table's size and place.
+
+    Returns:
+        x and y [m]; None for a table too small to be cluttered.
+    """
+    across = workspace.half_width / Workspace().half_width
+    along = (workspace.y_max - workspace.y_min) / (2 * USUAL_CENTRE_Y)
+    if min(across, along) < _CLUTTER_SHARE_MIN:
+        return None
+    return x * across, workspace.y_min + y * along
+
+
+def camera_rotation(tilt: tuple[float, float, float]) -> tuple[tuple[float, float, float], ...]:
+    """Return the rotation of a camera that looks down, y of the base frame upwards in its image.
+
+    Args:
+        tilt: Turns about x, y and z of the base frame [rad].
     """
     cx, cy, cz = np.cos(tilt)
     sx, sy, sz = np.sin(tilt)

@@ -1,4 +1,4 @@
-"""What moves before the virtual camera: cable, attachment, marker, arm, and the arm's shadow."""
+"""Things that move before the virtual camera: cable, attachment, marker, arm and its shadow."""
 
 import dataclasses
 import functools
@@ -6,30 +6,31 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.ur import ArmUR
 from cablecast.cable import Attachment, Cable
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
+from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
+from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.tracking.lens import CameraView
 from cablecast.tracking.marker import MarkerConfig
 from cablecast.tracking.opencv import load_cv2
-from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
-from cablecast.rigs.virtual.camera_config import CameraConfig
 
 Image = NDArray[np.uint8]
 
 LAMP = (-0.7, 0.9, 2.8)
-"""A lamp above the table, which throws the arm's shadow [m]."""
+"""Place of the lamp that throws the arm's shadow [m]."""
 _SHADOW = 0.32
-"""Part of the light that the arm keeps from what lies in its shadow."""
+"""Share of the light that the arm keeps from what lies in its shadow."""
 _PENUMBRA = 0.02
 """Half the width of the shadow's soft edge [m]."""
 _SUBFRAME_MOVE = 1.5
-"""Something that moves is drawn once for every this many pixels of its way [px]."""
+"""Way of a moving thing between two drawings of it [px]."""
 _SUBFRAME_MAX = 24
 _SHIFT = 4
-"""Coordinates for drawing have this many fractional bits."""
+"""Fractional bits of coordinates for drawing."""
 _BELOW_Z = -0.004
-"""Parts of the cable below this height hang beside the table [m]."""
+"""Height below which parts of the cable hang beside the table [m]."""
 
 _MARKER_BGR = (62, 178, 58)
 _MARKER_LIGHT_BGR = (78, 196, 72)
@@ -54,20 +55,22 @@ _COS, _SIN = (f(2 * np.pi * np.arange(20) / 20) for f in (np.cos, np.sin))
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FilmedTrial:
-    """What happens before the camera.
+    """Motion of cable and arm before the camera.
 
     Attributes:
-        cable: Geometry, for thickness and attachment.
-        times: When the cable's shape is known; close enough together for a smooth curve between
-            them [s], shape [time].
+        cable: Gives thickness and attachment.
+        times: Times at which the cable's shape is known, close enough together for a smooth curve
+            between them [s], shape [time].
         nodes: Cable from grip to endpoint, base frame [m], shape [time, node, 3].
         joint_path: Joints as they really moved; None for a table without an arm.
+        arm: Arm whose joints these are.
     """
 
     cable: Cable
     times: NDArray[np.float64]
     nodes: NDArray[np.float64]
     joint_path: JointPath | None
+    arm: ArmUR = dataclasses.field(default_factory=ArmUR)
 
     def __post_init__(self):
         if self.nodes.shape[0] != len(self.times) or self.nodes.shape[2:] != (3,):
@@ -82,7 +85,14 @@ class FilmedTrial:
             )
 
     def shape_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Cable at some times, held at both ends [m], shape [time, node, 3]."""
+        """Return the cable at some times, held before the first and after the last.
+
+        Args:
+            times: Times [s], shape [time].
+
+        Returns:
+            Nodes [m], shape [time, node, 3].
+        """
         if len(self.times) == 1:
             return np.repeat(self.nodes, len(times), axis=0)
         clipped = np.clip(times, self.times[0], self.times[-1])
@@ -112,9 +122,9 @@ class Drawing:
 
     Args:
         config: Settings of the camera.
-        view: The true camera.
-        shade: What part of the light reaches each pixel, shape [v, u].
-        trial: What happens.
+        view: True camera.
+        shade: Share of the light that reaches each pixel [-], shape [v, u].
+        trial: Motion of cable and arm.
         marker: Size of the marker.
         time: Middle of the exposure [s].
     """
@@ -149,7 +159,7 @@ class Drawing:
         self.shadow: list[NDArray[np.float64]] = []
         light = self._light_at(shade, middle)
         if trial.joint_path is not None:
-            shape = arm_shape(joints_at(trial.joint_path, self.times))
+            shape = arm_shape(joints_at(trial.joint_path, self.times), trial.arm)
             self.order = np.argsort(shape.ends[0, :, :, 2].mean(axis=-1))
             self.rods = _rod_outlines(shape, view)
             self.shadow = [view.to_image(rod) for rod in _shadow_outlines(shape, count // 2)]
@@ -162,6 +172,7 @@ class Drawing:
 
     @staticmethod
     def _light_at(shade: NDArray[np.float32], pixel: NDArray[np.float64]) -> float:
+        """Return the share of the light that reaches a pixel [-]."""
         if not np.all(np.isfinite(pixel)):
             return 1.0
         u = int(np.clip(round(float(pixel[0])), 0, shade.shape[1] - 1))
@@ -172,9 +183,9 @@ class Drawing:
         """Draw into a piece of the background.
 
         Args:
-            canvas: The piece, changed in place, shape [v, u, 3].
-            corner: Its left and top [px].
-            on_table: Which of its pixels show the table's surface, shape [v, u].
+            canvas: Piece of the background, changed in place, shape [v, u, 3].
+            corner: Left and top of the piece [px].
+            on_table: Whether each of its pixels shows the table's surface, shape [v, u].
         """
         cv2 = load_cv2()
         height, width = canvas.shape[:2]
@@ -213,6 +224,7 @@ class Drawing:
     def _instant(
         self, image: Image, corner: tuple[int, int], on_table: NDArray[np.bool_], index: int
     ) -> Image:
+        """Draw one instant of the exposure into a piece."""
         z = self.z[index]
         below = z < _BELOW_Z
         if below.any():
@@ -240,6 +252,7 @@ class Drawing:
         return image
 
     def _draw_cable(self, image: Image, corner: tuple[int, int], index: int, part: slice) -> None:
+        """Draw a part of the cable."""
         cv2 = load_cv2()
         path = self.cable[index, part]
         if len(path) < 2 or not np.isfinite(path).all():
@@ -254,7 +267,7 @@ class Drawing:
             cv2.polylines(image, line, False, light, inner, cv2.LINE_AA, _SHIFT)
 
     def _draw_end(self, image: Image, corner: tuple[int, int], index: int) -> None:
-        """The attachment and the marker."""
+        """Draw the attachment and the marker."""
         cv2 = load_cv2()
         hook = self.hook[index]
         if len(hook) and np.isfinite(hook).all():
@@ -271,7 +284,7 @@ class Drawing:
 
 
 def _fixed(points: NDArray[np.float64], corner: tuple[int, int]) -> NDArray[np.int32]:
-    """Pixels as OpenCV takes them with fractional bits."""
+    """Return pixels as OpenCV takes them with fractional bits."""
     return np.round((points - corner) * (1 << _SHIFT)).astype(np.int32)
 
 
@@ -285,13 +298,14 @@ def _fill(image: Image, outline: NDArray[np.float64], corner: tuple[int, int], c
 
 
 def _instant(shape: ArmShape, index: int) -> ArmShape:
+    """Return the arm at one instant."""
     return ArmShape(ends=shape.ends[index : index + 1], radii=shape.radii)
 
 
 def _capsule_outline(
     tip: NDArray[np.float64], along: NDArray[np.float64], marker: MarkerConfig
 ) -> NDArray[np.float64]:
-    """Outline of the marker, wound about the endpoint along the cable, shape [time, point, 3]."""
+    """Return the outline of the marker about the endpoint [m], shape [time, point, 3]."""
     radius = marker.width / 2
     half = max(marker.length / 2 - radius, 0.0)
     across = _level_across(along)
@@ -304,7 +318,7 @@ def _capsule_outline(
 def _attachment_outline(
     cable: Cable, tip: NDArray[np.float64], along: NDArray[np.float64], marker: MarkerConfig
 ) -> NDArray[np.float64]:
-    """Line of the hook or outline of the magnet, shape [time, point, 3]."""
+    """Return the line of the hook or the outline of the magnet [m], shape [time, point, 3]."""
     length = cable.attachment_length
     if cable.attachment is Attachment.NONE or length <= 0:
         return np.empty((len(tip), 0, 3))
@@ -327,14 +341,14 @@ def _attachment_outline(
 
 
 def _level_across(along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Level unit vectors to the left of some directions."""
+    """Return level unit vectors to the left of some directions."""
     across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(along))], axis=-1)
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     return np.where(length > 1e-6, across / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
 
 
 def _rod_outlines(shape: ArmShape, view: CameraView) -> list[NDArray[np.float64]]:
-    """Silhouette, ridge and gloss of every rod, each shape [time, 3, point, 2]."""
+    """Return silhouette, ridge and gloss of every rod [px], each shape [time, 3, point, 2]."""
     towards = np.asarray(view.position) - shape.ends
     towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
     # Any two axes across the line of sight span the disc that a ball's silhouette is.
@@ -358,7 +372,7 @@ def _rod_outlines(shape: ArmShape, view: CameraView) -> list[NDArray[np.float64]
 
 
 def _shadow_outlines(shape: ArmShape, index: int) -> list[NDArray[np.float64]]:
-    """Where the lamp throws each rod's shadow on the table [m], each shape [point, 3]."""
+    """Return the outline of each rod's shadow on the table [m], each shape [point, 3]."""
     lamp = np.asarray(LAMP)
     shadows = []
     for (start, end), radius in zip(shape.ends[index], shape.radii, strict=True):
@@ -374,7 +388,7 @@ def _shadow_outlines(shape: ArmShape, index: int) -> list[NDArray[np.float64]]:
 
 @functools.lru_cache(maxsize=8)
 def _spline_matrix(node_count: int) -> NDArray[np.float64]:
-    """Weights that put three points between neighbouring nodes of a smooth curve."""
+    """Return weights that put three points between neighbouring nodes of a smooth curve."""
     if node_count < 4:
         return np.eye(node_count)
     from scipy.interpolate import CubicSpline

@@ -1,54 +1,59 @@
 """The measured errors of the virtual camera, as a quick stand-in for rendering and tracking.
 
-What geometry tells is computed: the apparent place of an endpoint above the marker's plane, and
-what the arm, the table's edge and the image's border hide. The rest was measured on rendered clips
-by `python -m cablecast.rigs.virtual.camera_fit`, which writes camera_error.json.
+Geometry is computed: the apparent place of an endpoint above the marker's plane, and what the arm,
+the table's edge and the image's border hide. The rest was measured on rendered clips of the paper's
+table by tools/fit_camera_error.py, which writes camera_error.json.
 """
 
 import dataclasses
 import importlib.resources
-import json
 import pathlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur5 import ArmUR5
+from cablecast.arm.ur import ArmUR
+from cablecast.checks import check_ranges
 from cablecast.errors import InputError
 from cablecast.files import write_json
 from cablecast.motion.joint_path import JointPath
+from cablecast.reading import read_json
 from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
+from cablecast.rigs.virtual.camera_config import USUAL_CENTRE_Y, Mount, clutter_place
+from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 
 MODEL_FILE = "camera_error.json"
 _BELOW_Z = -0.004
-"""An endpoint below this height hangs beside the table [m]."""
+"""Height below which an endpoint hangs beside the table [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraErrorModel:
-    """What the tracker reports where the endpoint truly is, as a distribution.
+    """Distribution of what the tracker reports, given where the endpoint is.
 
     Attributes:
         camera: Place of the camera that the calibration found [m].
-        seen_low: Least x and y of the table's plane that the image shows [m].
-        seen_high: Largest [m].
-        bias: Mean error along x and y as a quadratic polynomial, coefficients of 1, x, y - 0.75,
-            x², x (y - 0.75), (y - 0.75)² [m], shape [2, 6] as nested tuples.
+        seen_low: Smallest x and y of the table's plane that the image shows [m].
+        seen_high: Largest x and y of the table's plane that the image shows [m].
+        bias: Mean error along x and y as a quadratic polynomial: coefficients of 1, x, y', x²,
+            x y', y'² with y' = y - centre_y [m], shape [2, 6] as nested tuples.
         place_sd: Error that stays while the endpoint stays, from what it lies on [m].
         noise_sd: Error of one frame [m].
         noise_per_speed: Further error of one frame per speed [s].
         edge_sd: Error of one frame while the arm covers some of the marker [m].
-        edge_clearance: That is so below this distance from the arm's silhouette [m].
-        delay: How late the track is [s].
-        hidden_clearance: The arm hides the marker half of the times at this distance between the
-            line of sight and the arm [m].
+        edge_clearance: Distance from the arm's silhouette below which it covers some [m].
+        delay: Delay of the track [s].
+        hidden_clearance: Distance between the line of sight and the arm at which the marker is
+            hidden in half of the cases [m].
         hidden_spread: Width of the change from seen to hidden, of a logistic function [m].
         blind: Places where the tracker cannot tell the marker from another green thing, each as x,
             y and radius [m], shape [place, 3] as nested tuples.
-        miss_rate: Part of the frames in which a marker in plain sight is missed [-].
-        sources: How the values were found, as plain values.
+        miss_rate: Share of the frames in which a marker in plain sight is missed [-].
+        centre_y: y of the table's middle [m].
+        sources: Origin of the values, as plain values.
     """
 
     camera: tuple[float, float, float]
@@ -65,17 +70,27 @@ class CameraErrorModel:
     hidden_spread: float
     blind: tuple[tuple[float, ...], ...]
     miss_rate: float
-    sources: dict = dataclasses.field(default_factory=dict)
+    centre_y: float = USUAL_CENTRE_Y
+    sources: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
-        if np.shape(self.bias) != (2, 6):
-            raise InputError(f"bias has shape {np.shape(self.bias)}: it must be [2, 6]")
-        for name in ("place_sd", "noise_sd", "noise_per_speed", "edge_sd", "hidden_spread"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and 0.0 <= value <= 1.0):
-                raise InputError(f"camera error {name} = {value} is outside [0, 1]")
-        if not 0.0 <= self.miss_rate <= 1.0:
-            raise InputError(f"camera error miss_rate = {self.miss_rate} is outside [0, 1]")
+        for name, shape in (("bias", (2, 6)), ("camera", (3,)), ("seen_low", (2,))):
+            if np.shape(getattr(self, name)) != shape:
+                raise InputError(
+                    f"camera error {name} has shape {np.shape(getattr(self, name))}, not {shape}"
+                )
+        check_ranges(
+            self,
+            {
+                "place_sd": (0.0, 1.0, "m"),
+                "noise_sd": (0.0, 1.0, "m"),
+                "noise_per_speed": (0.0, 1.0, "s"),
+                "edge_sd": (0.0, 1.0, "m"),
+                "hidden_spread": (0.0, 1.0, "m"),
+                "miss_rate": (0.0, 1.0, ""),
+            },
+            "camera error",
+        )
 
     def save(self, path: pathlib.Path) -> None:
         """Write the model as JSON."""
@@ -88,23 +103,63 @@ class CameraErrorModel:
         Raises:
             InputError: There is no such file, or it is no error model.
         """
+        path = path or model_path()
         try:
-            if path is None:
-                room = importlib.resources.files("cablecast.rigs.virtual")
-                text = room.joinpath(MODEL_FILE).read_text()
-            else:
-                text = path.read_text()
-            values = json.loads(text)
+            values: dict[str, Any] = read_json(path)
             values |= {name: tuple(values[name]) for name in ("camera", "seen_low", "seen_high")}
-            nested = {name: tuple(tuple(row) for row in values[name]) for name in ("bias", "blind")}
-            return cls(**values | nested)
+            for name in ("bias", "blind"):
+                values[name] = tuple(tuple(row) for row in values[name])
+            return cls(**values)
         except InputError:
             raise
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{path or MODEL_FILE} is no camera error model ({error!r})") from None
+            raise InputError(f"{path} is no camera error model ({error!r})") from None
+
+    def over(self, workspace: Workspace) -> "CameraErrorModel":
+        """Return the model of the same camera, mounted over another table than the paper's.
+
+        A picture does not change when everything in it grows, so that the errors grow with the
+        height of the camera.
+
+        Args:
+            workspace: Gives the table's size and place.
+        """
+        usual = Workspace()
+        edges = ("half_width", "y_min", "y_max")
+        if all(getattr(workspace, name) == getattr(usual, name) for name in edges):
+            return self
+        mount = Mount.over(workspace)
+        scale = mount.scale
+        camera = np.array(self.camera)
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]]) if mount.quarter_turns else np.eye(2)
+        corners = (np.array([self.seen_low, self.seen_high]) - camera[:2]) @ (scale * turn).T
+        camera[1] += mount.centre_y - self.centre_y
+        camera[2] *= scale
+        corners += camera[:2]
+        # A quadratic of turned and scaled places is a quadratic again: nine places tell it.
+        x, y = (values.ravel() for values in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
+        there = np.stack([x, y], axis=-1)
+        errors = _quadratic(there @ turn / scale) @ np.asarray(self.bias).T @ (scale * turn).T
+        bias = np.linalg.lstsq(_quadratic(there), errors, rcond=None)[0].T
+        blind = []
+        for x, y, radius in self.blind:
+            place = clutter_place(x, y, workspace)
+            if place is not None:
+                blind.append((*place, radius))
+        return dataclasses.replace(
+            self,
+            camera=tuple(camera.tolist()),
+            seen_low=tuple(corners.min(axis=0).tolist()),
+            seen_high=tuple(corners.max(axis=0).tolist()),
+            bias=tuple(tuple(row) for row in bias.tolist()),
+            noise_sd=self.noise_sd * scale,
+            edge_sd=self.edge_sd * scale,
+            blind=tuple(blind),
+            centre_y=mount.centre_y,
+        )
 
     def apparent(self, points: Array, marker_z: float) -> Array:
-        """Where endpoints seem to be to a tracker that believes them at one height.
+        """Return where endpoints seem to be to a tracker that believes them at one height.
 
         Args:
             points: True places [m], shape [..., 3].
@@ -123,20 +178,20 @@ class CameraErrorModel:
         points: Array,
         joint_path: JointPath | None,
         rng: np.random.Generator,
-        arm: ArmUR5 | None = None,
+        arm: ArmUR,
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Which frames cannot show the marker.
+        """Return which frames cannot show the marker.
 
         Args:
-            times: Of the frames [s], shape [frame].
+            times: Times of the frames [s], shape [frame].
             points: True places of the endpoint [m], shape [frame, 3].
             joint_path: Joints as they really moved; None for a table without an arm.
             rng: Draws what is left to chance.
-            arm: The robot.
+            arm: Arm whose joints these are.
 
         Returns:
-            Which are hidden, and the distance of each line of sight from the arm [m], both of shape
-            [frame].
+            Whether each is hidden, and the distance of each line of sight from the arm [m], both of
+            shape [frame].
         """
         on_ground = self.apparent(points, 0.0)
         hidden = np.any((on_ground < self.seen_low) | (on_ground > self.seen_high), axis=-1)
@@ -163,17 +218,17 @@ class CameraErrorModel:
         joint_path: JointPath | None,
         marker_z: float,
         rng: np.random.Generator,
-        arm: ArmUR5 | None = None,
+        arm: ArmUR,
     ) -> Array:
-        """What the tracker would report in each frame.
+        """Return what the tracker would report in each frame.
 
         Args:
-            times: Of the frames, rising [s], shape [frame].
+            times: Times of the frames, rising [s], shape [frame].
             points: True places of the endpoint [m], shape [frame, 3].
             joint_path: Joints as they really moved; None for a table without an arm.
             marker_z: Height at which the tracker believes the marker [m].
             rng: Draws what is left to chance.
-            arm: The robot.
+            arm: Arm whose joints these are.
 
         Returns:
             x and y [m], NaN where the marker would not be seen, shape [frame, 2].
@@ -182,7 +237,7 @@ class CameraErrorModel:
         seen = self.apparent(points, marker_z)
         velocity = np.gradient(seen, times, axis=0) if len(times) > 1 else np.zeros_like(seen)
         speed = np.linalg.norm(velocity, axis=-1)
-        error = bias_terms(seen) @ np.asarray(self.bias).T - self.delay * velocity
+        error = bias_terms(seen, self.centre_y) @ np.asarray(self.bias).T - self.delay * velocity
         error += self._place_error(seen, rng)
         sd = np.hypot(self.noise_sd, self.noise_per_speed * speed)
         sd = np.where(clearance < self.edge_clearance, np.hypot(sd, self.edge_sd), sd)
@@ -190,7 +245,7 @@ class CameraErrorModel:
         return np.where(hidden[:, None], np.nan, seen + error)
 
     def _place_error(self, seen: Array, rng: np.random.Generator) -> Array:
-        """An error that changes with the place and not with time, shape [frame, 2]."""
+        """Draw an error that changes with the place and not with time, shape [frame, 2]."""
         # Waves across the table in random directions: nearby places have nearby errors.
         waves = rng.normal(0.0, 1.0 / _PLACE_SCALE, (8, 2))
         phases = rng.uniform(0.0, 2 * np.pi, (2, 8))
@@ -201,10 +256,28 @@ class CameraErrorModel:
 
 
 _PLACE_SCALE = 0.02
-"""Within this distance a marker lies on about the same ground: its own size [m]."""
+"""Distance within which a marker lies on about the same ground: its own size [m]."""
 
 
-def bias_terms(xy: Array) -> Array:
-    """Terms of the bias polynomial at some places, shape [..., 6]."""
-    x, y = xy[..., 0], xy[..., 1] - 0.75
+def model_path() -> pathlib.Path:
+    """Return the place of the model that comes with cablecast."""
+    return pathlib.Path(str(importlib.resources.files("cablecast.rigs.virtual"))) / MODEL_FILE
+
+
+def bias_terms(xy: Array, centre_y: float = USUAL_CENTRE_Y) -> Array:
+    """Return the terms of the bias polynomial at some places.
+
+    Args:
+        xy: Places [m], shape [..., 2].
+        centre_y: y of the table's middle [m].
+
+    Returns:
+        Terms, shape [..., 6].
+    """
+    return _quadratic(xy - [0.0, centre_y])
+
+
+def _quadratic(xy: Array) -> Array:
+    """Return 1, x, y, x², x y and y² of some places, shape [..., 6]."""
+    x, y = xy[..., 0], xy[..., 1]
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)

@@ -1,22 +1,24 @@
-"""What stands still before the virtual camera: floor, table, foam boards, tags, and distractors."""
+"""Things that stand still before the virtual camera: floor, table, foam boards, tags, clutter."""
 
 import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.rigs.virtual.camera_config import CameraConfig, clutter_place
 from cablecast.tracking.lens import CameraView
 from cablecast.tracking.opencv import load_cv2
 from cablecast.tracking.tags import Tag, TagLayout, tag_picture
-from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.workspace import Workspace
 
 Image = NDArray[np.uint8]
+Points = Sequence[tuple[float, float]]
 
 _TEXEL = 0.001
 """Size of a pixel of the table's texture [m]."""
 _BOARD = (0.92, 0.61)
-"""Foam boards along x and y [m]."""
+"""Size of a foam board along x and y [m]."""
 _FOAM_BGR = (222, 228, 226)
 _SEAM_BGR = (150, 156, 158)
 _FLOOR_BGR = (92, 98, 108)
@@ -28,18 +30,18 @@ _FLOOR_Z = -0.75
 def draw_background(
     view: CameraView, config: CameraConfig, workspace: Workspace, layout: TagLayout, seed: int
 ) -> tuple[Image, NDArray[np.bool_], NDArray[np.float32]]:
-    """The empty scene under even light.
+    """Draw the empty scene under even light.
 
     Args:
-        view: The true camera.
-        config: Its settings.
-        workspace: Size of the table.
-        layout: Where tags are stuck on it.
-        seed: Chooses tints, scuffs and the place of the distractors.
+        view: True camera.
+        config: Settings of the camera.
+        workspace: Gives the table's size and place.
+        layout: Places of the tags on the table.
+        seed: Seed of tints, scuffs and the places of the clutter.
 
     Returns:
-        The picture, BGR, shape [v, u, 3], which pixels show the table's surface, and what part of
-        the light reaches each, shape [v, u].
+        The picture, BGR, shape [v, u, 3]; which pixels show the table's surface, shape [v, u]; and
+        the share of the light that reaches each [-], same shape.
     """
     cv2 = load_cv2()
     rng = np.random.default_rng([seed, 17])
@@ -72,7 +74,7 @@ def draw_background(
 
 
 def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.float64]:
-    """Points of a level plane under every pixel [m], shape [v, u, 2]."""
+    """Return the points of a level plane under every pixel [m], shape [v, u, 2]."""
     from scipy.interpolate import RectBivariateSpline
 
     us = np.linspace(-1.0, config.width, 61)
@@ -85,7 +87,12 @@ def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.
 
 
 def _floor(xy: NDArray[np.float64], rng: np.random.Generator) -> Image:
-    """Grey floor tiles."""
+    """Draw grey floor tiles.
+
+    Args:
+        xy: Points of the floor under every pixel [m], shape [v, u, 2].
+        rng: Draws the stains.
+    """
     cv2 = load_cv2()
     tile = np.floor(xy / 0.5).astype(int)
     checker = ((tile[..., 0] * 7 + tile[..., 1] * 13) % 5) * 2.5
@@ -102,17 +109,37 @@ def _floor(xy: NDArray[np.float64], rng: np.random.Generator) -> Image:
 def _table_texture(
     workspace: Workspace, layout: TagLayout, config: CameraConfig, rng: np.random.Generator
 ) -> tuple[Image, tuple[float, float]]:
-    """The table from straight above, and the place of its upper left pixel (x, y) [m]."""
+    """Draw the table from straight above.
+
+    Returns:
+        The texture, BGR, and the place of its upper left pixel (x, y) [m].
+    """
     cv2 = load_cv2()
-    columns = round(workspace.table_width / _TEXEL)
-    rows = round(workspace.table_depth / _TEXEL)
-    origin = (-workspace.table_width / 2 + _TEXEL / 2, workspace.table_depth - _TEXEL / 2)
-    texture = np.empty((rows, columns, 3), np.uint8)
+    columns = round(2 * workspace.half_width / _TEXEL)
+    rows = round((workspace.y_max - workspace.y_min) / _TEXEL)
+    origin = (-workspace.half_width + _TEXEL / 2, workspace.y_max - _TEXEL / 2)
 
     def px(x: float, y: float) -> tuple[int, int]:
         return round((x - origin[0]) / _TEXEL), round((origin[1] - y) / _TEXEL)
 
-    # Boards of slightly different age, laid from the far left corner on.
+    texture = _foam(columns, rows, rng)
+    cv2.rectangle(texture, (0, 0), (columns - 1, rows - 1), _EDGE_BGR, 9)
+    # The robot's mounting plate, as far as it is on this table.
+    cv2.rectangle(texture, px(-0.2, 0.2), px(0.2, -0.2), _PLATE_BGR, -1)
+    if config.distractors:
+        _draw_clutter(texture, px, workspace, rng)
+    for tag in layout.tags:
+        # Nobody sticks a tag exactly where the plan has it.
+        x, y = rng.normal([tag.x, tag.y], config.tag_error)
+        _paste_tag(texture, origin, dataclasses.replace(tag, x=float(x), y=float(y)))
+    # As fine as a camera pixel sees it.
+    return cv2.GaussianBlur(texture, (0, 0), 0.7), origin
+
+
+def _foam(columns: int, rows: int, rng: np.random.Generator) -> Image:
+    """Draw foam boards of slightly different age, laid from the far left corner on."""
+    cv2 = load_cv2()
+    texture = np.empty((rows, columns, 3), np.uint8)
     step_x, step_y = round(_BOARD[0] / _TEXEL), round(_BOARD[1] / _TEXEL)
     for top in range(0, rows, step_y):
         for left in range(0, columns, step_x):
@@ -137,17 +164,7 @@ def _table_texture(
         cv2.line(texture, (0, top), (columns, top), _SEAM_BGR, 3, cv2.LINE_AA)
     for left in range(step_x, columns, step_x):
         cv2.line(texture, (left, 0), (left, rows), _SEAM_BGR, 3, cv2.LINE_AA)
-    cv2.rectangle(texture, (0, 0), (columns - 1, rows - 1), _EDGE_BGR, 9)
-    # The robot's mounting plate.
-    cv2.rectangle(texture, px(-0.2, 0.2), px(0.2, 0.0), _PLATE_BGR, -1)
-    if config.distractors:
-        _draw_distractors(texture, px, rng)
-    for tag in layout.tags:
-        # Nobody sticks a tag exactly where the plan has it.
-        x, y = rng.normal([tag.x, tag.y], config.tag_error)
-        _paste_tag(texture, origin, dataclasses.replace(tag, x=float(x), y=float(y)))
-    # As fine as a camera pixel sees it.
-    return cv2.GaussianBlur(texture, (0, 0), 0.7), origin
+    return texture
 
 
 def _paste_tag(texture: Image, origin: tuple[float, float], tag: Tag) -> None:
@@ -177,42 +194,51 @@ def _paste_tag(texture: Image, origin: tuple[float, float], tag: Tag) -> None:
     region[inside] = ink[inside, None]
 
 
-def _draw_distractors(texture: Image, px, rng: np.random.Generator) -> None:
-    """A green cloth, a screwdriver with a green handle, a bottle cap, and a blue box."""
+def _draw_clutter(
+    texture: Image,
+    px: Callable[[float, float], tuple[int, int]],
+    workspace: Workspace,
+    rng: np.random.Generator,
+) -> None:
+    """Draw a green cloth, a screwdriver with a green handle, a bottle cap, and a blue box."""
     cv2 = load_cv2()
 
-    def polygon(points, colour) -> None:
+    def polygon(points: Points, colour: tuple[int, int, int]) -> None:
         corners = np.array([px(x, y) for x, y in points], dtype=np.int32)
         cv2.fillPoly(texture, [corners], colour, cv2.LINE_AA)
 
-    def turned(x, y, angle, points):
-        c, s = np.cos(angle), np.sin(angle)
+    def turned(place: tuple[float, float], angle: float, points: Points) -> Points:
+        (x, y), c, s = place, np.cos(angle), np.sin(angle)
         return [(x + c * a - s * b, y + s * a + c * b) for a, b in points]
 
     shake = rng.uniform(-0.02, 0.02, 6)
+    places = [
+        clutter_place(x, y, workspace)
+        for x, y in ((-1.08, 0.42), (-1.06, 0.44), (1.16, 0.45), (-0.95, 1.18), (1.05, 1.12))
+    ]
+    cloth_at, fold_at, driver_at, cap_at, box_at = places
+    if not (cloth_at and fold_at and driver_at and cap_at and box_at):
+        return
     # A folded cloth at the left edge.
     angle = 0.35 + shake[0]
     cloth = [(-0.11, -0.08), (0.10, -0.09), (0.12, 0.07), (0.02, 0.10), (-0.12, 0.06)]
-    polygon(turned(-1.08, 0.42, angle, cloth), (96, 148, 84))
+    polygon(turned(cloth_at, angle, cloth), (96, 148, 84))
     fold = [(-0.07, -0.02), (0.09, -0.07), (0.11, 0.05)]
-    polygon(turned(-1.06, 0.44, angle, fold), (82, 130, 72))
+    polygon(turned(fold_at, angle, fold), (82, 130, 72))
     for offset in (-0.05, 0.0, 0.05):
-        ends = turned(-1.08, 0.42, angle, [(-0.1, offset), (0.1, offset * 0.6)])
+        ends = turned(cloth_at, angle, [(-0.1, offset), (0.1, offset * 0.6)])
         cv2.line(texture, px(*ends[0]), px(*ends[1]), (74, 122, 66), 2, cv2.LINE_AA)
     # A screwdriver at the right edge.
     angle = 1.1 + shake[1]
-    polygon(
-        turned(1.16, 0.45, angle, [(0.05, -0.003), (0.17, -0.003), (0.17, 0.003), (0.05, 0.003)]),
-        (150, 148, 146),
-    )
+    blade = [(0.05, -0.003), (0.17, -0.003), (0.17, 0.003), (0.05, 0.003)]
+    polygon(turned(driver_at, angle, blade), (150, 148, 146))
     handle = [(-0.05, -0.010), (-0.03, -0.014), (0.05, -0.009), (0.05, 0.009), (-0.03, 0.014)]
-    polygon(turned(1.16, 0.45, angle, [*handle, (-0.05, 0.010)]), (40, 168, 120))
-    polygon(
-        turned(1.16, 0.45, angle, [(-0.03, -0.003), (0.04, -0.003), (0.04, 0.003), (-0.03, 0.003)]),
-        (30, 30, 30),
-    )
+    polygon(turned(driver_at, angle, [*handle, (-0.05, 0.010)]), (40, 168, 120))
+    stripe = [(-0.03, -0.003), (0.04, -0.003), (0.04, 0.003), (-0.03, 0.003)]
+    polygon(turned(driver_at, angle, stripe), (30, 30, 30))
     # A bottle cap as large as the marker, and a box of another colour.
-    cv2.circle(texture, px(-0.95, 1.18 + shake[2]), 13, (70, 150, 40), -1, cv2.LINE_AA)
-    cv2.circle(texture, px(-0.95, 1.18 + shake[2]), 9, (84, 166, 52), 1, cv2.LINE_AA)
+    cap = px(cap_at[0], cap_at[1] + shake[2])
+    cv2.circle(texture, cap, 13, (70, 150, 40), -1, cv2.LINE_AA)
+    cv2.circle(texture, cap, 9, (84, 166, 52), 1, cv2.LINE_AA)
     box = [(-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.05, 0.03)]
-    polygon(turned(1.05, 1.12, 0.2 + shake[3], box), (168, 96, 48))
+    polygon(turned(box_at, 0.2 + shake[3], box), (168, 96, 48))

@@ -20,23 +20,24 @@ from cablecast.rigs.virtual.table import FrictionMap
 
 AIR_DENSITY = 1.2
 _SLIP_SPEED = 0.01
-"""Below this sliding speed the correction of the friction fades out [m/s]: at rest MuJoCo's own
+"""Sliding speed below which the correction of the friction fades out [m/s]: at rest MuJoCo's own
 contact holds the cable."""
 _TOUCH = 0.001
-"""A vertex that is no higher than this above where it lies touches the table [m]."""
+"""Largest height above its lying place at which a vertex touches the table [m]."""
 _STEEP = 0.3
-"""Where the cable is steeper than about 70 deg its upper side is not well defined."""
+"""Horizontal share of the direction below which the upper side is not well defined [-]: that of a
+cable steeper than about 70 deg."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CableMotion:
-    """Where the cables of a batch are, and how they move.
+    """Positions and velocities of a batch of cables.
 
     Attributes:
         vertices: Positions up to the endpoint [m], shape [world, vertex, 3].
-        velocity: Their velocities [m/s], same shape.
+        velocity: Velocities of the vertices [m/s], same shape.
         roll: Roll angle of each edge but the gripped one [rad], shape [world, edge - 1].
-        roll_rate: Its rate [rad/s], same shape.
+        roll_rate: Rate of that angle [rad/s], same shape.
     """
 
     vertices: NDArray[np.float64]
@@ -49,13 +50,13 @@ class CableForces:
     """Forces on the free vertices of a batch of cables.
 
     Args:
-        cable: Geometry.
-        truth: The true cable.
-        friction_map: The table's face.
+        cable: Geometry of the cable.
+        truth: True properties of the cable.
+        friction_map: Friction of each place of the table.
         arc_lengths: Distance of each vertex from the grip [m], shape [vertex].
         masses: Mass lumped at each vertex [kg], shape [vertex].
         friction: Coulomb coefficient that MuJoCo applies [-], shape [world].
-        curl: Curvature that each cable begins with, sideways and upwards [1/m], shape
+        curl: Curvature of each cable at the start, sideways and upwards [1/m], shape
             [world, 2, inner vertex].
     """
 
@@ -84,12 +85,15 @@ class CableForces:
     def evaluate(
         self, motion: CableMotion, active: NDArray[np.intp], elapsed: float
     ) -> NDArray[np.float64]:
-        """Forces [N] on the vertices after the gripped two, shape [world, vertex - 2, 3].
+        """Return the forces on the vertices after the gripped two.
 
         Args:
-            motion: Of the active worlds.
-            active: Which worlds of the batch they are.
+            motion: Positions and velocities of the active worlds.
+            active: Indices of these worlds in the batch.
             elapsed: Time since the last evaluation [s], in which the cable yields.
+
+        Returns:
+            Forces [N], shape [world, vertex - 2, 3].
         """
         direction = np.diff(motion.vertices, axis=1)
         direction /= np.sqrt(_dot(direction, direction))[..., None]
@@ -99,7 +103,7 @@ class CableForces:
         return force
 
     def _air(self, motion: CableMotion, direction: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Quadratic drag on the normal velocity of each edge, shared by its ends, and damping."""
+        """Return quadratic drag on the normal velocity of each edge, and linear damping [N]."""
         v = (motion.velocity[:, 1:] + motion.velocity[:, :-1]) / 2
         v -= _dot(v, direction)[..., None] * direction
         half = -(self._drag * np.sqrt(_dot(v, v)))[..., None] * v / 2
@@ -110,7 +114,7 @@ class CableForces:
     def _table(
         self, motion: CableMotion, direction: NDArray[np.float64], active: NDArray[np.intp]
     ) -> NDArray[np.float64]:
-        """What the friction of this place and this direction has more, or less, than MuJoCo's.
+        """Return the difference between the friction of this place and direction and MuJoCo's [N].
 
         With s the sliding velocity of the cable's underside, t along and n across the cable, the
         table pulls with -weight (mu_along s_t t + mu_across s_n n) / |s|; MuJoCo does so with one
@@ -148,7 +152,7 @@ class CableForces:
         active: NDArray[np.intp],
         elapsed: float,
     ) -> NDArray[np.float64]:
-        """Moments EI kappa_0 of the curl, which itself creeps after bends beyond the yield.
+        """Return forces that make the moments EI kappa_0 of the curl, after letting it creep [N].
 
         The elastic moment is EI (kappa - kappa_0); MuJoCo applies EI kappa. As a material with a
         yield stress and a viscosity, d kappa_0 / dt = (excess of |kappa - kappa_0|) / time.
@@ -178,7 +182,7 @@ class CableForces:
     def _sides(
         self, motion: CableMotion, direction: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The cable's own upper and right-hand side at each inner vertex, turned by its roll."""
+        """Return the cable's upper and right-hand side at each inner vertex, turned by its roll."""
         t = direction[:, 1:] + direction[:, :-1]
         t /= np.sqrt(_dot(t, t) + 1e-12)[..., None]
         up = -t[..., 2:3] * t
@@ -190,11 +194,12 @@ class CableForces:
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Scalar products over the last axis, in one order of summation whatever the batch."""
+    """Return scalar products over the last axis, summed in one order whatever the batch."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vector products over the last axis."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]

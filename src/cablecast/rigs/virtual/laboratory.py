@@ -1,16 +1,16 @@
 """The laboratory: plays many trials at once in MuJoCo and watches each cable's endpoint."""
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable
 from cablecast.conventions import tangent
+from cablecast.engines.mujoco_ import quiet
 from cablecast.machine import core_count
+from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
@@ -19,23 +19,20 @@ from cablecast.rigs.virtual.reset_library import find_library
 from cablecast.rigs.virtual.scene import HAND_DOF_COUNT, Scene, build_scene, hand_controls
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.workspace import Workspace
-
-if TYPE_CHECKING:
-    from cablecast.motion.trajectory import Trajectory
 
 _WINDOW = 0.002
-"""Forces beside MuJoCo's are renewed, and the endpoint looked at, this often [s]."""
+"""Time after which the forces beside MuJoCo's are renewed, and the endpoint is looked at [s]."""
 _OFF_TABLE_TIME = 0.5
-"""A cable whose endpoint fell is watched this long after the motion [s]: it hangs and swings. One
-that only swept past the edge, and came back to rest on the table, has landed."""
+"""Time after the motion for which a cable that fell is watched [s]: it hangs and swings. One that
+only swept past the edge, and came back to rest on the table, has landed."""
 _FALLEN_Z = -0.005
-"""Below this height the endpoint hangs beside the table [m]; a contact never gives way so far."""
+"""Height below which the endpoint hangs beside the table [m]; a contact never gives way so far."""
 _REST_MOVE = 5e-4
-"""At rest the endpoint moves less than this within _REST_TIME [m]."""
+"""Largest way of an endpoint at rest within _REST_TIME [m]."""
 _REST_TIME = 0.1
-"""Rest is looked for this often [s], however often the cable is recorded for a camera."""
+"""Time between looks for rest [s], however often the cable is recorded for a camera."""
 _GROUP_SIZE = 64
 """Trials in memory at once."""
 
@@ -47,25 +44,24 @@ class Laboratory:
     beside it, nor on the number of threads.
 
     Args:
-        cable: Geometry.
-        workspace: Table and arm.
-        config: Settings.
+        setup: Cable, workspace, arm and motion settings.
+        config: Settings of the laboratory.
     """
 
-    def __init__(self, cable: Cable, workspace: Workspace, config: VirtualConfig):
-        self._cable = cable
-        self._workspace = workspace
+    def __init__(self, setup: Setup, config: VirtualConfig):
+        self._setup = setup
         self._config = config
-        self._truth: HiddenCable = hidden_cable(cable, config.lab_seed)
-        self._arm = hidden_arm(config.lab_seed)
-        self._map = friction_map(hidden_table(config.lab_seed), workspace)
+        self._truth: HiddenCable = hidden_cable(setup.cable, config.lab_seed)
+        self._servos = hidden_arm(config.lab_seed)
+        self._map = friction_map(hidden_table(config.lab_seed), setup.workspace)
+        self._library = find_library(setup, config.lab_seed) if config.stored_resets else None
         self._scene: Scene = build_scene(
-            cable, self._truth, workspace, config.segment_count, config.dt
+            setup.cable, self._truth, setup.workspace, config.segment_count, config.dt
         )
 
     def run(
         self,
-        trajectories: Sequence["Trajectory"],
+        trajectories: Sequence[Trajectory],
         trials: Sequence[Trial],
         progress: Callable[[int], None] | None = None,
     ) -> list[EndpointTrack]:
@@ -93,7 +89,7 @@ class _Group:
     """Trials that are stepped together."""
 
     def __init__(
-        self, lab: Laboratory, trajectories: Sequence["Trajectory"], trials: Sequence[Trial]
+        self, lab: Laboratory, trajectories: Sequence[Trajectory], trials: Sequence[Trial]
     ):
         from mujoco.batch import Batch
 
@@ -111,7 +107,9 @@ class _Group:
         self.sample_max = self.sample_max.astype(int)
         self.reset_windows = math.ceil(config.reset_time / (self.window * config.dt))
         step_count = int(self.sample_max.max()) * self.window_count * self.window
-        self.arm = move_arm(trajectories, trials, lab._arm, config.dt, step_count)
+        self.arm = move_arm(
+            trajectories, trials, lab._setup.arm, lab._servos, config.dt, step_count
+        )
         self.controls = self._controls()
         thread_count = min(config.thread_count or core_count(), self.count)
         self.batch: Any = Batch(scene.model, self.count, thread_count)  # pyright: ignore
@@ -127,7 +125,7 @@ class _Group:
             curl[world] = initial_curl(trial, lab._truth.curl, scene.arc_lengths)
             self._lay_down(world, trial)
         self.forces = CableForces(
-            lab._cable,
+            lab._setup.cable,
             lab._truth,
             lab._map,
             scene.arc_lengths,
@@ -145,8 +143,9 @@ class _Group:
         """Put a cable where its reset left it."""
         lab, scene = self.lab, self.scene
         pose = self.arm[world].poses[0]
-        library = find_library(lab._cable, lab._config.lab_seed)
-        shape = reset_shape(lab._cable, pose, trial, scene.arc_lengths, scene.end_height, library)
+        shape = reset_shape(
+            lab._setup.cable, pose, trial, scene.arc_lengths, scene.end_height, lab._library
+        )
         self.qpos[world, :HAND_DOF_COUNT] = pose - scene.hand_origin
         self.qpos[world, scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
         if scene.has_tip:
@@ -162,7 +161,7 @@ class _Group:
             ]
 
     def _controls(self) -> NDArray[np.float64]:
-        """Servo targets of every trial from its reset on, shape [world, step, 5]."""
+        """Return servo targets of every trial from its reset on, shape [world, step, 5]."""
         config, scene = self.lab._config, self.scene
         reset_steps = self.reset_windows * self.window
         controls = []
@@ -193,7 +192,7 @@ class _Group:
         return [self._track(world) for world in range(self.count)]
 
     def _advance(self, active: NDArray[np.intp], step: int) -> int:
-        """One window of all trials that still run."""
+        """Advance all trials that still run by one window, and return the step after it."""
         from mujoco.batch import SimulationError
 
         self._renew_forces(active)
@@ -205,12 +204,12 @@ class _Group:
         except SimulationError as error:
             self.broken[np.asarray(error.ids, dtype=int)] = True
         tip = self._vertices(self.qpos, active)[:, -1]
-        on_table = self.lab._workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
+        on_table = self.lab._setup.workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
         self.off_table[active] = ~on_table
         return end
 
     def _vertices(self, state, active: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Positions of all vertices of the cable [m], shape [world, vertex, 3]."""
+        """Return the positions of all vertices of the cable [m], shape [world, vertex, 3]."""
         scene = self.scene
         vertices = np.empty((len(active), len(scene.arc_lengths), 3))
         pose = state[active, :HAND_DOF_COUNT] + scene.hand_origin
@@ -233,7 +232,7 @@ class _Group:
             roll=np.ascontiguousarray(self.qpos[active, rolls]),
             roll_rate=np.ascontiguousarray(self.qvel[active, roll_rates]),
         )
-        # A world that has blown up computes with its ruins until its trial ends.
+        # Diverged worlds run on until their trials end.
         with np.errstate(all="ignore"):
             force = self.forces.evaluate(motion, active, self.window * config.dt)
         self.force[active, scene.vertex_slice] = force.reshape(len(active), -1)
@@ -246,7 +245,7 @@ class _Group:
         self.broken[active] |= ~finite | warned
 
     def _over(self, active: NDArray[np.intp], sample: int) -> NDArray[np.bool_]:
-        """Which trials are over: at rest, fallen, broken, or out of time."""
+        """Return which trials are over: at rest, fallen, broken, or out of time."""
         config, scene = self.lab._config, self.scene
         after_motion = self.times[sample] - self.motion_time[active]
         speed = np.abs(self.qvel[active, scene.vertex_slice]).max(axis=1)
@@ -278,20 +277,3 @@ class _Group:
             nodes=nodes.copy(),
             joint_path=self.arm[world].joint_path,
         )
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings to a log file in the working directory.
-
-    A trial that it warns of is marked as non-finite; nothing is lost.
-    """
-    import mujoco
-
-    library: Any = mujoco
-    handler = library.get_mju_user_warning()
-    library.set_mju_user_warning(lambda message: None)
-    try:
-        yield
-    finally:
-        library.set_mju_user_warning(handler)

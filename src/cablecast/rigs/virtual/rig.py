@@ -2,91 +2,95 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from cablecast.cable import Cable
-from cablecast.errors import InputError, RigError
-from cablecast.rigs.base import RigLifecycle
+from cablecast.checks import check_count, check_seed
+from cablecast.errors import RigError
+from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
 from cablecast.rigs.virtual.sensing import RECORD_DT, make_sensor
 from cablecast.rigs.virtual.trials import Trial
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack
-from cablecast.workspace import Workspace
-
-if TYPE_CHECKING:
-    from cablecast.motion.trajectory import Trajectory
 
 _SENSING_STREAM = 7
-"""Keeps what the camera draws by chance apart from what the trial draws."""
+"""Keeps the chances of the camera apart from those of the trial."""
 
 LABORATORY_VERSION = 3
-"""Counts the changes after which equal trials end elsewhere. It is part of the description that
-datasets keep, so that casts in one laboratory are never continued in another."""
+"""Number of the laboratory, raised when equal trials end elsewhere. It is part of the description
+that datasets keep, so that casts in one laboratory are never continued in another."""
 
 
 class RigVirtual(RigLifecycle):
     """A robot, a table and a cable that exist in MuJoCo only.
 
-    The n-th trial of a rig draws its own small differences from the seed and n, so a rig made again
-    with the same seed repeats the same sequence of trials.
+    The n-th trial of a purpose draws its own small differences from the seed, the purpose and n, so
+    that a rig made again with the same seed repeats the same sequence of trials.
 
     Args:
-        cable: The cable in the gripper. Its parameters are what is believed of it; the laboratory
-            has its own.
-        workspace: Table and arm.
+        setup: Cable, workspace, arm and motion settings. The cable's parameters are what is
+            believed of it; the laboratory has its own.
         seed: Seed of what differs from trial to trial.
         config: Settings of the laboratory.
 
     Raises:
+        InputError: The seed is out of bounds.
         MissingExtraError: MuJoCo is not installed.
     """
 
-    def __init__(
-        self, cable: Cable, workspace: Workspace, seed: int, config: VirtualConfig | None = None
-    ):
+    def __init__(self, setup: Setup, seed: int = 0, config: VirtualConfig | None = None):
         super().__init__()
-        if not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise InputError(f"seed = {seed!r} must be a whole number of at least 0")
+        self.setup = setup
+        self.seed = check_seed(seed)
         self.config = VirtualConfig() if config is None else config
-        self._seed = int(seed)
+        self._draw_seed = self.seed
         self._trial_count = 0
         sample_dt, sensing = self.config.sample_dt, self.config.sensing
-        self._sensor = make_sensor(sensing, cable, workspace, sample_dt, self.config.lab_seed)
+        self._sensor = make_sensor(sensing, setup, sample_dt, self.config.lab_seed)
         recorded = self.config
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
-        self._lab: Laboratory | None = Laboratory(cable, workspace, recorded)
+        self._lab: Laboratory | None = Laboratory(setup, recorded)
+        settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "virtual",
             "laboratory_version": LABORATORY_VERSION,
-            "cable": cable.name,
-            "seed": int(seed),
+            "cable": setup.cable.name,
+            "seed": self.seed,
             "config": dataclasses.asdict(self.config),
-            "workspace": dataclasses.asdict(workspace),
+            "workspace": settings["workspace"],
+            "arm": settings["arm"],
         }
 
-    def seek(self, index: int) -> None:
-        """Let the next trial be the index-th, so that a resumed collection draws the same chance.
+    def seek(self, index: int, purpose: str = "") -> None:
+        """Let the next trial be the index-th of a purpose.
+
+        Trials of two purposes have nothing in common; those of an equal index and purpose are
+        equal, so that a collection that goes on after a stop draws what it would have drawn.
 
         Args:
-            index: From 0.
+            index: Number of the trial, from 0.
+            purpose: One of `PURPOSES`, or none.
+
+        Raises:
+            InputError: The index is negative, or there is no such purpose.
         """
         self._check_open()
-        if index < 0:
-            raise InputError(f"trial {index} must be at least 0")
-        self._trial_count = int(index)
+        self._draw_seed = purpose_seed(self.seed, purpose)
+        self._trial_count = check_count("trial index", index, 0)
 
-    def execute(self, trajectory: "Trajectory") -> EndpointTrack:
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion from the reset state, and report where the endpoint went."""
         self._use_reset()
         return self._run([trajectory], None)[0]
 
     def execute_many(
         self,
-        trajectories: Sequence["Trajectory"],
+        trajectories: Sequence[Trajectory],
         progress: Callable[[int], None] | None = None,
     ) -> list[EndpointTrack]:
         """Reset and execute for each trajectory, at once on all cores.
@@ -108,15 +112,14 @@ class RigVirtual(RigLifecycle):
 
     def _run(
         self,
-        trajectories: Sequence["Trajectory"],
+        trajectories: Sequence[Trajectory],
         progress: Callable[[int], None] | None,
     ) -> list[EndpointTrack]:
         if self._lab is None:
-            raise RigError("the virtual rig is closed: make a new rig")
-        first = self._trial_count
+            raise RigError("the rig is closed: make a new one")
+        first, seed = self._trial_count, self._draw_seed
         trials = [
-            Trial.draw(self.config.noise, self._seed, first + index)
-            for index in range(len(trajectories))
+            Trial.draw(self.config.noise, seed, first + index) for index in range(len(trajectories))
         ]
         tracks = self._lab.run(trajectories, trials, progress)
         self._trial_count = first + len(trajectories)
@@ -126,7 +129,7 @@ class RigVirtual(RigLifecycle):
             self._sensor.observe(
                 track,
                 track.joint_path or trajectory.joint_path,
-                np.random.default_rng([self._seed, first + index, _SENSING_STREAM]),
+                np.random.default_rng([seed, first + index, _SENSING_STREAM]),
             )
             for index, (track, trajectory) in enumerate(zip(tracks, trajectories, strict=True))
         ]

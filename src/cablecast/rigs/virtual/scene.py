@@ -27,8 +27,8 @@ HAND_DOF_COUNT = 5
 TABLE_THICKNESS = 0.04
 FLOOR_Z = -0.75
 
-# The hand weighs hundreds of times what the cable can pull, so it goes where it is driven; its
-# servo only removes the drift of the integration, 60 Hz, critically damped.
+# The hand weighs hundreds of times what the cable can pull, so it goes where it is driven. Its
+# servo, 60 Hz and critically damped, only removes the drift of the integration.
 _HAND_MASS = 20.0
 _HAND_INERTIA = 1.0
 _SERVO_OMEGA = 2.0 * math.pi * 60.0
@@ -67,19 +67,20 @@ _ROLL_DAMPING_PER_MASS = 1e-4
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A compiled model, and where things are in it.
+    """A compiled model, and the places of things in it.
 
     Attributes:
-        model: The MjModel.
+        model: Compiled MjModel.
         arc_lengths: Distance of each vertex from the grip to the endpoint [m], shape [vertex].
-        masses: Mass of the cable lumped at each vertex [kg], shape [vertex]; without attachment.
+        masses: Mass of the cable without its attachment, lumped at each vertex [kg], shape
+            [vertex].
         endpoint_mass: Mass of the attachment [kg].
         has_tip: Whether the attachment is a body of its own, whose orientation follows the slides
             as a quaternion in qpos and three rates in qvel.
         end_height: Height of the endpoint when attachment and cable lie on the table [m].
         extra_count: Degrees of freedom between the attachment's turn and the rolls of the edges.
-        hand_origin: Joint values 0 stand for this pose (x, y, z, yaw, pitch), shape [5].
-        vertex_origin: Slides at 0 stand for these positions [m], shape [vertex - 2, 3].
+        hand_origin: Pose of the hand at joint values 0: x, y, z [m], yaw, pitch [rad], shape [5].
+        vertex_origin: Positions of the free vertices at slides 0 [m], shape [vertex - 2, 3].
     """
 
     model: Any
@@ -99,7 +100,7 @@ class Scene:
 
     @property
     def tip_slice(self) -> slice:
-        """The attachment's quaternion in qpos; empty where it is no body of its own."""
+        """Quaternion of the attachment in qpos; empty where it is no body of its own."""
         start = self.vertex_slice.stop
         return slice(start, start + (4 if self.has_tip else 0))
 
@@ -112,14 +113,16 @@ class Scene:
         return slice(start, start + count), slice(rate, rate + count)
 
 
-def hand_controls(poses: NDArray[np.float64], dt: float, origin: NDArray[np.float64]):
-    """Servo targets that carry the hand exactly along sampled poses.
+def hand_controls(
+    poses: NDArray[np.float64], dt: float, origin: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return servo targets that carry the hand exactly along sampled poses.
 
     A semi-implicit step ends at q + dt v, so the velocity that belongs to a step is the backward
     difference; the servo is told of the velocity and the acceleration through its position target.
 
     Args:
-        poses: x, y, z, yaw, pitch at every step, shape [step + 1, 5].
+        poses: x, y, z [m], yaw, pitch [rad] at every step, shape [step + 1, 5].
         dt: Step [s].
         origin: Pose at joint values 0, shape [5].
 
@@ -135,6 +138,13 @@ def build_scene(
     cable: Cable, truth: HiddenCable, workspace: Workspace, segment_count: int, dt: float
 ) -> Scene:
     """Compile the model.
+
+    Args:
+        cable: Geometry of the cable.
+        truth: True properties of the cable.
+        workspace: Gives the table's place, the reset position and the grip's height.
+        segment_count: Segments of the rod.
+        dt: Step [s].
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -156,7 +166,8 @@ def build_scene(
     hand_origin = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
     positions = np.zeros((len(arc), 3)) + hand_origin[:3]
     positions[:, 1] += arc
-    xml = _mjcf(cable, truth, workspace, dt, arc, masses, has_tip, hand_origin, positions)
+    rod = _rod(cable, truth, arc, masses, has_tip, positions)
+    xml = _mjcf(dt, workspace, hand_origin, rod)
     return Scene(
         model=MjModel.from_xml_string(xml),
         arc_lengths=arc,
@@ -171,7 +182,7 @@ def build_scene(
 
 
 def _lumped(arc: NDArray[np.float64], density: float) -> NDArray[np.float64]:
-    """Half of each edge's mass at each of its ends [kg]."""
+    """Return the mass at each vertex, half of each edge's at each of its ends [kg]."""
     edge = np.diff(arc) * density / 2
     masses = np.zeros(len(arc))
     masses[:-1] += edge
@@ -179,20 +190,26 @@ def _lumped(arc: NDArray[np.float64], density: float) -> NDArray[np.float64]:
     return masses
 
 
-def _mjcf(
-    cable: Cable,
-    truth: HiddenCable,
-    workspace: Workspace,
-    dt: float,
-    arc: NDArray[np.float64],
-    masses: NDArray[np.float64],
-    has_tip: bool,
-    hand_origin: NDArray[np.float64],
-    positions: NDArray[np.float64],
-) -> str:
-    radius = cable.radius
-    second_moment = math.pi * radius**4 / 4
-    count = len(arc)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Rod:
+    """Parts of the model that make up the cable and its attachment, as XML.
+
+    Attributes:
+        bodies: Free vertices, the last with the attachment.
+        rolls: Roll joints of the edges.
+        flex: Rod that joins them.
+    """
+
+    bodies: str
+    rolls: str
+    flex: str
+
+
+def _mjcf(dt: float, workspace: Workspace, hand_origin: NDArray[np.float64], rod: _Rod) -> str:
+    """Return the whole model as XML."""
+    depth = workspace.y_max - workspace.y_min
+    table_size = (workspace.half_width, depth / 2, TABLE_THICKNESS / 2)
+    table_pos = (0.0, (workspace.y_min + workspace.y_max) / 2, -TABLE_THICKNESS / 2)
     hand_joints = ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "hinge 0 0 -1", "hinge 1 0 0")
     joints, servos = [], []
     for index, joint in enumerate(hand_joints):
@@ -202,6 +219,47 @@ def _mjcf(
             f'<position joint="hand_{index}" kp="{_SERVO_KP[index]:.17g}" '
             f'kv="{_SERVO_KV[index]:.17g}"/>'
         )
+    inertia = _text(np.full(3, _HAND_INERTIA))
+    return f"""<mujoco model="cablecast virtual laboratory">
+<option integrator="discrete" timestep="{dt:.9g}" cone="elliptic">
+  <flag autoreset="disable"/>
+</option>
+<worldbody>
+  <geom name="table" {_TABLE_BITS} type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
+  <geom name="floor" {_TABLE_BITS} type="plane" size="5 5 0.1" pos="0 0 {FLOOR_Z}"/>
+  <body name="hand" pos="{_text(hand_origin[:3])}">
+    <inertial pos="0 0 0" mass="{_HAND_MASS}" diaginertia="{inertia}"/>
+    {"".join(joints)}
+  </body>
+  {rod.bodies}
+  {rod.rolls}
+</worldbody>
+<deformable>{rod.flex}</deformable>
+<equality><flex flex="cable" solref="{_EDGE_SOLREF}" solimp="{_EDGE_SOLIMP}"/></equality>
+<actuator>{"".join(servos)}</actuator>
+</mujoco>"""
+
+
+def _rod(
+    cable: Cable,
+    truth: HiddenCable,
+    arc: NDArray[np.float64],
+    masses: NDArray[np.float64],
+    has_tip: bool,
+    positions: NDArray[np.float64],
+) -> _Rod:
+    """Return the parts of the model that make up the cable and its attachment.
+
+    Args:
+        cable: Geometry of the cable.
+        truth: True properties of the cable.
+        arc: Distance of each vertex from the grip [m], shape [vertex].
+        masses: Mass of the cable lumped at each vertex [kg], shape [vertex].
+        has_tip: Whether the attachment is a body of its own.
+        positions: Straight cable [m], shape [vertex, 3].
+    """
+    radius, count = cable.radius, len(arc)
+    second_moment = math.pi * radius**4 / 4
     slides = []
     for index in range(2, count):
         place = f'pos="{_text(positions[index])}"'
@@ -228,27 +286,9 @@ def _mjcf(
     if has_tip:
         owners.append(owners[-1])
         vertices += f"0 {cable.attachment_length:.9g} 0"
-    bodies = " ".join(owners)
     elements = " ".join(f"{edge} {edge + 1}" for edge in range(len(owners) - 1))
-    table_size = (workspace.table_width / 2, workspace.table_depth / 2, TABLE_THICKNESS / 2)
-    table_pos = (0.0, workspace.table_depth / 2, -TABLE_THICKNESS / 2)
-    inertia = _text(np.full(3, _HAND_INERTIA))
-    return f"""<mujoco model="cablecast virtual laboratory">
-<option integrator="discrete" timestep="{dt:.9g}" cone="elliptic">
-  <flag autoreset="disable"/>
-</option>
-<worldbody>
-  <geom name="table" {_TABLE_BITS} type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
-  <geom name="floor" {_TABLE_BITS} type="plane" size="5 5 0.1" pos="0 0 {FLOOR_Z}"/>
-  <body name="hand" pos="{_text(hand_origin[:3])}">
-    <inertial pos="0 0 0" mass="{_HAND_MASS}" diaginertia="{inertia}"/>
-    {"".join(joints)}
-  </body>
-  {"".join(slides)}
-  {"".join(rolls)}
-</worldbody>
-<deformable>
-  <flex name="cable" dim="1" radius="{radius:.9g}" body="{bodies}" vertex="{vertices}"
+    flex = f"""
+  <flex name="cable" dim="1" radius="{radius:.9g}" body="{" ".join(owners)}" vertex="{vertices}"
         element="{elements}">
     <contact condim="3" friction="{truth.friction:.9g} 0.005 0.0001" priority="1"
              solref="{_CONTACT_SOLREF}" solimp="{_CONTACT_SOLIMP}" selfcollide="none"/>
@@ -256,30 +296,29 @@ def _mjcf(
                 shear="{truth.twist_stiffness / (2 * second_moment):.9g}"
                 damping="{truth.bend_damping:.9g}"/>
   </flex>
-</deformable>
-<equality><flex flex="cable" solref="{_EDGE_SOLREF}" solimp="{_EDGE_SOLIMP}"/></equality>
-<actuator>{"".join(servos)}</actuator>
-</mujoco>"""
+"""
+    return _Rod(bodies="".join(slides), rolls="".join(rolls), flex=flex)
 
 
 _SLIDES = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
 
 
 def _bead(mass: float) -> str:
-    """A vertex of the cable."""
+    """Return the body of a vertex of the cable, as XML."""
     return f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
 
 
 def _end_mass(truth: HiddenCable, masses: NDArray[np.float64]) -> float:
+    """Return the mass of the last vertex with an attachment that is no body of its own [kg]."""
     return float(masses[-1]) + truth.endpoint_mass
 
 
 def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
-    """The attachment as a body that turns freely, but for the cable that it clamps.
+    """Return the attachment as a body that turns freely, but for the cable that it clamps.
 
     Args:
-        cable: Says which attachment, and how long it is.
-        truth: Its mass and shape.
+        cable: Gives the kind and the length of the attachment.
+        truth: Gives its mass and shape.
         lumped: Mass of the cable's own end [kg].
     """
     length, radius, offset = (

@@ -1,4 +1,4 @@
-"""How the virtual rig sees its cable: through a rendered camera, or through that camera's errors.
+"""The senses of the virtual rig: a rendered camera, or the measured errors of that camera.
 
 Both start from the cable's true motion, recorded every RECORD_DT, and return the track that a
 person would get: samples every 100 ms, NaN where the marker was not seen, and a status.
@@ -11,18 +11,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
-from cablecast.tracking.tracker import judge_status, sample_path
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.rigs.virtual.config import SENSING_NAMES
+from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.tracking.samples import judge_status, sample_path
 from cablecast.workspace import Workspace
 
 RECORD_DT = 0.01
-"""The laboratory records the cable this often for a camera [s]: a cubic through such shapes is
-exact to micrometres, and all frames fall between two of them."""
+"""Time between records of the cable for a camera [s]: a cubic through such shapes is exact to
+micrometres, and all frames fall between two of them."""
 FRAME_DT = 1.0 / 60.0
 _BLIND_STATUSES = (TrialStatus.NON_FINITE, TrialStatus.ABORTED)
 
@@ -33,27 +33,24 @@ class Sensor(Protocol):
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
     ) -> EndpointTrack:
-        """What is seen of a trial.
+        """Return what is seen of a trial.
 
         Args:
-            track: What happened, with the cable's nodes every RECORD_DT.
+            track: True motion, with the cable's nodes every RECORD_DT.
             joint_path: Joints as they really moved; None for a table without an arm.
             rng: Draws what is left to chance.
         """
         ...
 
 
-def make_sensor(
-    name: str, cable: Cable, workspace: Workspace, sample_dt: float, lab_seed: int = 0
-) -> Sensor | None:
-    """The sensor of a name.
+def make_sensor(name: str, setup: Setup, sample_dt: float, lab_seed: int = 0) -> Sensor | None:
+    """Return the sensor of a name.
 
     Args:
         name: One of SENSING_NAMES.
-        cable: What is looked at.
-        workspace: Size of the table.
+        setup: Gives the cable, the table and the arm.
         sample_dt: Time between samples of a track [s].
-        lab_seed: Which laboratory.
+        lab_seed: Seed of the laboratory.
 
     Returns:
         None for "exact".
@@ -65,9 +62,9 @@ def make_sensor(
     if name == "exact":
         return None
     if name == "error_model":
-        return SensorErrorModel(cable, workspace, sample_dt)
+        return SensorErrorModel(setup, sample_dt)
     if name == "camera":
-        return SensorCamera(cable, workspace, sample_dt, lab_seed)
+        return SensorCamera(setup, sample_dt, lab_seed)
     raise InputError(f"unknown sensing {name!r}: one of {', '.join(SENSING_NAMES)}")
 
 
@@ -75,77 +72,72 @@ class SensorErrorModel:
     """Sees with the measured errors of the camera; quick, and without OpenCV.
 
     Args:
-        cable: What is looked at.
-        workspace: Size of the table.
+        setup: Gives the cable, the table and the arm.
         sample_dt: Time between samples of a track [s].
-        model: Errors of the camera; by default those that come with cablecast.
+        model: Errors of the camera; where None, those that come with cablecast, for this table.
     """
 
-    def __init__(
-        self,
-        cable: Cable,
-        workspace: Workspace,
-        sample_dt: float = 0.1,
-        model: CameraErrorModel | None = None,
-    ):
-        self.cable = cable
-        self.workspace = workspace
+    def __init__(self, setup: Setup, sample_dt: float = 0.1, model: CameraErrorModel | None = None):
+        self.setup = setup
         self.sample_dt = sample_dt
-        self.model = CameraErrorModel.load() if model is None else model
+        self.model = CameraErrorModel.load().over(setup.workspace) if model is None else model
 
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
     ) -> EndpointTrack:
-        """What is seen of a trial; see Sensor."""
+        """Return what is seen of a trial; see Sensor."""
         if track.status in _BLIND_STATUSES or track.nodes is None:
             return _thinned(track, self.sample_dt)
         times, nodes = _held(track, self.sample_dt)
         frames = np.arange(math.floor(times[-1] / FRAME_DT + 1e-6) + 1) * FRAME_DT
         points = _interpolate(times, nodes[:, -1], frames)
-        xy = self.model.observe(frames, points, joint_path, self.cable.radius, rng)
-        return _finish(track, frames, xy, times, nodes, self.workspace, self.sample_dt)
+        radius, arm = self.setup.cable.radius, self.setup.arm
+        xy = self.model.observe(frames, points, joint_path, radius, rng, arm)
+        return _finish(track, frames, xy, times, nodes, self.setup.workspace, self.sample_dt)
 
 
 class SensorCamera:
     """Sees with rendered frames and the tracker that a real camera would use.
 
     Args:
-        cable: What is looked at.
-        workspace: Size of the table.
+        setup: Gives the cable, the table and the arm.
         sample_dt: Time between samples of a track [s].
-        lab_seed: Which laboratory.
+        lab_seed: Seed of the laboratory.
 
     Raises:
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(
-        self, cable: Cable, workspace: Workspace, sample_dt: float = 0.1, lab_seed: int = 0
-    ):
-        self.cable = cable
-        self.workspace = workspace
+    def __init__(self, setup: Setup, sample_dt: float = 0.1, lab_seed: int = 0):
+        self.setup = setup
         self.sample_dt = sample_dt
-        self.camera, self.calibration = _calibrated_camera(workspace, lab_seed)
+        self.camera, self.calibration = _calibrated_camera(setup.workspace, lab_seed)
 
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
     ) -> EndpointTrack:
-        """What is seen of a trial; see Sensor."""
+        """Return what is seen of a trial; see Sensor."""
         from cablecast.rigs.virtual.camera import track_film
         from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 
         if track.status in _BLIND_STATUSES or track.nodes is None:
             return _thinned(track, self.sample_dt)
         times, nodes = _held(track, self.sample_dt)
-        trial = FilmedTrial(cable=self.cable, times=times, nodes=nodes, joint_path=joint_path)
+        trial = FilmedTrial(
+            cable=self.setup.cable,
+            times=times,
+            nodes=nodes,
+            joint_path=joint_path,
+            arm=self.setup.arm,
+        )
         film = self.camera.film(trial, seed=int(rng.integers(2**31)))
         frames, xy = track_film(film, self.calibration).frames
-        return _finish(track, frames, xy, times, nodes, self.workspace, self.sample_dt)
+        return _finish(track, frames, xy, times, nodes, self.setup.workspace, self.sample_dt)
 
 
 @functools.lru_cache(maxsize=2)
 def _calibrated_camera(workspace: Workspace, lab_seed: int):
-    """A camera over the table of a laboratory, calibrated once."""
+    """Return a camera over the table of a laboratory, and its calibration."""
     from cablecast.rigs.virtual.camera import VirtualCamera
     from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera
 
@@ -156,7 +148,7 @@ def _calibrated_camera(workspace: Workspace, lab_seed: int):
 def _held(
     track: EndpointTrack, sample_dt: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The recorded motion, held still up to the next whole sample."""
+    """Return times and nodes as recorded, held still up to the next whole sample."""
     times, nodes = track.times, track.nodes
     if nodes is None:
         raise InputError("a camera needs the cable's nodes")
@@ -175,6 +167,7 @@ def _held(
 def _interpolate(
     times: NDArray[np.float64], values: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
+    """Return values between those of some times, on a cubic spline."""
     from scipy.interpolate import CubicSpline
 
     if len(times) < 2:
@@ -183,7 +176,7 @@ def _interpolate(
 
 
 def _thinned(track: EndpointTrack, sample_dt: float) -> EndpointTrack:
-    """A trial that no camera needs to watch, at the times of a track."""
+    """Return a trial that no camera needs to watch, at the times of a track."""
     step = max(1, round(sample_dt / RECORD_DT)) if len(track.times) > 1 else 1
     return EndpointTrack(
         times=track.times[::step],
@@ -203,7 +196,7 @@ def _finish(
     workspace: Workspace,
     sample_dt: float,
 ) -> EndpointTrack:
-    """Samples and status from what was seen in the frames."""
+    """Return the track that follows from what was seen in the frames."""
     count = math.floor(times[-1] / sample_dt + 1e-6) + 1
     sample_times = np.arange(count, dtype=np.float64) * sample_dt
     endpoint_xy = sample_path(frames, xy, sample_times)

@@ -14,7 +14,7 @@ _CELL = 0.005
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FrictionMap:
-    """How the friction of each place compares with the mean.
+    """Friction of each place of the table, as a multiple of the mean.
 
     Attributes:
         origin: Corner of the map with the smallest x and y [m], shape [2].
@@ -25,7 +25,14 @@ class FrictionMap:
     factors: NDArray[np.float64]
 
     def factor(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Factors at some places [m], shape [..., 2] -> [...]; the rim's beyond the rim."""
+        """Return the factors at some places; beyond the rim those of the rim.
+
+        Args:
+            xy: Places [m], shape [..., 2].
+
+        Returns:
+            Factors [-], shape [...].
+        """
         last = np.array(self.factors.shape) - 1
         index = np.floor((xy - self.origin) / _CELL)
         # A cable that has blown up has no place.
@@ -37,13 +44,30 @@ class FrictionMap:
 def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
     """Draw the face of a table.
 
+    The face belongs to the table, and moves and turns with it.
+
     Args:
-        table: How uneven it is, and its seed.
-        workspace: Its size.
+        table: Unevenness of the table, and its seed.
+        workspace: Gives the table's size and place.
+    """
+    origin = np.array([-workspace.half_width, workspace.y_min])
+    size = np.array([2 * workspace.half_width, workspace.y_max - workspace.y_min])
+    quarter_turns = round(workspace.table_yaw_deg / 90.0) % 4
+    factors = _face(table, size[::-1] if quarter_turns % 2 else size)
+    # Turned to the right, which is against the sense of rot90.
+    return FrictionMap(origin=origin, factors=np.rot90(factors, -quarter_turns))
+
+
+def _face(table: HiddenTable, size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the factors of a table that is not turned, shape [x, y].
+
+    Args:
+        table: Unevenness of the table, and its seed.
+        size: Extent along x and y [m], shape [2].
     """
     rng = np.random.default_rng(table.seed)
-    origin = np.array([-workspace.table_width / 2, 0.0])
-    counts = [round(workspace.table_width / _CELL) + 1, round(workspace.table_depth / _CELL) + 1]
+    origin = np.array([-float(size[0]) / 2, 0.0])
+    counts = [round(float(extent) / _CELL) + 1 for extent in size]
     x, y = (origin[axis] + (np.arange(counts[axis]) + 0.5) * _CELL for axis in (0, 1))
     worn = np.zeros((len(x), len(y)))
     # A sum of waves in random directions is a smooth random field.
@@ -58,13 +82,13 @@ def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
     factors = np.exp(worn + boards[column[:, None], row])
     seam = np.minimum(from_x[:, None], from_y) < table.seam_width / 2
     factors[seam] *= 1.0 + table.seam
-    return FrictionMap(origin=origin, factors=factors)
+    return factors
 
 
 def _boards(
     places: NDArray[np.float64], first: float, size: float
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Index of the board at each place, and the distance to its nearest seam [m]."""
+    """Return the index of the board at each place, and the distance to its nearest seam [m]."""
     board = np.floor((places - first) / size)
     within = (places - first) - board * size
     return (board - board.min()).astype(np.intp), np.minimum(within, size - within)

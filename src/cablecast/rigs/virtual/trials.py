@@ -1,4 +1,4 @@
-"""What differs from trial to trial: the state after the reset, the table, and the arm."""
+"""Differences from trial to trial: the state after the reset, the table, and the arm."""
 
 import dataclasses
 
@@ -23,15 +23,15 @@ class Trial:
     """One draw of everything that the laboratory leaves to chance.
 
     Attributes:
-        key: Seeds what is drawn per set point or per joint: the rig's seed, the trial's index.
-        noise: How far trials differ.
+        key: Seed of the rig and index of the trial, which seed all further draws.
+        noise: Deviations from trial to trial.
         bow: Sideways bow at the middle of the cable [m].
         sway: Sideways S-shape at the quarters [m].
         angle: Direction of the cable from the grip's yaw [rad].
-        tip_roll: How the attachment has come to lie, turned about the cable [rad].
+        tip_roll: Turn of the lying attachment about the cable [rad].
         curl: Curvature left by earlier trials, in two waves along the cable [1/m], shape [2].
-        friction_factor: Multiplies the friction [-].
-        torque_factor: Multiplies the torque of the arm's base joint [-].
+        friction_factor: Factor of the friction [-].
+        torque_factor: Factor of the torque of the arm's base joint [-].
     """
 
     key: tuple[int, int]
@@ -46,7 +46,7 @@ class Trial:
 
     @classmethod
     def draw(cls, noise: TrialNoise, seed: int, index: int) -> "Trial":
-        """The index-th trial of a rig with a seed; equal arguments give equal trials."""
+        """Draw the index-th trial of a seed; equal arguments give equal trials."""
         rng = np.random.default_rng([seed, index])
         n = np.clip(rng.normal(size=8), -_SIGMA_MAX, _SIGMA_MAX)
         return cls(
@@ -61,21 +61,21 @@ class Trial:
             torque_factor=float(np.exp(noise.torque * n[7])),
         )
 
-    def rng(self, purpose: int) -> np.random.Generator:
-        """A generator of this trial's own for one purpose."""
-        return np.random.default_rng([*self.key, purpose])
+    def rng(self, stream: int) -> np.random.Generator:
+        """Return a generator of this trial for one use, told by its number."""
+        return np.random.default_rng([*self.key, stream])
 
     def latencies(self, count: int) -> NDArray[np.float64]:
-        """How late each set point reaches the arm [s], shape [tick]."""
+        """Return the delay of each set point on its way to the arm [s], shape [tick]."""
         return self.noise.latency * np.abs(self.rng(1).normal(size=count))
 
     def servo_factor(self, count: int) -> NDArray[np.float64]:
-        """Multiplies the frequency of each channel's servo [-], shape [channel]."""
+        """Return the factor of the frequency of each channel's servo [-], shape [channel]."""
         n = np.clip(self.rng(2).normal(size=JOINT_COUNT), -_SIGMA_MAX, _SIGMA_MAX)
         return np.exp(self.noise.servo * n)[:count]
 
     def encoder_errors(self, count: int) -> NDArray[np.float64]:
-        """Errors of the reported angles [rad] and rates [rad/s], shape [2, tick, joint]."""
+        """Return errors of the reported angles [rad] and rates [rad/s], [2, tick, joint]."""
         scale = np.array([self.noise.encoder, self.noise.encoder * 20.0])
         return scale[:, None, None] * self.rng(3).normal(size=(2, count, JOINT_COUNT))
 
@@ -88,14 +88,14 @@ def reset_shape(
     end_height: float,
     library: ResetLibrary | None = None,
 ) -> NDArray[np.float64]:
-    """Vertices of the cable as a reset leaves it, along the grip's yaw.
+    """Return the vertices of the cable as a reset leaves it, along the grip's yaw.
 
     Args:
-        cable: Geometry.
-        pose: Grip at the start, x, y, z [m], yaw, pitch [rad], shape [5].
+        cable: Geometry of the cable.
+        pose: Pose of the grip at the start: x, y, z [m], yaw, pitch [rad], shape [5].
         trial: Draw of this trial.
         arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
-        end_height: Height at which the endpoint lies [m].
+        end_height: Height of the lying endpoint [m].
         library: States of simulated resets; the shape is drawn, nearly straight, where None.
 
     Returns:
@@ -124,6 +124,7 @@ def _drawn_shape(
     arc_lengths: NDArray[np.float64],
     end_height: float,
 ) -> NDArray[np.float64]:
+    """Draw a nearly straight shape, seen from the grip but for its heights [m], [vertex, 3]."""
     drop = grip_height - cable.radius
     # A gentle ramp from the grip to the table; gravity finds the true descent within the settling
     # time.
@@ -149,11 +150,11 @@ def _drawn_shape(
 def initial_curl(
     trial: Trial, curl: float, arc_lengths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Curvature of the cable at rest when the trial begins: its own, and what is left of others.
+    """Return the curvature of the cable at rest: its own, and what earlier trials left.
 
     Args:
         trial: Draw of this trial.
-        curl: The cable's own [1/m].
+        curl: Curvature of its own [1/m].
         arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
 
     Returns:
