@@ -1,0 +1,45 @@
+"""Write pictures of the tags on a table, to print, and their layout as a file to edit.
+
+    python tools/make_tags.py tags
+
+The layout is that of the paper's table, or of the table in a lab file. Measure where you stick each
+tag, and put your own places into tags.yaml.
+"""
+
+import argparse
+import pathlib
+import sys
+
+from cablecast.errors import CablecastError
+from cablecast.files import write_bytes
+from cablecast.setup import load_setup
+from cablecast.tracking.opencv import load_cv2
+from cablecast.tracking.tags import default_layout, tag_picture
+from cablecast.workspace import Workspace
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write pictures of the tags on a table, to print, and their layout as a file to edit."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("out", type=pathlib.Path, help="folder to write to")
+    parser.add_argument("--lab", type=pathlib.Path, help="lab file; the paper's where missing")
+    args = parser.parse_args(arguments)
+    try:
+        workspace = Workspace() if args.lab is None else load_setup(args.lab).workspace
+        cv2 = load_cv2()
+    except CablecastError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    layout = default_layout(workspace)
+    for tag in layout.tags:
+        encoded = cv2.imencode(".png", tag_picture(tag.id))[1]
+        write_bytes(args.out / f"tag-{tag.id:02}.png", encoded.tobytes())
+    layout.save(args.out / "tags.yaml")
+    print(f"{len(layout.tags)} tags and tags.yaml are in {args.out}: print them so that the black")
+    print(
+        f"square measures {100 * layout.tags[0].size:.3g} cm, and put your own places in tags.yaml"
+    )
+
+
+if __name__ == "__main__":
+    main()
