@@ -4,23 +4,20 @@ import json
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.evaluation.evaluate import evaluate_policy
 from cablecast.evaluation.results import TRIAL_COLUMNS, evaluation_metrics, save_trials
-from cablecast.motion.action import MotionConfig
 from cablecast.track import TrialStatus
-from cablecast.workspace import Workspace
 
 TARGETS = np.array([[0.4, 0.9], [-0.4, 0.9]])
 TENTH_OF_A_MILLIMETRE = 1e-4  # What the CSV rounds to.
 
 
 @pytest.fixture
-def evaluation(policy, make_rig_stub):
+def evaluation(policy, make_rig_stub, tmp_path):
     rig = make_rig_stub(
         TARGETS + [[0.0, 0.062], [0.0, 0.0]], [TrialStatus.OK, TrialStatus.OFF_TABLE]
     )
-    return evaluate_policy(policy, rig, TARGETS, load_cable("cable_1"), MotionConfig(), Workspace())
+    return evaluate_policy(tmp_path / "casts", policy, rig, TARGETS)
 
 
 def test_metrics_hold_every_count_and_are_strict_json(evaluation):

@@ -25,10 +25,11 @@ from cablecast.datasets.schema import (
     track_extent,
 )
 from cablecast.datasets.writer import DatasetWriter
-from cablecast.errors import DatasetError, InputError, RigError
+from cablecast.errors import DatasetError, RigError
 from cablecast.machine import core_count
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, error_line
+from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import CountCallback
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
@@ -102,23 +103,22 @@ def record_trials(
         DatasetError: The folder holds another dataset or other files, a shard is damaged, or the
             disk is full. Trials that are finished are kept.
     """
-    try:
-        writer = DatasetWriter(
-            pathlib.Path(path),
-            kind=plan.kind,
-            settings={
-                "schema_version": SCHEMA_VERSION,
-                **plan.setup.to_settings(),
-                "rig": rig.description,
-                **settings,
-                "count": plan.count,
-                "repeats": plan.repeats,
-            },
-            row_count=plan.trial_count,
-            shard_rows=1,
-        )
-    except InputError as error:
-        raise RigError(f"the rig's description: {error}") from None
+    # Whoever made the rig, its answers are checked before they are stored.
+    rig = rig if isinstance(rig, CheckedRig) else CheckedRig(rig, plan.setup)
+    writer = DatasetWriter(
+        pathlib.Path(path),
+        kind=plan.kind,
+        settings={
+            "schema_version": SCHEMA_VERSION,
+            **plan.setup.to_settings(),
+            "rig": rig.description,
+            **settings,
+            "count": plan.count,
+            "repeats": plan.repeats,
+        },
+        row_count=plan.trial_count,
+        shard_rows=1,
+    )
     with writer:
         if not writer.was_complete:
             _Recording(rig, writer, plan, progress).run()
@@ -132,7 +132,11 @@ class _Recording:
     """The trials that are still to be made."""
 
     def __init__(
-        self, rig: Rig, writer: DatasetWriter, plan: TrialPlan, progress: CountCallback | None
+        self,
+        rig: CheckedRig,
+        writer: DatasetWriter,
+        plan: TrialPlan,
+        progress: CountCallback | None,
     ):
         self.rig = rig
         self.writer = writer
@@ -179,12 +183,10 @@ class _Recording:
             self._seek(batch[0])
             # Where one trial of many fails, each is tried on its own, so that the others are kept.
             with contextlib.suppress(Exception):
-                answers = list(self.rig.execute_many(motions))  # pyright: ignore
-                if len(answers) == len(batch):
-                    tracks = answers
+                tracks = self.rig.execute_many(motions)
         failed = []
         for index, motion, track in zip(batch, motions, tracks, strict=True):
-            if isinstance(track, EndpointTrack) and track.status is not TrialStatus.ABORTED:
+            if track is not None and track.status is not TrialStatus.ABORTED:
                 yield index, self._row(index, motion, track, failures=0)
             else:
                 failed.append((index, motion))
@@ -199,10 +201,7 @@ class _Recording:
                 self._seek(index)
                 self.rig.reset()
                 track = self.rig.execute(motion)
-                if not isinstance(track, EndpointTrack):
-                    kind = type(track).__name__
-                    reason = f"its execute returned {kind}: it must return an EndpointTrack"
-                elif track.status is TrialStatus.ABORTED:
+                if track.status is TrialStatus.ABORTED:
                     reason = "the rig reported it as aborted"
                 else:
                     return self._row(index, motion, track, failures)
