@@ -5,12 +5,12 @@ import sys
 
 NAMES = {
     "convergence": "error of the landing by segments and step",
-    "order": "of which order in time EngineWarp is",
+    "order": "order of EngineWarp in time",
     "engines": "rollouts per second of every engine, with the accuracy reached",
-    "sensitivity": "whether the error of the landing is the cast's own sensitivity or the method's",
+    "sensitivity": "error of the landing beside the cast's own sensitivity",
     "validation": "closed forms; writes docs/validation.md",
-    "figures": "draws the figure of docs/engine.md",
-    "laboratory": "the virtual laboratory's scatter and difficulty, beside the paper's",
+    "figures": "the figure of docs/engine.md",
+    "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
 }
 
 

@@ -1,57 +1,88 @@
-"""What several benchmarks share: random feasible actions, tables, JSON."""
+"""Shared parts of the benchmarks: random casts, landings, errors of a resolution, tables."""
 
 import dataclasses
-import io
+import importlib.util
 import pathlib
 import platform
+from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast import files
 from cablecast.cable import Cable
+from cablecast.engines.base import CableState
+from cablecast.engines.warp_ import EngineWarp
 from cablecast.machine import core_count
-from cablecast.motion.action import ActionRanges, MotionConfig
-from cablecast.motion.feasibility import check_actions
-from cablecast.workspace import Workspace
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.grip_path import GripPath
+from cablecast.setup import Setup
 
 
-def random_actions(
-    count: int, seed: int, config: MotionConfig | None = None, *, with_psi: bool = True
-) -> NDArray[np.float64]:
-    """Uniformly drawn actions that the arm can execute, shape [count, 4].
+def has(library: str) -> bool:
+    """Return True if a library is installed."""
+    return importlib.util.find_spec(library) is not None
+
+
+def random_casts(count: int, seed: int, setup: Setup | None = None) -> GripPath:
+    """Return uniformly drawn casts that the arm can follow, one row per cast.
 
     Args:
-        count: How many.
-        seed: Of the drawing.
-        config: System parameters; the paper's by default (v_max 1.5 m/s).
-        with_psi: Whether the wrist turns (action set A2) or not (A1).
+        count: Number of casts.
+        seed: Seed of the draws.
+        setup: Arm, reset position and system parameters; the paper's by default (v_max 1.5 m/s).
     """
-    config = config or MotionConfig()
-    ranges = ActionRanges.for_config(config)
-    rng = np.random.default_rng(seed)
-    drawn: list[NDArray[np.float64]] = []
-    while sum(map(len, drawn)) < count:
-        u = rng.uniform(size=(count, 4))
-        low = np.array([ranges.theta1[0], ranges.theta2[0], ranges.r2[0], ranges.wrist[0]])
-        high = np.array([ranges.theta1[1], ranges.theta2[1], ranges.r2[1], ranges.wrist[1]])
-        actions = low + u * (high - low)
-        if not with_psi:
-            actions[:, 3] = 0.0
-        actions[:, 3] += actions[:, 1]
-        drawn.append(actions[check_actions(actions, config, Workspace()).mask])
-    return np.concatenate(drawn)[:count]
+    setup = setup or Setup()
+    return cast_grip_paths(feasible_uniform(count, setup, seed=seed), setup)
+
+
+def land(
+    cable: Cable,
+    paths: GripPath,
+    segment_count: int,
+    dt: float,
+    state: CableState | None = None,
+    **options: Any,
+) -> NDArray[np.float64]:
+    """Return the resting places of the endpoint with EngineWarp [m], shape [action, 2].
+
+    Args:
+        cable: Cable with its parameters.
+        paths: Casts.
+        segment_count: Number of segments.
+        dt: Step [s].
+        state: Initial state; the reset state where None.
+        **options: Further options of EngineWarp; double precision unless they say otherwise.
+    """
+    engine = EngineWarp(segment_count=segment_count, dt=dt, **({"precision": "double"} | options))
+    return engine.rollout(cable, cable.params, paths, state).endpoint_xy[:, -1]
+
+
+def track_errors(
+    play: Callable[[int, float], NDArray[np.float64]],
+    rungs: Sequence[tuple[int, float]],
+    fine: tuple[int, float],
+) -> NDArray[np.float64]:
+    """Return the median distance of tracks from those at a fine resolution [m], shape [rung].
+
+    Args:
+        play: Returns tracks of the endpoint [m], shape [action, step, 2], for a number of segments
+            and a step [s].
+        rungs: Segments and step [s] of each resolution.
+        fine: Segments and step [s] of the reference.
+    """
+    reference = play(*fine)
+    distances = (np.linalg.norm(play(*rung) - reference, axis=-1) for rung in rungs)
+    return np.array([np.median(distance) for distance in distances])
 
 
 def landing_error_pct(
     landing_xy: NDArray[np.float64], reference_xy: NDArray[np.float64], cable: Cable
 ) -> NDArray[np.float64]:
-    """Distance of landings from a reference in % of cable length, shape [action]."""
+    """Return the distance of landings from a reference [% of cable length], shape [action]."""
     return 100.0 * np.linalg.norm(landing_xy - reference_xy, axis=-1) / cable.length
 
 
@@ -74,7 +105,7 @@ class Table:
         return "\n".join([f"\n{self.title}\n", lines[0], rule, *lines[1:]])
 
     def to_dict(self) -> dict:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "title": self.title,
             "rows": [dict(zip(self.columns, row, strict=True)) for row in self.rows],
@@ -85,20 +116,8 @@ def _show(value) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def compact_png(figure: "Figure", dpi: int) -> bytes:
-    """A figure as a PNG file with a palette, at a third of the usual size."""
-    from PIL import Image
-
-    from cablecast.report import style
-
-    image = Image.open(io.BytesIO(style.png_bytes(figure, dpi))).convert("RGB").quantize(64)
-    buffer = io.BytesIO()
-    image.save(buffer, format="png", optimize=True)
-    return buffer.getvalue()
-
-
 def machine() -> dict[str, str]:
-    """What the figures were measured on."""
+    """Return facts about the machine that the figures were measured on."""
     facts = {"python": platform.python_version(), "machine": platform.machine()}
     facts["cores"] = str(core_count())
     cpu = pathlib.Path("/proc/cpuinfo")
@@ -114,7 +133,7 @@ def machine() -> dict[str, str]:
 
 
 def write_json(path: pathlib.Path | None, tables: list[Table]) -> None:
-    """Write tables and the machine they were measured on, where a file is asked for."""
+    """Write tables and the machine that they were measured on, where a file is asked for."""
     if path is None:
         return
     content = {"machine": machine(), "tables": [table.to_dict() for table in tables]}

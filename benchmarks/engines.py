@@ -1,56 +1,45 @@
 """Speed of every engine on the same actions, each with the accuracy it reaches.
 
 All rates are whole rollouts of the same duration on one core unless a row says otherwise, after
-kernels are compiled and models are built; what that takes is a table of its own. Accuracy is the
+kernels are compiled and models are built; the time for that is a table of its own. Accuracy is the
 distance of the endpoint from that of a fine EngineWarp in double precision, along the whole track
 and at its end.
 """
 
 import dataclasses
-import importlib.util
-import json
-import os
 import pathlib
-import subprocess
-import sys
-import tempfile
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, random_actions, write_json
-from cablecast.cable import Cable, CableParams, load_cable
+from benchmarks.common import Table, has, random_casts, write_json
+from benchmarks.engine_footprint import footprint
+from benchmarks.engine_robustness import robust
+from cablecast.cable import Cable, load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
 from cablecast.machine import core_count
-from cablecast.motion.action import MotionConfig
-from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.workspace import Workspace
 
 FINE_SEGMENT_COUNT = 80
 FINE_DT = 2.5e-4
 SAMPLE_DT = 0.1
 DATASET_SIZE = 36_000
-"""Transitions of the paper's simulated dataset."""
+"""Number of transitions in the paper's simulated dataset."""
 COMMON = (20, 1e-3)
 """Segments and step at which engines are compared [-, s]."""
 REPEATS = 3
-"""The best of so many counts for EngineWarp: other programs only ever make it slower."""
+"""Number of runs of EngineWarp, of which the fastest counts: other programs only slow it down."""
 CUDA_TOLERANCE_PCT = 0.5
-"""How far the median landing on a GPU may be from that on a CPU in single precision: the order of
+"""Largest median distance between landings on a GPU and on a CPU in single precision: the order of
 rounding differs, and a cast is sensitive [% of cable length]."""
 
 DISTINCT_COUNT = 1024
-"""How many different motions there are in a batch, or else worlds would come to rest together."""
+"""Number of different motions in a batch; with fewer, worlds would come to rest together."""
 ROBUST_COUNT = 10_000
-ROBUST_BATCH = 2_000
-ROBUST_V_MAX = 1.8
-"""The fastest casts of the paper [m/s]."""
-LENGTH_ERROR_MAX = 0.01
-"""Above this a cable has visibly not kept its length [-]."""
+"""Number of worlds with random parameters."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -58,14 +47,15 @@ class Args:
     """Rollouts per second of every installed engine, with the accuracy reached.
 
     Attributes:
-        cable: Which preset, or a YAML file.
-        count: How many random feasible actions, at v_max 1.5 m/s with psi.
-        seed: Of the actions.
-        duration: Of a rollout [s].
-        world_count: How many worlds EngineWarp gets at once where its rate is measured; the actions
-            are repeated.
-        convergence: Also measure how MuJoCo's distance changes with its segments and step; minutes.
-        json: Also write the figures to this file.
+        cable: Name of a preset, or a YAML file.
+        count: Number of random feasible actions, at v_max 1.5 m/s with psi.
+        seed: Seed of the actions.
+        duration: Duration of a rollout [s].
+        world_count: Worlds that EngineWarp gets at once where its rate is measured; the actions are
+            repeated.
+        robust_count: Worlds with random parameters.
+        convergence: Measure how MuJoCo's distance changes with its segments and step, too; minutes.
+        json: File that gets the figures, too.
     """
 
     cable: str = "cable_1"
@@ -73,25 +63,22 @@ class Args:
     seed: int = 0
     duration: float = 3.0
     world_count: int = 2048
+    robust_count: int = ROBUST_COUNT
     convergence: bool = True
     json: pathlib.Path | None = None
 
 
-def has(library: str) -> bool:
-    return importlib.util.find_spec(library) is not None
-
-
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """The motions that every engine plays, and where the endpoint should go.
+    """Motions that every engine plays, and the reference for the endpoint.
 
     Attributes:
-        cable: The cable.
-        paths: The motions.
+        cable: Cable with its parameters.
+        paths: Motions that every engine plays.
         all_paths: These and others like them, all different, for engines that play many at a time.
-        duration: Of every rollout [s].
+        duration: Duration of every rollout [s].
         reference: Positions of the endpoint [m], shape [motion, time, 3].
-        times: Theirs [s], shape [time].
+        times: Times of the reference [s], shape [time].
     """
 
     cable: Cable
@@ -102,11 +89,11 @@ class Job:
     times: NDArray[np.float64]
 
     def many(self, world_count: int) -> GripPath:
-        """As many motions, of which the first are those that every engine plays."""
+        """Return a number of motions, of which the first are those that every engine plays."""
         return self.all_paths[np.arange(world_count) % len(self.all_paths)]
 
     def play(self, engine: Any, paths: GripPath | None = None):
-        """A rollout and the seconds that it took."""
+        """Return a rollout and the time that it took [s]."""
         start = time.perf_counter()
         rollout = engine.rollout(
             self.cable,
@@ -118,7 +105,12 @@ class Job:
         return rollout, time.perf_counter() - start
 
     def errors(self, rollout) -> tuple[float, float, float, float, int]:
-        """Median and p90 along the track and at rest [% of cable length], and non-finite worlds."""
+        """Return errors of a rollout, and its number of non-finite worlds.
+
+        Returns:
+            Median and 90th percentile along the track, the same at rest [% of cable length], and
+            the number of worlds.
+        """
         count = len(self.paths)
         xyz = rollout.endpoint_xyz[:count]
         # An engine whose step does not divide the interval samples at times of its own.
@@ -140,8 +132,7 @@ ERROR_COLUMNS = ("track median [%]", "track p90 [%]", "rest median [%]", "rest p
 
 def prepare(args: Args) -> Job:
     cable = load_cable(args.cable)
-    actions = random_actions(max(args.count, DISTINCT_COUNT), args.seed)
-    all_paths = cast_grip_paths(actions, MotionConfig(), Workspace())
+    all_paths = random_casts(max(args.count, DISTINCT_COUNT), args.seed)
     paths = all_paths[: args.count]
     fine = EngineWarp(
         segment_count=FINE_SEGMENT_COUNT, dt=FINE_DT, precision="double", rest_speed=0.0
@@ -151,7 +142,7 @@ def prepare(args: Args) -> Job:
 
 
 def compared(job: Job, world_count: int) -> Table:
-    """Every engine on one core, with ratios to MuJoCo and PyBullet."""
+    """Compare every engine on one core, with ratios to MuJoCo and PyBullet."""
     segments, dt = COMMON
     many = job.many(world_count)
 
@@ -209,7 +200,7 @@ def compared(job: Job, world_count: int) -> Table:
 
 
 def agreement(job: Job) -> Table:
-    """How MuJoCo approaches the fine EngineWarp as its segments and step shrink."""
+    """Measure MuJoCo's distance from the fine EngineWarp as its segments and step shrink."""
     from cablecast.engines.mujoco_ import EngineMujoco
 
     table = Table(
@@ -227,7 +218,7 @@ def agreement(job: Job) -> Table:
 
 
 def scaling(job: Job, world_count: int) -> list[Table]:
-    """EngineWarp at its defaults over threads, worlds and segments."""
+    """Measure EngineWarp at its defaults over threads, worlds and segments."""
     cores = core_count()
     counts = sorted({1, 2, cores, *[2**k for k in range(1, 8) if 2**k <= cores]})
 
@@ -262,67 +253,8 @@ def scaling(job: Job, world_count: int) -> list[Table]:
     return [threads, worlds, segments]
 
 
-# Runs in a process of its own: peak memory and compilation can be measured once in a process.
-_CHILD = """
-import json, pathlib, sys, time
-from cablecast.cable import load_cable
-from cablecast.engines import make_engine
-from cablecast.motion.grip_path import GripPath
-name, worlds = sys.argv[1], int(sys.argv[2])
-cable = load_cable("cable_1")
-path = GripPath.stack([GripPath.hold([0.0, 0.6, 0.02, 0.0, 0.0], 0.1)] * worlds)
-seconds = []
-engine = make_engine(name)
-for _ in range(2):
-    start = time.perf_counter()
-    engine.rollout(cable, cable.params, path, duration=0.1)
-    seconds.append(time.perf_counter() - start)
-status = pathlib.Path("/proc/self/status")
-peak = float("nan")
-if status.exists():
-    # Unlike ru_maxrss this does not count what the parent process had when it started us.
-    peak = 1024.0 * float(status.read_text().split("VmHWM:")[1].split()[0])
-print(json.dumps([seconds, peak]))
-"""
-
-
-def _child(name: str, worlds: int, cache: str | None = None) -> tuple[list[float], float]:
-    environment = dict(os.environ)
-    if cache is not None:
-        environment["WARP_CACHE_PATH"] = cache
-    out = subprocess.run(
-        [sys.executable, "-c", _CHILD, name, str(worlds)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return json.loads(out.stdout.strip().splitlines()[-1])
-
-
-def footprint() -> Table:
-    """Memory that each world takes, and the time before the first step."""
-    table = Table(
-        "Memory per world in memory at once (PyBullet: one after the other, so only results), and "
-        "what the first rollout takes beyond the second",
-        ("engine", "memory per world [KiB]", "compile [s]", "compile, cached [s]"),
-        [],
-    )
-    for name, few, many in (("warp", 512, 33_280), ("mujoco", 4, 64), ("pybullet", 2, 12)):
-        if name != "warp" and not has(name):
-            continue
-        with tempfile.TemporaryDirectory() as cache:
-            (first, second), _ = _child(name, few, cache)
-            cold = first - second
-        (first, second), least = _child(name, few)
-        _, most = _child(name, many)
-        memory = (most - least) / (many - few) / 1024
-        table.rows.append((name, memory, cold, first - second))
-    return table
-
-
 def cuda(job: Job) -> Table | None:
-    """EngineWarp on the first CUDA device, with its landings against those of the CPU."""
+    """Measure EngineWarp on the first CUDA device, with its landings against those of the CPU."""
     import warp as wp
 
     if not wp.is_cuda_available():
@@ -354,71 +286,6 @@ def cuda(job: Job) -> Table | None:
     return table
 
 
-def robust(job: Job, count: int, seed: int) -> Table:
-    """Worlds with parameters drawn over the whole allowed range, and the fastest casts.
-
-    Parameters are drawn by their logarithm, over five decades at most, so that light and soft
-    cables come as often as others. Beside the worlds that become non-finite stand those whose
-    neighbours in the batch fared otherwise than in another batch.
-    """
-    from cablecast.cable import PARAM_BOUNDS
-
-    rng = np.random.default_rng(seed)
-    low, high = np.array(list(PARAM_BOUNDS.values())).T
-    floor = np.maximum(low, high * 1e-5)
-    values = floor * (high / floor) ** rng.uniform(size=(count, len(low)))
-    values = np.clip(values, low, high)
-    config = MotionConfig(v_max=ROBUST_V_MAX)
-    paths = cast_grip_paths(random_actions(500, seed, config), config, Workspace())
-    paths = paths[np.arange(count) % len(paths)]
-    engine = EngineWarp()
-    broken, unmarked, stretched, spoilt = 0, 0, 0, 0
-    for start in range(0, count, ROBUST_BATCH):
-        batch = np.arange(start, min(start + ROBUST_BATCH, count))
-
-        def play(rows, **options):
-            params = CableParams.from_array(values[rows])
-            return engine.rollout(
-                job.cable,
-                params,
-                paths[rows],
-                duration=job.duration,
-                sample_dt=SAMPLE_DT,
-                **options,
-            )
-
-        rollout = play(batch, record_nodes=True)
-        assert rollout.nodes is not None
-        whole = np.isfinite(rollout.nodes).all(axis=(1, 2, 3))
-        broken += int((~rollout.finite).sum())
-        unmarked += int((rollout.finite & ~whole).sum())
-        edges = np.linalg.norm(np.diff(rollout.nodes, axis=2), axis=3)
-        error = np.abs(edges * engine.segment_count / job.cable.length - 1.0).max(axis=(1, 2))
-        stretched += int((error[whole] > LENGTH_ERROR_MAX).sum())
-        # Every world again, among others than before.
-        order = rng.permutation(len(batch))
-        again = play(batch[order]).endpoint_xyz
-        same = (again == rollout.endpoint_xyz[order]) | (
-            np.isnan(again) & np.isnan(rollout.endpoint_xyz[order])
-        )
-        spoilt += int((~same.all(axis=(1, 2))).sum())
-    table = Table(
-        f"EngineWarp at its defaults, parameters over the whole allowed range, v_max "
-        f"{ROBUST_V_MAX:g} m/s",
-        (
-            "worlds",
-            "non-finite",
-            "[%]",
-            "of these not marked",
-            "other than among other worlds",
-            f"a length off by {100 * LENGTH_ERROR_MAX:g} %",
-        ),
-        [],
-    )
-    table.rows.append((count, broken, 100.0 * broken / count, unmarked, spoilt, stretched))
-    return table
-
-
 def main(args: Args) -> None:
     job = prepare(args)
     tables = []
@@ -434,6 +301,6 @@ def main(args: Args) -> None:
     for table in scaling(job, args.world_count):
         show(table)
     show(footprint())
-    show(robust(job, ROBUST_COUNT, args.seed))
+    show(robust(job.cable, job.duration, args.robust_count, args.seed))
     show(cuda(job))
     write_json(args.json, tables)

@@ -1,11 +1,10 @@
-"""Draws the figure of docs/engine.md: what the engine computes with."""
+"""Draw the figure of docs/engine.md: the quantities that the engine computes with."""
 
 import dataclasses
 import pathlib
 
 import numpy as np
 
-from benchmarks.common import compact_png
 from cablecast import files
 from cablecast.report import style
 
@@ -48,7 +47,7 @@ def bare(axes, title: str) -> None:
 
 
 def chain_nodes():
-    """Nodes (y, z) of a cable that comes down from a grip onto the table, shape [node, 2]."""
+    """Return nodes (y, z) of a cable that comes down from a grip to the table, shape [node, 2]."""
     angle = -np.radians(HEADINGS_DEG)
     edges = SEGMENT_LENGTH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     nodes = np.vstack([np.zeros(2), np.cumsum(edges, axis=0)])
@@ -56,7 +55,7 @@ def chain_nodes():
 
 
 def label(axes, text, at, place, color) -> None:
-    """Text with a thin line to what it names."""
+    """Write a text with a thin line to the thing that it names."""
     axes.annotate(
         text,
         at,
@@ -197,5 +196,5 @@ def main(args: Args) -> None:
         draw_roll(figure.add_subplot(grid[1, 1]))
     images = args.docs / "images"
     images.mkdir(parents=True, exist_ok=True)
-    files.write_bytes(images / "engine.png", compact_png(figure, 150))
+    files.write_bytes(images / "engine.png", style.compact_png(figure, 150))
     print(f"written: {images / 'engine.png'}")

@@ -1,13 +1,12 @@
-"""Is the virtual laboratory as troublesome as the real one? Its figures beside the paper's.
+"""Difficulty of the virtual laboratory beside that of the real one.
 
-Three tables: the scatter of repeated casts and the part that leaves the table (paper, section VI-B,
-cable 1); the shape of that scatter where a UR5 cast real cables, 240 landings that were read from a
-figure of the paper's sibling (arXiv 2111.04814: 3 cables, 16 targets, 5 casts at each); and how
-wrong an engine is that knows only what is believed of each cable (table I, the rows with default
-parameters).
+Three tables: the scatter of repeated casts and the share that leaves the table (paper, section
+VI-B, cable 1); the shape of that scatter where a UR5 cast real cables, 240 landings that were read
+from a figure of the paper's sibling (arXiv 2111.04814: 3 cables, 16 targets, 5 casts at each); and
+the error of an engine that knows only what is believed of each cable (table I, the rows with
+default parameters).
 """
 
-import csv
 import dataclasses
 import pathlib
 import tempfile
@@ -15,9 +14,8 @@ import tempfile
 import numpy as np
 
 from benchmarks.common import Table, write_json
-from cablecast.cable import load_cable
-from cablecast.datasets.collect import collect_dataset, rig_seed
-from cablecast.datasets.progress import console_progress
+from cablecast.cli.progress import console_progress
+from cablecast.datasets.collect import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.evaluation.published import PUBLISHED_REPEATABILITY, PublishedRepeatability
 from cablecast.evaluation.repeatability import (
@@ -26,22 +24,25 @@ from cablecast.evaluation.repeatability import (
     measure_repeatability,
     repeat_actions,
 )
-from cablecast.motion.action import MotionConfig
-from cablecast.rigs.virtual import RigVirtual
+from cablecast.reading import read_csv
+from cablecast.rigs.make import make_rig
+from cablecast.runs.progress import counter
+from cablecast.setup import Setup
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.published import published_tuning
 from cablecast.tuning.result import distance_summary
 from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.workspace import Workspace
 
 FACTOR_MAX = 1.5
-"""By how much our scatter may differ from the published."""
+"""Largest ratio between our scatter and the published one, either way."""
 UNTUNED_RANGE_PCT = (24.0, 35.0)
-"""Between which the median final distance of the paper's untuned simulator lay."""
+"""Range of the median final distance of the paper's untuned simulator."""
 
 REAL_LANDINGS = pathlib.Path(__file__).parent / "data" / "real_landings.csv"
 REAL_CABLE_LENGTHS = {"1": 0.63, "2": 0.65, "3": 0.65}
-"""Of the cables that were cast for that figure [m]."""
+"""Lengths of the cables that were cast for that figure [m]."""
+
+LANDING_COLUMNS = ("cable", "target_x_m", "target_y_m", "landing_x_m", "landing_y_m")
 
 REAL_COLUMNS = (
     "real cable",
@@ -85,14 +86,14 @@ class Args:
     """The virtual laboratory beside the paper's figures.
 
     Attributes:
-        action_count: Repeat only as many actions of each grid, chosen by chance; 0 for all.
-        repeats: How often each.
+        action_count: Number of actions of each grid to repeat, chosen by chance; 0 for all.
+        repeats: Number of casts of each action.
         untuned_count: Casts of each cable to compare with the untuned engine; 0 leaves that out.
-        cables: Which cables to compare with the untuned engine.
-        seed: Of the actions and of the rig.
-        out: Keep the casts here and go on with them after a stop. They are not made again when the
-            laboratory changes: give a new folder then.
-        json: Also write the figures to this file.
+        cables: Names of the cables to compare with the untuned engine.
+        seed: Seed of the actions and of the rig.
+        out: Folder that keeps the casts and lets a stopped run go on. They are not made again when
+            the laboratory changes: give a new folder then.
+        json: File that gets the figures, too.
     """
 
     action_count: int = 0
@@ -136,27 +137,23 @@ def main(args: Args) -> None:
 
 
 def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path) -> tuple:
-    cable, workspace = load_cable("cable_1"), Workspace()
-    config = MotionConfig(v_max=published.v_max)
+    setup = Setup().with_motion(v_max=published.v_max)
     actions = repeat_actions(
-        config,
-        workspace,
+        setup,
         with_psi=published.with_psi,
         action_count=args.action_count or None,
         seed=args.seed,
     )
     name = f"{published.v_max:g}{'-psi' if published.with_psi else ''}"
-    rig = RigVirtual(cable, workspace, rig_seed(args.seed, "repeat"))
-    with console_progress(f"Repeating {len(actions)} actions, v_max {name}") as progress:
+    task = f"Repeating {len(actions)} actions, v_max {name}"
+    with make_rig("virtual", setup, args.seed) as rig, console_progress() as report:
         result = measure_repeatability(
             out / f"repeat-{name}",
             rig,
-            cable,
-            config,
-            workspace,
+            setup,
             actions=actions,
             repeats=args.repeats,
-            progress=progress,
+            progress=counter(report, task, "casts"),
         )
     ratio = result.scatter_pct / published.scatter_pct
     growth = result.growth()
@@ -167,7 +164,7 @@ def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path
         result.cast_count,
         result.scatter_pct,
         result.scatter_standard_error_pct,
-        float(np.nanmedian(result.scatters_pct)),
+        median_scatter(result),
         published.scatter_pct,
         "yes" if 1 / FACTOR_MAX <= ratio <= FACTOR_MAX else "no",
         100 * result.off_table_share,
@@ -178,19 +175,24 @@ def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path
     )
 
 
+def median_scatter(result: Repeatability) -> float:
+    """Return the median scatter over the actions [% of cable length], NaN if none is known."""
+    known = result.scatters_pct[np.isfinite(result.scatters_pct)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
 def real_row(real_cable: str) -> tuple:
     landings: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    with REAL_LANDINGS.open(newline="") as file:
-        for row in csv.DictReader(file):
-            if row["cable"] == real_cable:
-                target = row["target_x_m"], row["target_y_m"]
-                landed = float(row["landing_x_m"]), float(row["landing_y_m"])
-                landings.setdefault(target, []).append(landed)
-    # Only where the casts landed is known, not with which actions.
+    for row in read_csv(REAL_LANDINGS, LANDING_COLUMNS):
+        if row["cable"] == real_cable:
+            target = row["target_x_m"], row["target_y_m"]
+            landed = float(row["landing_x_m"]), float(row["landing_y_m"])
+            landings.setdefault(target, []).append(landed)
+    cable = dataclasses.replace(Setup().cable, length=REAL_CABLE_LENGTHS[real_cable])
+    # The landings are known, the actions are not.
     unknown = np.full(4, np.nan)
     result = Repeatability(
-        cable=dataclasses.replace(load_cable("cable_1"), length=REAL_CABLE_LENGTHS[real_cable]),
-        config=MotionConfig(),
+        setup=Setup(cable=cable),
         rig={},
         actions=tuple(
             ActionScatter(action=unknown, landed_xy=np.array(xy), statuses=("ok",) * len(xy))
@@ -203,7 +205,7 @@ def real_row(real_cable: str) -> tuple:
         len(result.actions),
         result.cast_count,
         result.scatter_pct,
-        float(np.median(result.scatters_pct)),
+        median_scatter(result),
         100 * result.along_arc_share,
         growth["distance"],
         growth["width"],
@@ -211,20 +213,18 @@ def real_row(real_cable: str) -> tuple:
 
 
 def untuned_row(cable_name: str, args: Args, out: pathlib.Path) -> tuple:
-    cable, workspace = load_cable(cable_name), Workspace()
+    setup = Setup(cable=cable_name)
+    cable = setup.cable
     published = published_tuning(cable.name)
-    rig = RigVirtual(cable, workspace, rig_seed(args.seed, "tune"))
-    with console_progress(f"Casting {cable.name}") as progress:
+    with make_rig("virtual", setup, args.seed) as rig, console_progress() as report:
         dataset = collect_dataset(
             out / f"untuned-{cable.name}",
             rig,
-            cable,
-            MotionConfig(),
-            workspace,
+            setup,
             purpose="tune",
             count=args.untuned_count,
             seed=args.seed,
-            progress=progress,
+            progress=counter(report, f"Casting {cable.name}", "casts"),
         )
     # As in the paper, the simulator is given the motion as it was commanded.
     tracks = MeasuredTracks.from_dataset(dataset, path_source="commanded")

@@ -1,11 +1,11 @@
-"""Whether the error that a coarse EngineWarp leaves is the cast's own sensitivity or the method's.
+"""Tell the error that a coarse EngineWarp makes from the cast's own sensitivity.
 
-A cast is a whip: it magnifies whatever differs at its start. Each action is played at a fine
-resolution from initial states that differ by as much as a careful reset leaves; how far its landing
-moves, over how far the free end was moved, is the cast's gain. An error of the method is a small
-difference that enters along the way and meets the same gain. If the errors of the worst tenth are
-large because their gain is, then errors and gains go together, and errors divided by gains spread
-less than errors do.
+A cast is a whip: it magnifies any difference at its start. Each action is played at a fine
+resolution from initial states that differ by as much as a careful reset leaves; the movement of its
+landing over that of the free end is the cast's gain. An error of the method is a small difference
+that enters along the way and meets the same gain. If the errors of the worst tenth are large
+because their gain is, then errors and gains go together, and errors divided by gains spread less
+than errors do.
 """
 
 import dataclasses
@@ -14,19 +14,18 @@ import pathlib
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, landing_error_pct, random_actions, write_json
+from benchmarks.common import Table, land, landing_error_pct, random_casts, write_json
 from benchmarks.convergence import FINE_DT, FINE_SEGMENT_COUNT
 from cablecast.cable import CABLE_NAMES, Cable, load_cable
 from cablecast.engines.base import CableState, reset_state
-from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
-from cablecast.motion.action import MotionConfig
-from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.workspace import Workspace
 
 COARSE = ((DEFAULT_SEGMENT_COUNT, DEFAULT_DT), (2 * DEFAULT_SEGMENT_COUNT, DEFAULT_DT / 2))
-"""Segments and step [s] whose errors are looked at: the default, and one twice as fine."""
+"""Segments and step [s] whose errors are measured: the default, and one twice as fine."""
+
+TO_THE_END = {"rest_speed": 0.0}
+"""Options of the engine: stopping early moves a landing by as much as a small perturbation does."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,11 +33,11 @@ class Args:
     """Sensitivity of casts, beside the error of the method.
 
     Attributes:
-        cables: Which presets.
-        count: How many random feasible actions, at v_max 1.5 m/s with psi.
-        seed: Of the actions.
-        fine: Segments at which the sensitivity is measured.
-        json: Also write the figures to this file.
+        cables: Names of presets.
+        count: Number of random feasible actions, at v_max 1.5 m/s with psi.
+        seed: Seed of the actions.
+        fine: Number of segments at which the sensitivity is measured.
+        json: File that gets the figures, too.
     """
 
     cables: tuple[str, ...] = CABLE_NAMES
@@ -53,7 +52,7 @@ class Perturbation:
     """A small change of the initial state.
 
     Attributes:
-        turn: Of the whole cable about the grip [rad].
+        turn: Turn of the whole cable about the grip [rad].
         bow: Height of a sine arch between grip and free end [m].
     """
 
@@ -66,11 +65,11 @@ class Perturbation:
         return f"turn of {self.turn:g} rad"
 
     def size(self, cable: Cable) -> float:
-        """How far it moves the node that it moves most [m]."""
+        """Return the largest movement of a node [m]."""
         return self.turn * cable.length + self.bow
 
     def applied(self, state: CableState, cable: Cable, sign: float) -> CableState:
-        """The state with every edge turned about the vertical, so that it keeps its length."""
+        """Return the state with every edge turned about the vertical, its length kept."""
         count = state.segment_count
         s = (np.arange(count) + 0.5) / count
         angle = sign * (self.turn + self.bow * np.pi / cable.length * np.cos(np.pi * s))
@@ -91,38 +90,28 @@ PERTURBATIONS = (
 )
 
 
-def land(
-    cable: Cable, paths: GripPath, segment_count: int, dt: float, state: CableState | None = None
-) -> NDArray[np.float64]:
-    """Where the endpoint comes to rest [m], shape [action, 2]."""
-    # To the very end: stopping early moves a landing by as much as a small perturbation does.
-    engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double", rest_speed=0.0)
-    return engine.rollout(cable, cable.params, paths, state).endpoint_xy[:, -1]
-
-
 def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Spearman's [-]."""
+    """Return Spearman's rank correlation [-]."""
     from scipy.stats import rankdata
 
     return float(np.corrcoef(rankdata(a), rankdata(b))[0, 1])
 
 
 def spread(values: NDArray[np.float64]) -> float:
-    """p90 over median [-]."""
+    """Return the 90th percentile over the median [-]."""
     return float(np.percentile(values, 90) / np.median(values))
 
 
 def study(cable: Cable, paths: GripPath, args: Args) -> tuple[list[tuple], list[tuple]]:
-    """Rows of both tables for a cable."""
+    """Return the rows of both tables for a cable."""
     state = reset_state(cable, cable.params, paths, args.fine)
-    fine = land(cable, paths, args.fine, FINE_DT)
+    fine = land(cable, paths, args.fine, FINE_DT, **TO_THE_END)
     moved, rows = {}, []
     for perturbation in PERTURBATIONS:
         distances = []
         for sign in (1.0, -1.0):
-            landing = land(
-                cable, paths, args.fine, FINE_DT, perturbation.applied(state, cable, sign)
-            )
+            start = perturbation.applied(state, cable, sign)
+            landing = land(cable, paths, args.fine, FINE_DT, start, **TO_THE_END)
             distances.append(landing_error_pct(landing, fine, cable))
         # The larger of both directions: near a fold a cast may be insensitive to one of them.
         moved[perturbation] = np.maximum(*distances)
@@ -143,7 +132,8 @@ def study(cable: Cable, paths: GripPath, args: Args) -> tuple[list[tuple], list[
     largest = np.maximum(moved[PERTURBATIONS[1]], moved[PERTURBATIONS[3]])
     errors = []
     for segment_count, dt in COARSE:
-        error = landing_error_pct(land(cable, paths, segment_count, dt), fine, cable)
+        landing = land(cable, paths, segment_count, dt, **TO_THE_END)
+        error = landing_error_pct(landing, fine, cable)
         errors.append(
             (
                 cable.name,
@@ -162,8 +152,7 @@ def study(cable: Cable, paths: GripPath, args: Args) -> tuple[list[tuple], list[
 
 
 def main(args: Args) -> None:
-    actions = random_actions(args.count, args.seed)
-    paths = cast_grip_paths(actions, MotionConfig(), Workspace())
+    paths = random_casts(args.count, args.seed)
     nature = Table(
         f"How far landings move with the initial state, {args.fine} segments at "
         f"{FINE_DT * 1e3:g} ms, {args.count} actions, in % of cable length",

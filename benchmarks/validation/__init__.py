@@ -39,10 +39,10 @@ class Args:
     """Closed forms against an engine.
 
     Attributes:
-        engine: Which one. Only EngineWarp's results are written; another engine's are printed.
+        engine: Name of the engine. Only EngineWarp's results are written to the page.
         only: Names of cases; all where none is given, and only then is the page written.
         docs: Folder that gets validation.md and images/validation.
-        json: Also write the figures to this file.
+        json: File that gets the figures, too.
     """
 
     engine: Literal["warp", "mujoco"] = "warp"

@@ -13,7 +13,7 @@ LEVEL = 0.5 * np.pi  # the yaw of a cable along x
 
 
 def sagging(make: MakeEngine, segment_count: int, dt: float, cable: Cable):
-    """Nodes of a level clamped cable under its own weight, at rest."""
+    """Return the nodes of a level clamped cable at rest under its own weight [m]."""
     state = scenes.straight(segment_count, (0, 0, HEIGHT), (1, 0, 0))
     rollout = make(segment_count, dt).rollout(
         cable, cable.params, scenes.hold((0, 0, HEIGHT), yaw=LEVEL), state, duration=6.0
@@ -57,7 +57,7 @@ def cantilever(make: MakeEngine, segment_count: int, dt: float) -> Measured:
 
 
 def heavy_elastica(stiffness: float, weight: float, count: int = 2001):
-    """Shape (x, z) of a level clamped cable that bends far: EI φ'' = weight (L - s) cos φ."""
+    """Return the shape (x, z) of a level clamped cable: EI φ'' = weight (L - s) cos φ."""
     from scipy.integrate import cumulative_trapezoid, solve_bvp
 
     s = np.linspace(0.0, LENGTH, 101)

@@ -1,4 +1,4 @@
-"""What a validation case is: a scene whose outcome is known, and what an engine made of it."""
+"""Validation cases: scenes with a known outcome, and the outcome that an engine computes."""
 
 import dataclasses
 from collections.abc import Callable
@@ -17,7 +17,7 @@ class MakeEngine(Protocol):
 
 
 def make_warp(segment_count: int, dt: float, gravity: float = GRAVITY) -> Engine:
-    """EngineWarp in double precision that computes every world to the end."""
+    """Make an EngineWarp in double precision that computes every world to the end."""
     from cablecast.engines.warp_ import EngineWarp
 
     return EngineWarp(
@@ -26,7 +26,7 @@ def make_warp(segment_count: int, dt: float, gravity: float = GRAVITY) -> Engine
 
 
 def make_mujoco(segment_count: int, dt: float, gravity: float = GRAVITY) -> Engine:
-    """MuJoCo's rod, with rolling."""
+    """Make MuJoCo's rod, with rolling."""
     from cablecast.engines.mujoco_ import EngineMujoco
 
     return EngineMujoco(segment_count, dt, gravity=gravity)
@@ -37,11 +37,11 @@ class Outcome:
     """One number beside its closed form.
 
     Attributes:
-        quantity: What it is.
-        unit: Its unit, "-" for none.
-        exact: By the closed form.
-        computed: By the engine.
-        scale: What the error is relative to; the exact value where it is not given.
+        quantity: Name of the quantity.
+        unit: Unit, "-" for none.
+        exact: Value by the closed form.
+        computed: Value by the engine.
+        scale: Value that the error is relative to; the exact value where None.
     """
 
     quantity: str
@@ -60,14 +60,14 @@ class Outcome:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Curve:
-    """What the plot of a case shows: the closed form as a line, the engine as points.
+    """Curve in the plot of a case: the closed form as a line, the engine as points.
 
     Attributes:
-        label: What tells it from the other curves of the case; empty where there is one.
+        label: Name that tells it from the other curves of the case; empty where there is one.
         x: Abscissa of the closed form.
-        exact: Its values.
+        exact: Values of the closed form.
         x_computed: Abscissa of the engine.
-        computed: Its values.
+        computed: Values of the engine.
     """
 
     label: str = ""
@@ -79,7 +79,7 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What a case gave at one resolution; the first outcome is the one whose slope is printed."""
+    """Results of a case at one resolution; the slope that is printed is the first outcome's."""
 
     outcomes: tuple[Outcome, ...]
     curves: tuple[Curve, ...]
@@ -90,20 +90,20 @@ class Case:
     """A scene with a known outcome.
 
     Attributes:
-        name: Of its plot and its test.
-        title: As a heading.
-        theory: The closed form and how the scene poses it, in Markdown.
-        parameters: Those of the ten that decide the outcome.
+        name: Name of its plot and its test.
+        title: Heading.
+        theory: Closed form and the scene that poses it, in Markdown.
+        parameters: Names of the cable's parameters that decide the outcome.
         tolerance: Largest relative error of any outcome [-].
-        reason: Why not smaller.
+        reason: Reason that the tolerance is not smaller.
         measure: Runs the scene on the engine that is made, with a number of segments and a step.
-        segment_count: At which the tolerance holds.
-        dt: At which it holds [s].
+        segment_count: Number of segments at which the tolerance holds.
+        dt: Step at which it holds [s].
         ladder: Resolutions (segments, step [s]) over which the error's slope is measured; either
             the segments change or the step.
-        x_label: Of the plot.
-        y_label: Of the plot.
-        equal: Whether both axes of the plot have the same scale.
+        x_label: Label of the plot's abscissa.
+        y_label: Label of its ordinate.
+        equal: True where both axes of the plot have the same scale.
     """
 
     name: str
@@ -121,11 +121,11 @@ class Case:
     equal: bool = False
 
     def run(self, make: MakeEngine = make_warp) -> Measured:
-        """The case at its own resolution."""
+        """Run the case at its own resolution."""
         return self.measure(make, self.segment_count, self.dt)
 
     def convergence(self, make: MakeEngine = make_warp) -> "Convergence | None":
-        """Errors of the first outcome over the ladder, and their slope."""
+        """Return the errors of the first outcome over the ladder, and their slope."""
         if not self.ladder:
             return None
         errors = [self.measure(make, *rung).outcomes[0].error for rung in self.ladder]
@@ -138,13 +138,13 @@ class Case:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Convergence:
-    """How an error falls over a ladder of resolutions.
+    """Decrease of an error over a ladder of resolutions.
 
     Attributes:
         ladder: Segments and step [s] of each rung.
-        in_time: Whether the step changes, not the segments.
+        in_time: True where the step changes, False where the segments do.
         errors: Relative error on each rung [-].
-        slope: Of its logarithm over that of the step or of the segment's length.
+        slope: Slope of the error's logarithm over that of the step or of the segment's length.
     """
 
     ladder: tuple[tuple[int, float], ...]

@@ -47,7 +47,7 @@ STRING_MASS = 0.01
 WEIGHT = 0.5
 STRING_MODE = 3
 PLUCK = 2e-5
-"""Amplitude [m]: a string that cannot stretch pulls on the weight twice in each swing."""
+"""Amplitude [m], small since a string that cannot stretch pulls on the weight twice a swing."""
 
 
 def string_decay(make: MakeEngine, segment_count: int, dt: float) -> Measured:

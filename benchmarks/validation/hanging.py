@@ -57,7 +57,7 @@ AMPLITUDE = 1e-3
 
 
 def hanging_mode(make: MakeEngine, segment_count: int, dt: float, shape, omega, cable, label):
-    """The endpoint of a hanging chain that is released in a mode, and its period."""
+    """Measure the period of a hanging chain that is released in a mode."""
     s = np.linspace(0.0, LENGTH, segment_count + 1)
     heading = np.arcsin(np.diff(AMPLITUDE * shape(s)) * segment_count / LENGTH)
     edges = np.stack([np.sin(heading), 0 * heading, -np.cos(heading)], axis=1)

@@ -1,37 +1,22 @@
-"""The order of the method, on casts: no closed form, but a slope that theory prescribes."""
+"""Order of the method on casts: no closed form, but a slope that theory prescribes."""
 
 import dataclasses
 import functools
 
 import numpy as np
 
-from benchmarks.common import random_actions
+from benchmarks.common import random_casts, track_errors
 from benchmarks.validation.case import Case, Curve, MakeEngine, Measured, Outcome
 from benchmarks.validation.scenes import LOCKED
 from cablecast.cable import load_cable
-from cablecast.motion.action import MotionConfig
-from cablecast.motion.cast import cast_grip_paths
-from cablecast.workspace import Workspace
 
 CAST_COUNT = 32
 DURATION = 1.2
-"""Up to the whip: after it the cast magnifies what went before, and what it magnifies is chance."""
+"""Up to the whip [s]: after it the cast magnifies errors by an amount that is chance."""
 SEED = 3
-
 
 SMOOTH = {"worksurface_friction": 0.0, "rolling_friction": 0.0, "spinning_friction": 0.0}
 SLIDING = {"twist_stiffness": 0.0, "rolling_friction": LOCKED, "spinning_friction": 0.0}
-
-
-def track(make: MakeEngine, segment_count: int, dt: float, changes: dict[str, float]):
-    """Endpoints of some random feasible casts of cable_1 [m], shape [action, step, 2]."""
-    cable = load_cable("cable_1")
-    params = dataclasses.replace(cable.params, **changes)
-    paths = cast_grip_paths(random_actions(CAST_COUNT, SEED), MotionConfig(), Workspace())
-    rollout = make(segment_count, dt).rollout(
-        cable, params, paths, duration=DURATION, sample_dt=0.1
-    )
-    return rollout.endpoint_xy[:, 1:]
 
 
 def slope(
@@ -42,21 +27,31 @@ def slope(
     in_time: bool,
     changes: dict[str, float],
 ) -> Measured:
-    """Slope of the median error against a resolution much finer than the finest."""
+    """Measure the slope of the median error against a resolution much finer than the finest.
+
+    Args:
+        make: Makes the engine.
+        segment_count: Number of segments of the finest rung.
+        dt: Step of the finest rung [s].
+        in_time: True to vary the step, False to vary the segments.
+        changes: Parameters of cable_1 to change.
+    """
+    cable = load_cable("cable_1")
+    params = dataclasses.replace(cable.params, **changes)
+    paths = random_casts(CAST_COUNT, SEED)
+
+    def play(count, step):
+        rollout = make(count, step).rollout(cable, params, paths, duration=DURATION, sample_dt=0.1)
+        return rollout.endpoint_xy[:, 1:]
+
     rungs = [(segment_count, dt * 2**k) for k in (2, 1, 0)]
     fine = (segment_count, dt / 8)
     if not in_time:
         rungs = [(segment_count // 2**k, dt) for k in (2, 1, 0)]
         fine = (4 * segment_count, dt)
-    reference = track(make, *fine, changes)
-    errors = np.array(
-        [
-            np.median(np.linalg.norm(track(make, *rung, changes) - reference, axis=2))
-            for rung in rungs
-        ]
-    )
+    errors = track_errors(play, rungs, fine)
     counts, steps = np.array(rungs).T
-    sizes = 1e3 * steps if in_time else 1e3 * load_cable("cable_1").length / counts
+    sizes = 1e3 * steps if in_time else 1e3 * cable.length / counts
     line = np.polyfit(np.log(sizes), np.log(errors), 1)
     x = np.linspace(sizes[-1], sizes[0], 50)
     return Measured(

@@ -1,4 +1,4 @@
-"""Writes docs/validation.md and its plots from the results of the cases."""
+"""Write docs/validation.md and its plots from the results of the cases."""
 
 import dataclasses
 import pathlib
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.common import Table, compact_png
+from benchmarks.common import Table
 from benchmarks.validation.case import Case, Convergence, MakeEngine, Measured, Theme
 from cablecast import files
 from cablecast.cable import CableParams
@@ -21,7 +21,7 @@ COLUMNS = ("quantity", "unit", "closed form", "engine", "error", "tolerance")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Result:
-    """What an engine made of a case."""
+    """Results of a case with one engine."""
 
     case: Case
     measured: Measured
@@ -34,11 +34,11 @@ class Result:
 
     @property
     def met(self) -> bool:
-        """Whether every outcome is within the tolerance."""
+        """True where every outcome is within the tolerance."""
         return all(outcome.error <= self.case.tolerance for outcome in self.measured.outcomes)
 
     def table(self) -> Table:
-        """Outcomes as a table."""
+        """Return the outcomes as a table."""
         rows = [
             (
                 outcome.quantity,
@@ -62,7 +62,7 @@ def _number(value: float) -> str:
 
 
 def slope_sentence(convergence: Convergence | None) -> str:
-    """How the first outcome converges, in words."""
+    """Return the convergence of the first outcome in words."""
     if convergence is None:
         return ""
     rungs = []
@@ -77,7 +77,7 @@ def slope_sentence(convergence: Convergence | None) -> str:
 
 
 def plot(result: Result) -> bytes:
-    """The plot of a case as a PNG file: closed forms as lines, the engine as points."""
+    """Return the plot of a case as a PNG file: closed forms as lines, the engine as points."""
     from cablecast.report import style
 
     figure = style.new_figure(5.2, 2.9)
@@ -105,11 +105,11 @@ def plot(result: Result) -> bytes:
             axes.set_aspect("equal")
         if any(curve.label for curve in result.measured.curves):
             axes.legend(loc="best")
-    return compact_png(figure, 110)
+    return style.compact_png(figure, 110)
 
 
 def parameter_table(themes: tuple[Theme, ...]) -> Table:
-    """Which case shows what each parameter does."""
+    """Return a table of the cases that each parameter decides."""
     rows = []
     for name in CableParams.names():
         cases = [c for theme in themes for c in theme.cases if name in c.parameters]
@@ -119,13 +119,13 @@ def parameter_table(themes: tuple[Theme, ...]) -> Table:
 
 
 def anchor(title: str) -> str:
-    """The anchor that a heading gets on the usual forges."""
+    """Return the anchor that a heading gets on the usual forges."""
     kept = "".join(c for c in title.lower() if c.isalnum() or c in " -_")
     return kept.replace(" ", "-")
 
 
 def section(result: Result) -> str:
-    """Heading, theory, plot, table, tolerance and slope of a case."""
+    """Return heading, theory, plot, table, tolerance and slope of a case."""
     case = result.case
     parts = [
         f"### {case.title}",

@@ -14,7 +14,7 @@ SPEED = 0.6
 
 
 def watched(segment_count: int) -> int:
-    """A node away from both ends: engines differ in what they let the ends roll on."""
+    """Return a node away from both ends: engines differ in the rolling of the ends."""
     return round(0.75 * segment_count)
 
 
@@ -72,7 +72,7 @@ OBLIQUE_FRICTION = 0.4
 
 
 def oblique_slip(duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s] and distances along and across the cable [m] that a cylinder slides obliquely.
+    """Return times [s] and distances along and across the cable [m] of an oblique slide.
 
     With slip s along and q across the cable, friction makes s' = -mu g s / |(s, q)| and
     q' = -3 mu g q / |(s, q)|, since a cylinder yields and turns. So q = SPEED (s / SPEED)^3, and

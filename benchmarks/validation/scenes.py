@@ -1,4 +1,4 @@
-"""What scenes are made of: cables, states, grip paths; and what is read from a motion."""
+"""Parts of scenes: cables, states and grip paths; and measurements of a motion."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ LENGTH = 0.6
 RADIUS = 0.005
 MASS = 0.05
 LOCKED = 0.1
-"""A rolling friction far above the radius: segments slide and do not roll [m]."""
+"""Rolling friction far above the radius: segments slide and do not roll [m]."""
 
 BARE = CableParams(
     twist_stiffness=0.0,
@@ -27,11 +27,11 @@ BARE = CableParams(
     linear_damping=0.0,
     angular_damping=0.0,
 )
-"""A rope that nothing resists; each case switches on what it looks at."""
+"""Rope that nothing resists; each case switches on the effect that it measures."""
 
 
 def make_cable(**params) -> Cable:
-    """A test cable with some parameters, each shared or per world, and all others zero."""
+    """Return a test cable with some parameters, shared or per world, and all others zero."""
     worlds = {len(np.atleast_1d(value)) for value in params.values()} - {1}
     if worlds:
         (count,) = worlds
@@ -47,15 +47,22 @@ def make_cable(**params) -> Cable:
 
 
 def from_edges(edges: ArrayLike, start: ArrayLike) -> NDArray[np.float64]:
-    """Nodes of a cable [m], shape [node, 3], from its edge vectors [m], shape [segment, 3]."""
+    """Return the nodes of a cable [m], shape [node, 3], from its edges [m], [segment, 3]."""
     edges = np.asarray(edges, dtype=float)
     return np.vstack([np.zeros(3), np.cumsum(edges, axis=0)]) + np.asarray(start, dtype=float)
 
 
 def planar(heading: ArrayLike, start: ArrayLike, axes: str = "xy") -> NDArray[np.float64]:
-    """Nodes of a cable [m], shape [node, 3], in a plane, from the direction of its edges [rad].
+    """Return the nodes of a cable in a plane from the directions of its edges.
 
-    The direction is counted from the first axis of the plane towards the second.
+    Args:
+        heading: Directions, counted from the first axis of the plane towards the second [rad],
+            shape [segment].
+        start: First node [m], shape [3].
+        axes: Axes of the plane.
+
+    Returns:
+        Nodes [m], shape [node, 3].
     """
     heading = np.asarray(heading, dtype=float)
     edges = np.zeros((len(heading), 3))
@@ -70,37 +77,37 @@ def straight(
     direction: ArrayLike,
     velocity: ArrayLike = (0.0, 0.0, 0.0),
 ) -> CableState:
-    """A straight cable that moves as a whole."""
+    """Return a straight cable that moves as a whole."""
     s = np.linspace(0.0, LENGTH, segment_count + 1)[:, None]
     state = CableState.at_rest((np.asarray(start) + s * np.asarray(direction, dtype=float))[None])
     return dataclasses.replace(state, velocities=state.velocities + np.asarray(velocity))
 
 
 def turning(state: CableState, rate: float, axis: ArrayLike, centre: ArrayLike) -> CableState:
-    """The same cable turning about an axis through a point, at a rate [rad/s]."""
+    """Return the same cable turning about an axis through a point, at a rate [rad/s]."""
     spin = rate * np.asarray(axis, dtype=float)
     velocities = np.cross(spin, state.positions - np.asarray(centre, dtype=float))
     return dataclasses.replace(state, velocities=state.velocities + velocities)
 
 
 def lengthwise(segment_count: int) -> NDArray[np.float64]:
-    """Middles of the segments, from the grip [m], shape [segment]."""
+    """Return the distance of the segments' middles from the grip [m], shape [segment]."""
     return (np.arange(segment_count) + 0.5) / segment_count * LENGTH
 
 
 def hold(position: ArrayLike, yaw: float = 0.0, pitch: float = 0.0) -> GripPath:
-    """A grip that stays."""
+    """Return a grip that stays where it is."""
     return GripPath.hold([*np.asarray(position, dtype=float), yaw, pitch], 1.0)
 
 
 def fitted(position, duration: float, yaw=None, count: int = 200) -> GripPath:
-    """A grip that follows a law of motion.
+    """Return a grip that follows a law of motion.
 
     Args:
-        position: Gives [step, 3] positions [m] at times [s].
-        duration: Where the motion ends; the grip stays there [s].
-        yaw: Gives headings [rad] at times; 0 by default.
-        count: Pieces that the path is fitted with.
+        position: Function of times [s] that returns positions [m], shape [step, 3].
+        duration: End of the motion, after which the grip stays [s].
+        yaw: Function of times that returns headings [rad]; 0 by default.
+        count: Number of samples that the path is fitted to.
     """
     times = np.linspace(0.0, duration, count)
     poses = np.zeros((count, 5))
@@ -111,11 +118,11 @@ def fitted(position, duration: float, yaw=None, count: int = 200) -> GripPath:
 
 
 def pieces_along_x(knots: ArrayLike, coefficients: ArrayLike) -> GripPath:
-    """A grip that lies on the table and moves along x by a polynomial in each piece.
+    """Return a grip on the table that moves along x by a polynomial in each piece.
 
     Args:
         knots: Bounds of the pieces [s], shape [piece + 1].
-        coefficients: Of 1, t and t² since the piece began, shape [piece, 3].
+        coefficients: Coefficients of 1, t and t² since the piece began, shape [piece, 3].
     """
     knots = np.asarray(knots, dtype=float)
     filled = np.zeros((1, len(knots) - 1, 5, 6))
@@ -125,7 +132,7 @@ def pieces_along_x(knots: ArrayLike, coefficients: ArrayLike) -> GripPath:
 
 
 def along_x(law, duration: float, height: float = RADIUS) -> GripPath:
-    """A grip that moves along x on the table by a law."""
+    """Return a grip that moves along x on the table by a law."""
 
     def position(times):
         x = law(times)
@@ -137,7 +144,7 @@ def along_x(law, duration: float, height: float = RADIUS) -> GripPath:
 def rolls_after(
     engine: Engine, cable: Cable, path: GripPath, state: CableState, times, **options
 ) -> NDArray[np.float64]:
-    """Roll of every segment at some times [rad], shape [step, segment].
+    """Return the roll of every segment at some times [rad], shape [step, segment].
 
     A rollout tells the roll at its end only, so each time is a rollout of its own.
     """
@@ -151,7 +158,7 @@ def rolls_after(
 
 
 def fitted_swing(times, x, omega: float, decay: float = 0.0) -> tuple[float, float]:
-    """Angular frequency [rad/s] and decay rate [1/s] of the damped oscillation that fits best."""
+    """Return angular frequency [rad/s] and decay rate [1/s] of the best fitting oscillation."""
     from scipy.optimize import least_squares
 
     def residual(p):
@@ -166,7 +173,7 @@ def fitted_swing(times, x, omega: float, decay: float = 0.0) -> tuple[float, flo
 
 
 def node_masses(cable: Cable, segment_count: int) -> NDArray[np.float64]:
-    """Masses of the nodes [kg]; the gripped one counts as none."""
+    """Return the masses of the nodes [kg]; the gripped one counts as none."""
     mass = np.full(segment_count + 1, float(cable.params.mass) / segment_count)
     mass[-1] = 0.5 * mass[-1] + float(cable.params.endpoint_mass)
     mass[0] = 0.0
@@ -176,12 +183,12 @@ def node_masses(cable: Cable, segment_count: int) -> NDArray[np.float64]:
 def energies(
     nodes: NDArray[np.float64], dt: float, cable: Cable, clamp: ArrayLike, gravity: float = GRAVITY
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Kinetic energy and potential energy (weight and bending) between samples [J].
+    """Return kinetic energy and potential energy (weight and bending) between samples [J].
 
     Args:
-        nodes: Shapes, shape [step, node, 3].
-        dt: Between them [s].
-        cable: Masses and bend stiffness.
+        nodes: Nodes [m], shape [step, node, 3].
+        dt: Time between samples [s].
+        cable: Cable with its masses and bend stiffness.
         clamp: Direction in which the cable leaves the grip, shape [3].
         gravity: Acceleration of free fall [m/s²].
     """

@@ -89,7 +89,7 @@ ROD_FRICTION = 0.3
 
 
 def rod_shape(s, load, slope, tip_force):
-    """Lead of a clamped rod under a load `load + slope s` [N/m] and a force at its tip [N], [m]."""
+    """Return the lead [m] of a clamped rod under `load + slope s` [N/m] and a tip force [N]."""
     s = np.asarray(s, dtype=float)
     uniform = load * s**2 * (6 * LENGTH**2 - 4 * LENGTH * s + s**2) / 24
     linear = slope * s**2 * (20 * LENGTH**3 - 10 * LENGTH**2 * s + s**3) / 120
@@ -98,7 +98,7 @@ def rod_shape(s, load, slope, tip_force):
 
 
 def rod_slope(s, load, slope, tip_force):
-    """Derivative of `rod_shape` by s [-]."""
+    """Return the derivative of `rod_shape` by s [-]."""
     s = np.asarray(s, dtype=float)
     uniform = load * s * (3 * LENGTH**2 - 3 * LENGTH * s + s**2) / 6
     linear = slope * s * (8 * LENGTH**3 - 6 * LENGTH**2 * s + s**3) / 24
@@ -118,18 +118,18 @@ def turned_rod(
     rate: float = ROD_RATE,
     **params,
 ) -> Measured:
-    """A stiff rod whose grip turns with the deceleration that friction alone would give it.
+    """Turn the grip of a stiff rod with the deceleration that friction alone would give it.
 
     Args:
         make: Makes the engine.
-        segment_count: Of the engine.
-        dt: Of the engine [s].
-        deceleration: Of the grip's turn [rad/s²].
+        segment_count: Number of segments.
+        dt: Step [s].
+        deceleration: Deceleration of the grip's turn [rad/s²].
         load: Friction along the rod, counted along the motion [N/m].
-        tip_force: What a uniform couple comes to [N].
-        torque: Of all friction about the grip, as a scale for the moment left there [N·m].
-        rate: Of the turn at the start [rad/s].
-        params: Of the cable.
+        tip_force: Force at the tip that is equivalent to a uniform couple [N].
+        torque: Torque of all friction about the grip, to scale the moment left there [N·m].
+        rate: Rate of the turn at the start [rad/s].
+        **params: Parameters of the cable.
     """
     cable = scenes.make_cable(mass=ROD_MASS, bend_stiffness=ROD_STIFFNESS, **params)
     inertia_load = ROD_MASS / LENGTH * deceleration
@@ -200,7 +200,7 @@ def coulomb_rod(make: MakeEngine, segment_count: int, dt: float) -> Measured:
 
 CREEP_TIME = 60.0
 CREEP_BOUND = 1e-4
-"""How far a cable at rest may move in a minute [m]."""
+"""Largest movement of a cable at rest in a minute [m]."""
 
 
 def creep(make: MakeEngine, segment_count: int, dt: float) -> Measured:

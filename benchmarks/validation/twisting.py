@@ -16,12 +16,12 @@ START = (0.0, 0.0, HEIGHT)
 
 
 def torsional_rate(stiffness: float, mass: float = MASS) -> float:
-    """Speed of a torsion wave in a solid cable [m/s], √(GJ L / (m R² / 2))."""
+    """Return the speed of a torsion wave in a solid cable [m/s], √(GJ L / (m R² / 2))."""
     return float(np.sqrt(stiffness * LENGTH / (0.5 * mass * RADIUS**2)))
 
 
 def swing(make: MakeEngine, segment_count: int, dt: float, cable, mode: int):
-    """Roll of the last segment after release in a torsional mode, at 48 times over 1.2 periods."""
+    """Return the roll of the last segment after release in a mode, at 48 times in 1.2 periods."""
     wave = (mode - 0.5) * np.pi / LENGTH
     speed = torsional_rate(float(cable.params.twist_stiffness), float(cable.params.mass))
     omega = wave * speed
@@ -85,7 +85,7 @@ TURN_TIME = 1.0
 
 
 def turned_grip(turn: float) -> GripPath:
-    """A grip that points down and turns about the cable by an angle [rad] in a second."""
+    """Return a grip that points down and turns about the cable by an angle [rad] in a second."""
 
     def yaw(times):
         share = np.clip(times / TURN_TIME, 0.0, 1.0)
@@ -133,11 +133,11 @@ RING_BEND = 1e-4
 RING_TWIST = 2e-4
 RING_DAMPING = 5.0
 RING_TURNS = np.array([0.7, 0.75, 0.8, 0.85, 0.9, 0.925, 0.95, 0.97])
-"""Turns that are tried, over the critical one."""
+"""Turns to try, over the critical one [-]."""
 
 
 def pushed_ring(make: MakeEngine, segment_count: int, dt: float, turns, push: float):
-    """Shapes of a ring whose grips are turned, pushed out of its plane at the start [m/s]."""
+    """Return the shapes of a ring whose grips turn, pushed out of its plane at first [m/s]."""
     cable = scenes.make_cable(
         bend_stiffness=RING_BEND, twist_stiffness=RING_TWIST, linear_damping=RING_DAMPING
     )

@@ -27,9 +27,9 @@ class CableState:
     Attributes:
         positions: Nodes in the base frame, z of the cable's axis above the table's surface [m],
             shape [world, node, 3].
-        velocities: Their velocities [m/s], same shape.
+        velocities: Velocities of the nodes [m/s], same shape.
         roll: Roll angle of each segment about its tangent [rad], shape [world, segment].
-        roll_rate: Its rate [rad/s], same shape.
+        roll_rate: Rate of the roll [rad/s], same shape.
     """
 
     positions: NDArray[np.float64]
