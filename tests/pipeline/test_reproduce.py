@@ -1,0 +1,88 @@
+"""Every experiment of the paper on a budget that shows nothing but that each stage works."""
+
+import dataclasses
+import json
+
+import pytest
+
+from cablecast.pipeline.reproduce import reproduce
+from cablecast.pipeline.reproduce_stages import METHODS, Budget
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("torch")
+
+TINY = Budget(
+    cables=("cable_1", "cable_2"),
+    tune_trials=6,
+    real_trials=24,
+    grid=4,
+    grid_psi=3,
+    coarse_generations=1,
+    fine_generations=1,
+    repeat_actions=2,
+    repeat_casts=2,
+    casts=120,
+    epochs=2,
+    candidates=200,
+    repeats=1,
+)
+
+
+class StoppedError(Exception):
+    """Stands for a kill in the middle of the reproduction."""
+
+
+@pytest.mark.slow
+def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path):
+    begun = []
+
+    def stop(report):
+        begun.append(report.task)
+        if "learn (real)" in report.task:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
+    done_before = {path.parent for path in tmp_path.rglob("metrics.json")}
+    stamps = {folder: (folder / "metrics.json").stat().st_mtime_ns for folder in done_before}
+    reports = []
+    reproduced = reproduce(tmp_path, budget=TINY, rig="engine", progress=reports.append)
+    # What was done is not done again.
+    assert {
+        folder: (folder / "metrics.json").stat().st_mtime_ns for folder in done_before
+    } == stamps
+    assert sum(report.note.startswith("done in") for report in reports) == len(
+        [folder for folder in done_before if folder.parent.parent == tmp_path]
+    )
+
+    first, second = (reproduced.metrics["evaluations"][cable] for cable in TINY.cables)
+    assert set(first) == set(METHODS)
+    assert set(second) == {"correction"}
+    for values in first.values():
+        assert values["trial_count"] == 32
+    chosen = json.loads((tmp_path / "cable_1/select/metrics.json").read_text())["choice"]
+    for cable in TINY.cables:
+        info = json.loads((tmp_path / cable / "dataset/meta/info.json").read_text())
+        assert info["settings"]["motion"]["v_max"] == chosen["v_max"]
+        assert info["settings"]["cable"]["name"] == cable
+    page = reproduced.report.read_text()
+    tables = reproduced.tables.read_text()
+    for words in ("polar casting", "Gaussian process", "cable_2"):
+        assert words in page
+        assert words in tables or words == "cable_2"
+
+    again = reproduce(tmp_path, budget=TINY, rig="engine")
+    assert again.metrics["evaluations"] == reproduced.metrics["evaluations"]
+
+
+def test_another_budget_in_the_same_folder_is_refused(tmp_path):
+    def stop(report):
+        raise StoppedError
+
+    with pytest.raises(StoppedError):
+        reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
+    (tmp_path / "cable_1").mkdir()
+    (tmp_path / "cable_1/result").write_text("")
+    other = dataclasses.replace(TINY, casts=121)
+    with pytest.raises(ValueError, match=r"budget\.casts is 120 there and 121 here"):
+        reproduce(tmp_path, budget=other, rig="engine")
