@@ -131,9 +131,9 @@ def test_too_few_measurements_are_refused():
 @pytest.mark.parametrize(
     ("knots", "shape", "message"),
     [
-        ([[0.0, 1.0]], (1, 2, 5, 6), "ask for"),
-        ([[0.0]], (1, 0, 5, 6), "ask for"),
-        ([[1.0, 0.0]], (1, 1, 5, 6), "must not fall"),
+        ([[0.0, 1.0]], (1, 2, 5, 6), "require"),
+        ([[0.0]], (1, 0, 5, 6), "require"),
+        ([[1.0, 0.0]], (1, 1, 5, 6), "must not decrease"),
         ([[0.0, np.nan]], (1, 1, 5, 6), "must be finite"),
     ],
 )

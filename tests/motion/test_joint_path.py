@@ -75,5 +75,5 @@ def test_several_grip_paths_at_once_are_refused():
 
 
 def test_a_joint_path_of_the_wrong_shape_is_refused():
-    with pytest.raises(InputError, match="ticks ask for"):
+    with pytest.raises(InputError, match="ticks require"):
         JointPath(times=np.arange(3.0), q=np.zeros((3, 6)), qd=np.zeros((2, 6)))

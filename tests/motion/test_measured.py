@@ -119,7 +119,7 @@ def test_the_cable_lands_where_the_true_path_throws_it(trajectory):
     ("change", "words"),
     [
         (lambda t, q: (t[:5], q[:5]), "5 samples"),
-        (lambda t, q: (np.where(np.arange(len(t)) == 7, t[6], t), q), "rising times, but time 7"),
+        (lambda t, q: (np.where(np.arange(len(t)) == 7, t[6], t), q), "ascending times, but"),
         (lambda t, q: (t, np.where(np.arange(len(t))[:, None] == 3, np.nan, q)), "finite"),
     ],
     ids=["few", "equal times", "NaN"],

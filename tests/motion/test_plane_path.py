@@ -56,7 +56,7 @@ def test_a_spline_passes_its_points_at_their_times():
 
 
 def test_times_that_do_not_rise_and_empty_paths_are_refused():
-    with pytest.raises(InputError, match=r"times \[0\.5, 0\.4\] must rise"):
+    with pytest.raises(InputError, match=r"times \[0\.5, 0\.4\] must ascend"):
         PlanePath(START).through([0.5, 0.4], radius=[0.5, 0.6])
     with pytest.raises(InputError, match="at least one move"):
         PlanePath(START).grip_path()

@@ -131,7 +131,7 @@ def test_a_place_beyond_reach_is_refused_by_its_bounds():
 
 def test_a_swing_that_is_too_fast_for_the_arm_is_refused_by_the_limit_it_breaks():
     swing = Swing(durations=(0.2, 0.1, 0.15, 0.2))
-    with pytest.raises(JointLimitError, match=r"polar casting: .*velocity .* is above"):
+    with pytest.raises(JointLimitError, match=r"polar cast: .*velocity .* is above"):
         plan_polar_cast([0.0, 1.2], SETUP, PolarCastConfig(swing=swing))
 
 

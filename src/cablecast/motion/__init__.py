@@ -1,1 +1,1 @@
-"""From actions to grip paths, joint paths and their feasibility."""
+"""Motions: actions, grip paths, joint paths, and their feasibility for the arm."""

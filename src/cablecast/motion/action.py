@@ -1,7 +1,7 @@
-"""Actions of the casting motion, their ranges and grids, and the parameters that stay fixed.
+"""Actions of the casting motion, their ranges and grids.
 
-An action is (theta1, theta2, r2, psi): the gripper sweeps from straight ahead to theta1, back to
-theta2, while its radius goes from r0 to r2, and the cable leaves the gripper along psi in the end
+An action is (theta1, theta2, r2, psi). The gripper sweeps from straight ahead to theta1 and back to
+theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the gripper
 (paper, section V-B, equations 3 and 4). Batches are arrays of shape [action, 4].
 """
 
@@ -17,11 +17,11 @@ from cablecast.setup import MotionConfig
 ACTION_NAMES = ("theta1", "theta2", "r2", "psi")
 
 THETA_MIN = np.radians(0.5)
-"""Smallest sweep [rad]: below it the direction change at theta1 has no meaning."""
+"""Smallest sweep [rad]; below it the reversal at theta1 is meaningless."""
 THETA_MAX = np.radians(120.0)
-"""Largest sweep [rad]: beyond it the gripper would be behind the robot."""
+"""Largest sweep [rad]; beyond it the gripper would be behind the robot."""
 R2_BOUNDS = (0.05, 5.0)
-"""Radius about the polar origin [m]; whether the arm reaches it is a matter of feasibility."""
+"""Bounds of the radius about the polar origin [m]; the feasibility check tests the arm's reach."""
 PSI_MAX = np.pi
 """Largest final heading of the cable [rad]."""
 
@@ -31,11 +31,10 @@ class Action:
     """One casting motion.
 
     Attributes:
-        theta1: Where the first arc ends and the second begins [rad].
-        theta2: Where the second arc ends, on the other side of the workspace axis [rad].
-        r2: Radius about the polar origin at the end [m].
-        psi: Final heading of the cable at the gripper [rad]; theta2 where not given, which is the
-            action set A1.
+        theta1: End of the first arc and start of the second [rad].
+        theta2: End of the second arc, on the other side of the workspace axis [rad].
+        r2: Final radius about the polar origin [m].
+        psi: Final heading of the cable at the gripper [rad]; theta2 if None (action set A1).
     """
 
     theta1: float
@@ -47,7 +46,7 @@ class Action:
         check_action_values(self.to_array()[None])
 
     def to_array(self) -> NDArray[np.float64]:
-        """(theta1, theta2, r2, psi), shape [4]."""
+        """Return (theta1, theta2, r2, psi), shape [4]."""
         psi = self.theta2 if self.psi is None else self.psi
         try:
             return np.array([self.theta1, self.theta2, self.r2, psi], dtype=float)
@@ -56,27 +55,27 @@ class Action:
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> "Action":
-        """An action from (theta1, theta2, r2) or (theta1, theta2, r2, psi)."""
+        """Make an action from (theta1, theta2, r2) or (theta1, theta2, r2, psi)."""
         values = np.asarray(values, dtype=float)
         if values.shape not in ((3,), (4,)):
             raise ActionError(f"an action has shape {values.shape}: it must be [3] or [4]")
         return cls(*(float(value) for value in values))
 
     def mirrored(self) -> "Action":
-        """The action that lands mirrored about the workspace axis (section V-B)."""
+        """Return the action that lands mirrored about the workspace axis (section V-B)."""
         psi = None if self.psi is None else -self.psi
         return Action(theta1=-self.theta1, theta2=-self.theta2, r2=self.r2, psi=psi)
 
 
 def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
-    """Return a batch of actions, and refuse one that is no casting motion.
+    """Check a batch of actions and return it as an array.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
 
     Raises:
         ActionError: A value is not finite or out of bounds, both arcs end on the same side, or psi
-            lies before theta2.
+            stops short of theta2.
     """
     actions = np.asarray(actions, dtype=float)
     if actions.ndim != 2 or actions.shape[1] != len(ACTION_NAMES) or len(actions) == 0:
@@ -116,7 +115,7 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
         (r2 < R2_BOUNDS[0]) | (r2 > R2_BOUNDS[1]),
         lambda i: f"r2 = {r2[i]:.4g} m is outside [{R2_BOUNDS[0]:g}, {R2_BOUNDS[1]:g}] m",
     )
-    # The sum of a grid's theta2 and wrist turn may fall an ulp short of theta2.
+    # In a grid, theta2 plus the wrist turn may fall an ulp short of theta2.
     side = np.sign(theta2)
     refuse(
         (side * psi < np.abs(theta2) - 1e-9) | (np.abs(psi) > PSI_MAX + 1e-9),
@@ -129,29 +128,29 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
 
 
 def mirror_actions(actions: ArrayLike) -> NDArray[np.float64]:
-    """The actions mirrored about the workspace axis: (-theta1, -theta2, r2, -psi).
+    """Mirror actions about the workspace axis: (-theta1, -theta2, r2, -psi).
 
     Args:
-        actions: Shape [..., 4].
+        actions: Actions, shape [..., 4].
     """
     return np.asarray(actions, dtype=float) * np.array([-1.0, -1.0, 1.0, -1.0])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ActionRanges:
-    """Ranges that grids of actions span, for landings on the right half of the table.
+    """Ranges of an action grid, for landings on the right half of the table.
 
-    The paper does not print its own; these follow its sibling task (arXiv 2111.04814: theta1 1 to
-    80 deg, theta2 20 to 80 deg, r2 0.21 to 0.77 m), widened to small theta2 so that the axis
-    itself is covered. r2 stays at least 0.35 m, so that the folded elbow keeps off the base, and at
-    most 0.80 m, where the arm is still bent enough (0.94 m is the stretched arm) for the elbow to
-    follow the radius at speed.
+    The paper does not publish its ranges. These follow its sibling task (arXiv 2111.04814: theta1 1
+    to 80 deg, theta2 20 to 80 deg, r2 0.21 to 0.77 m), extended to small theta2 to cover the
+    workspace axis. r2 is at least 0.35 m to keep the folded elbow clear of the base. It is at most
+    0.80 m, where the arm is bent enough for the elbow to follow the radius at speed; the arm is
+    straight at 0.94 m.
 
     Attributes:
         theta1: End of the first arc [rad].
         theta2: End of the second arc [rad].
         r2: Final radius about the polar origin [m].
-        wrist: Turn of the wrist psi - theta2 [rad]; (0, 0) is the action set A1.
+        wrist: Wrist turn psi - theta2 [rad]; (0, 0) gives the action set A1.
     """
 
     theta1: tuple[float, float] = (-float(np.radians(80)), -float(np.radians(5)))
@@ -169,7 +168,7 @@ class ActionRanges:
             values = getattr(self, name)
             if len(values) != 2 or not low <= values[0] <= values[1] <= high:
                 raise ActionError(
-                    f"range of {name} = {tuple(values)} must rise within [{low:.4g}, {high:.4g}]"
+                    f"range of {name} = {tuple(values)} must ascend within [{low:.4g}, {high:.4g}]"
                 )
         if self.theta2[1] + self.wrist[1] > PSI_MAX:
             raise ActionError(
@@ -179,14 +178,14 @@ class ActionRanges:
 
     @classmethod
     def for_config(cls, config: MotionConfig, with_psi: bool = True) -> "ActionRanges":
-        """The ranges that sweep the same region of the table about another polar origin.
+        """Return the ranges that sweep the same table region about another polar origin.
 
-        Moving the origin back flattens the arcs: r2 shifts with r0, and the angles shrink so that
-        the sweep keeps its sideways extent, r0 sin(theta).
+        Moving the origin back flattens the arcs. r2 shifts with r0, and the angles shrink to keep
+        the sideways extent of the sweep, r0 sin(theta).
 
         Args:
-            config: Holds the distance of the polar origin.
-            with_psi: Whether the wrist turns (the action set A2), or not (A1).
+            config: Motion settings with the distance r0 of the polar origin.
+            with_psi: Whether the wrist turns (action set A2) or not (A1).
         """
         base = cls() if with_psi else cls(wrist=(0.0, 0.0))
         r0 = MotionConfig().r0
@@ -207,15 +206,16 @@ class ActionRanges:
 
 
 def grid_actions(ranges: ActionRanges, counts: Sequence[int]) -> NDArray[np.float64]:
-    """A full grid of actions with theta1 < 0 < theta2 <= psi.
+    """Return a full grid of actions with theta1 < 0 < theta2 <= psi.
 
     Args:
-        ranges: What the grid spans, both ends included.
-        counts: Values of theta1, theta2, r2, and of the wrist turn; three counts mean psi = theta2
-            (A1), as in the paper's 15 x 15 x 15. A count of one takes the middle of its range.
+        ranges: Ranges of the grid, both ends included.
+        counts: Number of values of theta1, theta2, r2 and the wrist turn. Three counts mean
+            psi = theta2 (A1), as in the paper's 15 x 15 x 15. A count of one takes the middle of
+            its range.
 
     Returns:
-        Shape [action, 4]; theta1 varies slowest, psi fastest.
+        Actions, shape [action, 4]; theta1 varies slowest, psi fastest.
     """
     counts = tuple(int(count) for count in counts)
     if len(counts) not in (3, 4) or min(counts) < 1:

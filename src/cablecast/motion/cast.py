@@ -1,8 +1,9 @@
-"""The casting motion: from actions to grip paths (paper, section V-B).
+"""Casting motion: grip paths from actions (paper, section V-B).
 
-In polar coordinates about an origin r0 behind the reset position, theta goes from 0 to theta1 and
-on to theta2, each a jerk-limited maximum-velocity move from rest to rest, while the radius goes
-from r0 to r2 on one cubic. During the second arc the wrist turns the cable by psi - theta2.
+The motion is planned in polar coordinates about an origin r0 behind the reset position. theta moves
+from 0 to theta1 and on to theta2; both are jerk-limited maximum-velocity moves from rest to rest.
+Meanwhile the radius follows one cubic from r0 to r2. During the second arc the wrist turns the
+cable by psi - theta2.
 """
 
 import dataclasses
@@ -15,32 +16,31 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.motion.profiles import Profiles, plan_profiles
 from cablecast.setup import Setup
 
-# Quintic pieces follow the polar path to better than 1e-6 m if each is short against what its sixth
-# derivative scales with: at constant rate the angle that it sweeps [rad] and its share of the
-# radial cubic [-], and, while the rate changes, the time scale jerk^(-1/3) of a profile. They hold
-# at a radius of 0.8 m; the error grows with the radius and with the sixth power of the length
-# (tests/motion/test_cast.py measures it).
+# Longest quintic pieces that follow the polar path to within 1e-6 m at a radius of 0.8 m. At
+# constant rate the limits are the swept angle [rad] and the share of the radial cubic [-]. While
+# the rate changes, the limit is in units of the profile's time scale, jerk^(-1/3). The error grows
+# with the radius and the sixth power of the length (measured in tests/motion/test_cast.py).
 CRUISE_ANGLE = 0.46
 CRUISE_SHARE = 0.11
 RAMP_SCALE = 0.37
 ACCURATE_RADIUS = 0.8
-# Knots closer than this are one knot [s]: profiles without a cruise phase switch twice at once.
+# Closer knots are merged [s]: a profile without a cruise phase switches twice at the same time.
 KNOT_GAP = 1e-9
-# Actions converted at a time: bounds the memory of the intermediate arrays to some 10 MB.
+# Actions per chunk: limits the intermediate arrays to about 10 MB.
 CHUNK = 2048
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepPaths:
-    """Casting motions in polar coordinates, exactly, one per row.
+    """Exact casting motions in polar coordinates, one per row.
 
     Attributes:
         origin_y: y of the polar origin, on the workspace axis [m].
-        r0: Radius at the start [m].
-        r2: Radius at the end [m], shape [action].
+        r0: Initial radius [m].
+        r2: Final radius [m], shape [action].
         first: theta from 0 to theta1.
         second: theta from theta1 to theta2, relative to theta1.
-        wrist: Turn of the wrist, beginning with the second arc.
+        wrist: Turn of the wrist, which starts with the second arc.
     """
 
     origin_y: float
@@ -55,23 +55,23 @@ class SweepPaths:
 
     @property
     def arc_duration(self) -> NDArray[np.float64]:
-        """When theta and the radius come to rest [s], shape [action]."""
+        """Time at which theta and the radius come to rest [s], shape [action]."""
         return self.first.duration + self.second.duration
 
     @property
     def duration(self) -> NDArray[np.float64]:
-        """When the wrist has come to rest, too [s], shape [action]."""
+        """Time at which the whole motion, wrist included, is at rest [s], shape [action]."""
         return self.first.duration + np.maximum(self.second.duration, self.wrist.duration)
 
     def radius(
         self, times: NDArray[np.float64], before: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """The radius and its first two derivatives.
+        """Return the radius and its first two derivatives.
 
         Args:
-            times: Time since the motion began [s], shape [action, step].
-            before: At the end of the arcs, where the second derivative jumps, take its value
-                before the jump rather than after.
+            times: Times since the start of the motion [s], shape [action, step].
+            before: Whether to return the left limit of the second derivative at the end of the
+                arcs, where it jumps.
 
         Returns:
             r [m], its rate [m/s] and second derivative [m/s²], each of shape [action, step].
@@ -90,10 +90,10 @@ class SweepPaths:
     def angles(
         self, times: NDArray[np.float64]
     ) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
-        """theta and yaw, each with its first two derivatives.
+        """Return theta and yaw, each with its first two derivatives.
 
         Args:
-            times: Time since the motion began [s], shape [action, step].
+            times: Times since the start of the motion [s], shape [action, step].
 
         Returns:
             (theta, its rate, its acceleration), (yaw, its rate, its acceleration) in [rad] and
@@ -108,14 +108,14 @@ class SweepPaths:
     def xy(
         self, times: NDArray[np.float64], before: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Position of the grip in the base frame, its velocity and acceleration.
+        """Return position, velocity and acceleration of the grip in the base frame.
 
         Args:
-            times: Time since the motion began [s], shape [action, step].
-            before: As for `radius`.
+            times: Times since the start of the motion [s], shape [action, step].
+            before: See `radius`.
 
         Returns:
-            [m], [m/s] and [m/s²], each of shape [action, step, 2].
+            Position [m], velocity [m/s] and acceleration [m/s²], each of shape [action, step, 2].
         """
         r, dr, ddr = self.radius(times, before)
         (theta, dtheta, ddtheta), _ = self.angles(times)
@@ -133,16 +133,16 @@ class SweepPaths:
 def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
     """Plan casting motions in polar coordinates.
 
-    The limits of angular velocity and jerk are v_max and jerk over the largest radius. The radial
-    motion adds to the speed; where the sum could exceed v_max, the whole motion is run slower by
-    the factor that keeps it below.
+    The limits of angular velocity and jerk are v_max and jerk divided by the largest radius. The
+    radial motion adds to the speed. Where the sum could exceed v_max, the whole motion is slowed
+    down by the factor that keeps it below.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Gives the reset position and the system parameters.
+        setup: Set-up with the reset position and the system parameters.
 
     Raises:
-        ActionError: An action is no casting motion.
+        ActionError: An action is not a casting motion; see `check_action_values`.
     """
     actions, config = check_action_values(actions), setup.motion
     theta1, theta2, r2, psi = actions.T
@@ -151,13 +151,13 @@ def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
     first = plan_profiles(theta1, speed, jerk)
     second = plan_profiles(theta2 - theta1, speed, jerk)
     turn = psi - theta2
-    # A grid's psi may differ from theta2 by rounding where no turn is meant.
+    # Rounding in a grid may make psi differ from theta2 where no turn is intended.
     turn = np.where(np.abs(turn) < 1e-9, 0.0, turn)
     wrist = plan_profiles(
         turn, np.full_like(turn, config.wrist_velocity), np.full_like(turn, config.wrist_jerk)
     )
-    # The cubic's rate peaks at 1.5 times its mean. Peaks of both parts at the largest radius bound
-    # the linear speed from above.
+    # The cubic's rate peaks at 1.5 times its mean. Both peaks combined at the largest radius are an
+    # upper bound of the linear speed.
     radial_peak = 1.5 * np.abs(r2 - config.r0) / (first.duration + second.duration)
     angular_peak = np.maximum(first.peak_velocity, second.peak_velocity)
     factor = np.maximum(np.hypot(r_large * angular_peak, radial_peak) / config.v_max, 1.0)
@@ -172,18 +172,18 @@ def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
 
 
 def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
-    """Grip paths of casting motions, one world per action.
+    """Return the grip paths of casting motions, one world per action.
 
-    Knots lie at every switch of the jerk, with more between them where the path curves. The pieces
-    match position, velocity and acceleration of the polar path at each knot and stay within 1e-6 m
-    of it. The height is the workspace's grip height, and the pitch is 0.
+    Knots lie at every jerk switch, and between them where the path curves. The pieces match
+    position, velocity and acceleration of the polar path at each knot and stay within 1e-6 m of it.
+    The height is the workspace's grip height, and the pitch is 0.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Gives the reset position, the grip height and the system parameters.
+        setup: Set-up with the reset position, the grip height and the system parameters.
 
     Raises:
-        ActionError: An action is no casting motion.
+        ActionError: An action is not a casting motion; see `check_action_values`.
     """
     actions = check_action_values(actions)
     chunks = [
@@ -203,7 +203,7 @@ def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
         knots[rows, : pieces + 1] = chunk.knots
         knots[rows, pieces + 1 :] = chunk.knots[:, -1:]
         coefficients[rows, :pieces] = chunk.coefficients
-        # Padding pieces hold the last pose, which is what a piece of no duration evaluates to.
+        # Padding pieces have zero duration and evaluate to the last pose.
         coefficients[rows, pieces:, :, 0] = np.sum(
             chunk.coefficients[:, -1]
             * (chunk.knots[:, -1] - chunk.knots[:, -2])[:, None, None] ** np.arange(6),
@@ -231,7 +231,7 @@ def _sweep_grip_paths(paths: SweepPaths, height: float) -> GripPath:
 
 
 def _knots(paths: SweepPaths) -> NDArray[np.float64]:
-    """Jerk switches and as many times between as the accuracy asks for, shape [action, knot]."""
+    """Return the jerk switches and the knots needed between them [s], shape [action, knot]."""
     turning = paths.first.duration[:, None]
     switches = np.concatenate(
         [paths.first.knots, turning + paths.second.knots, turning + paths.wrist.knots], axis=1
@@ -253,8 +253,8 @@ def _knots(paths: SweepPaths) -> NDArray[np.float64]:
     ) / np.maximum(large, 1.0) ** (1 / 6)
     parts = np.ceil(length / longest).astype(np.intp)
     parts[length < KNOT_GAP] = 0
-    # Lay the parts of all intervals of a row side by side: part k of an interval begins at its
-    # start plus k lengths of a part; unused places repeat the end of the motion.
+    # Concatenate the parts of all intervals of a row. Part k of an interval starts k part lengths
+    # after the interval. Unused entries repeat the end of the motion.
     count = parts.sum(axis=1)
     row, interval = np.nonzero(parts)
     repeats = parts[row, interval]

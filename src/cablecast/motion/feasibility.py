@@ -1,4 +1,4 @@
-"""Which motions the arm can follow, and which limit each rejected one would break."""
+"""Feasibility of motions: reach, joint limits, and the limits that a rejected motion violates."""
 
 import collections
 import dataclasses
@@ -27,32 +27,32 @@ from cablecast.workspace import Workspace
 JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
 
 LIMIT_SHARE = 0.98
-"""Share of each limit that a motion may use [-]: peaks are found on samples, and a peak between two
-samples is higher by less than 2 % (tests/motion/test_feasibility.py measures it)."""
+"""Share of each limit that a motion may use [-]. Peaks are taken from samples; a peak between two
+samples is less than 2 % higher (measured in tests/motion/test_feasibility.py)."""
 
-# Where each piece of a grip path is looked at, in parts of its duration. Both ends belong to it:
+# Sample points of each piece of a grip path, as shares of its duration. Both ends are included:
 # accelerations peak where the jerk switches, and jump where the radius comes to rest.
 _PARTS = np.linspace(0.0, 1.0, 5)
-# Actions checked at a time: keeps the intermediate arrays within the processor's cache.
+# Actions per chunk: keeps the intermediate arrays in the processor's cache.
 _CHUNK = 256
 ACTION_COUNT_MAX = 1_000_000
-"""Most actions that are searched for at once: their grid has to fit into memory."""
+"""Largest number of actions per search; their grid has to fit into memory."""
 
-# Actions drawn at a time. Fixed, so that the draws of a larger count begin as those of a smaller.
+# Actions per draw. Fixed, so that a larger count begins with the actions of a smaller one.
 _UNIFORM_DRAWS = 256
-# Draws without a feasible action after which there is taken to be none.
+# Number of draws without a feasible action after which the search gives up.
 _UNIFORM_EMPTY_MAX = 40
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LimitViolation:
-    """One limit that a motion would break.
+    """One limit that a motion violates.
 
     Attributes:
-        kind: Which kind of limit.
-        joint: Name of the joint; None where the grip is out of reach.
+        kind: Kind of limit.
+        joint: Name of the joint; None for the reach.
         value: Peak value over the motion, in the unit of the kind.
-        bound: What it may be at most, or at least where the grip comes too close to the base.
+        bound: Largest allowed value, or smallest where the grip comes too close to the base.
     """
 
     kind: LimitKind
@@ -80,16 +80,15 @@ class LimitViolation:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Feasibility:
-    """What the limits of the arm say to a batch of motions.
+    """Feasibility of a batch of motions for the arm.
 
     Attributes:
         mask: True where the arm can follow, shape [action].
         peaks: Largest absolute position, velocity and acceleration of each joint [rad], [rad/s],
             [rad/s²]; NaN where the grip is out of reach, shape [action, 3, 6].
-        bounds: What the peaks may be at most, shape [3, 6].
-        radius: Distance from the base axis that comes closest to or farthest beyond the reach [m],
-            shape [action].
-        radius_bound: The reach on that side [m], shape [action].
+        bounds: Largest allowed peaks, shape [3, 6].
+        radius: Distance from the base axis with the least margin to the reach [m], shape [action].
+        radius_bound: Bound of the reach on that side [m], shape [action].
     """
 
     mask: NDArray[np.bool_]
@@ -103,7 +102,7 @@ class Feasibility:
 
     @functools.cached_property
     def reasons(self) -> dict[int, tuple[LimitViolation, ...]]:
-        """Every limit that each rejected motion would break, by its row."""
+        """Limits that each rejected motion violates, by row."""
         found: dict[int, list[LimitViolation]] = {
             int(row): [] for row in np.flatnonzero(~self.mask)
         }
@@ -128,11 +127,11 @@ class Feasibility:
         return {row: tuple(violations) for row, violations in found.items()}
 
     def describe(self, row: int) -> str:
-        """One line that names every limit that a rejected motion would break."""
+        """Return one line that names every limit that a rejected motion violates."""
         return "; ".join(str(violation) for violation in self.reasons.get(row, ()))
 
     def counts(self) -> dict[str, int]:
-        """How many motions break each limit, by its name, the most frequent first."""
+        """Return the number of motions that violate each limit, by name, most frequent first."""
         names = (v.name for violations in self.reasons.values() for v in violations)
         return dict(collections.Counter(names).most_common())
 
@@ -147,9 +146,9 @@ def check_grip_paths(
 
     Args:
         grip_path: One motion per row.
-        setup: Gives the arm; r_max of its workspace bounds the reach, too.
-        both_sides: Also check each motion mirrored about the workspace axis, and take the worse of
-            both. The arm is not symmetric: its shoulder sits beside the base's axis.
+        setup: Set-up with the arm; r_max of its workspace bounds the reach too.
+        both_sides: Whether to check each motion mirrored about the workspace axis too, and keep
+            the worse result. The arm is not symmetric: its shoulder is offset from the base axis.
     """
     bounds = LIMIT_SHARE * setup.arm.limits.to_array()
     peaks, radius, radius_bound = _peaks(grip_path, setup.workspace, setup.arm, both_sides)
@@ -169,12 +168,12 @@ def check_actions(
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Gives the arm, the reset position, r_max and the system parameters.
-        both_sides: Accept an action only if its mirror image is feasible, too, so that it may be
-            used for targets on either side.
+        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        both_sides: Whether the mirror image of an action must be feasible too, so that it serves
+            targets on either side.
 
     Raises:
-        ActionError: An action is no casting motion.
+        ActionError: An action is not a casting motion; see `check_action_values`.
     """
     actions = check_action_values(actions)
     chunks = []
@@ -196,20 +195,19 @@ def feasible_grid(
     ranges: ActionRanges | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """A number of feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
+    """Return feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
 
-    The grid is made just fine enough, with half as many wrist turns as values of the other
-    variables (the paper's 10 x 10 x 10 x 5); of its feasible actions a random choice drops those
-    beyond the count.
+    The grid is just fine enough for the count. It has half as many wrist turns as values of the
+    other variables (the paper's 10 x 10 x 10 x 5). Surplus feasible actions are dropped at random.
 
     Args:
-        count: How many actions.
-        setup: Gives the arm, the reset position, r_max and the system parameters.
-        ranges: What the grid spans; by default those that suit the config.
-        seed: Seed of the choice.
+        count: Number of actions.
+        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        ranges: Ranges of the grid; `ActionRanges.for_config` if None.
+        seed: Seed for the random choice.
 
     Returns:
-        Actions in the order of the grid, shape [count, 4].
+        Actions in grid order, shape [count, 4].
 
     Raises:
         InputError: The count is not positive, or no action within the ranges is feasible.
@@ -241,22 +239,22 @@ def feasible_uniform(
     ranges: ActionRanges | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """A number of feasible actions, uniform over the ranges (section V-C).
+    """Return feasible actions drawn uniformly from the ranges (section V-C).
 
-    theta1, theta2, r2 and the wrist turn are drawn uniformly and actions that break a limit are
-    drawn again. The first actions of a larger count are those of a smaller one.
+    theta1, theta2, r2 and the wrist turn are drawn uniformly; actions that violate a limit are
+    redrawn. A larger count begins with the actions of a smaller one.
 
     Args:
-        count: How many actions.
-        setup: Gives the arm, the reset position, r_max and the system parameters.
-        ranges: What is drawn from; by default those that suit the config.
-        seed: Seed of the draws.
+        count: Number of actions.
+        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        ranges: Ranges to draw from; `ActionRanges.for_config` if None.
+        seed: Seed for the draws.
 
     Returns:
-        Actions in the order of the draws, shape [count, 4].
+        Actions in drawing order, shape [count, 4].
 
     Raises:
-        InputError: The count is not positive, or no action drawn is feasible.
+        InputError: The count is not positive, or no drawn action is feasible.
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
@@ -277,11 +275,11 @@ def feasible_uniform(
 
 
 def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]:
-    """Counts of the smallest grid of the shape n x n x n x n/2 with at least some size."""
+    """Return the counts of the smallest n x n x n x n/2 grid with at least `size` actions."""
     free = [low < high for low, high in (ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist)]
     n = 1
     while True:
-        # Grow one axis after the other, so that the size is met closely.
+        # Grow one axis at a time to exceed the size by as little as possible.
         for grown in range(4):
             per_axis = [n + (axis < grown) for axis in range(3)]
             per_axis.append(max((n + 1) // 2, 1))
@@ -294,22 +292,22 @@ def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]
 def _peaks(
     grip_path: GripPath, workspace: Workspace, arm: ArmUR, both_sides: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Peaks of every joint, and the radius that is worst against the reach with its bound."""
+    """Return the peaks of every joint, and the worst radius with its bound; see `Feasibility`."""
     lengths = np.diff(grip_path.knots, axis=1)
     used = lengths > 0
-    # A path that only holds its pose still needs one piece to look at.
+    # A path that only holds its pose still needs one piece to sample.
     used[:, 0] = True
     starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))[:-1]])
     motion, grip_radius = _sample(arm, grip_path.coefficients[used], lengths[used])
     peaks = _row_peaks(motion, starts)
     if both_sides:
         if np.isnan(motion.lead).all():
-            # A tilted gripper's joints do not mirror by their lead alone.
+            # The lead alone does not mirror the joints of a tilted gripper.
             mirrored, _ = _sample(arm, grip_path.mirrored().coefficients[used], lengths[used])
         else:
             mirrored = motion.mirrored()
         peaks = np.maximum(peaks, _row_peaks(mirrored, starts))
-    # The arm's reach is told at the flange, the workspace's r_max at the grip; the reach is the
+    # The arm's reach is measured at the flange, the workspace's r_max at the grip. The reach is the
     # same on both sides.
     radius = np.full(len(grip_path), -np.inf)
     bound, excess = np.zeros_like(radius), np.full_like(radius, -np.inf)
@@ -331,16 +329,16 @@ def _peaks(
 def _sample(
     arm: ArmUR, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> tuple[JointMotion, NDArray[np.float64]]:
-    """Joint motion and radius of the grip at some times of each piece, leading shape [part, piece].
+    """Return joint motion and grip radius at the sample points, leading shape [part, piece].
 
     Args:
-        arm: The robot.
-        coefficients: Of each piece, shape [piece, 5, 6].
+        arm: Robot arm.
+        coefficients: Coefficients of each piece, shape [piece, 5, 6].
         lengths: Duration of each piece [s], shape [piece].
     """
     powers = np.arange(DEGREE + 1)
-    # Coefficients in parts of the piece's duration, the piece last: every sum then runs along
-    # memory.
+    # Scale time by the piece's duration, and put the piece axis last: sums then run along
+    # contiguous memory.
     scaled = np.ascontiguousarray(coefficients.transpose(2, 1, 0)) * (
         lengths ** powers[:, None, None]
     )
@@ -359,7 +357,7 @@ def _sample(
 
 
 def _row_peaks(motion: JointMotion, starts: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Largest absolute values over the parts and pieces of each row, shape [row, 3, 6]."""
+    """Return the largest absolute values over the samples of each row, shape [row, 3, 6]."""
     peaks = [
         np.maximum.reduceat(np.max(np.abs(values), axis=0), starts, axis=0)
         for values in (motion.q, motion.qd, motion.qdd)

@@ -1,7 +1,7 @@
-"""GripPath: the gripper's pose over time as piecewise polynomials, one row per world.
+"""GripPath: gripper pose over time as piecewise polynomials, one row per world.
 
-Engines evaluate it inside their step, a rig at the robot's control tick, and a measured path can be
-fitted into it. It is the only description of a motion that crosses from planning to execution.
+Engines evaluate it inside their step, rigs at the robot's control ticks. Measured paths are fitted
+to it. It is the only description of a motion that passes from planning to execution.
 """
 
 import dataclasses
@@ -15,8 +15,8 @@ from cablecast.errors import InputError
 CHANNELS = ("x", "y", "z", "yaw", "pitch")
 DEGREE = 5
 
-# The Hermite basis of degree five: coefficients of (value, velocity, acceleration) at the start
-# and at the end of a piece of unit duration, in rising powers.
+# Hermite basis of degree five: coefficients of (value, velocity, acceleration) at the start and at
+# the end of a piece of unit duration, in ascending powers.
 _HERMITE = np.array(
     [
         [1, 0, 0, 0, 0, 0],
@@ -31,13 +31,13 @@ _HERMITE = np.array(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GripPath:
-    """Pose of the gripper, held still before the first and after the last knot.
+    """Gripper pose over time, constant before the first and after the last knot.
 
     Attributes:
-        knots: Bounds of the pieces, rising; a row may repeat its last knot as padding [s],
+        knots: Boundaries of the pieces, ascending; a row may repeat its last knot as padding [s],
             shape [world, piece + 1].
-        coefficients: Coefficient of each power of the time since the piece began, for x, y, z [m],
-            yaw and pitch [rad], shape [world, piece, 5, 6].
+        coefficients: Coefficient of each power of the time since the start of the piece, for
+            x, y, z [m], yaw and pitch [rad], shape [world, piece, 5, 6].
     """
 
     knots: NDArray[np.float64]
@@ -48,32 +48,32 @@ class GripPath:
         shape = (world_count, knot_count - 1, len(CHANNELS), DEGREE + 1)
         if self.coefficients.shape != shape or knot_count < 2:
             raise InputError(
-                f"coefficients have shape {self.coefficients.shape}: the knots ask for {shape}"
+                f"coefficients have shape {self.coefficients.shape}: the knots require {shape}"
             )
         if not (np.all(np.isfinite(self.knots)) and np.all(np.isfinite(self.coefficients))):
             raise InputError("a grip path must be finite")
         if np.any(np.diff(self.knots, axis=1) < 0):
-            raise InputError("the knots of a grip path must not fall")
+            raise InputError("the knots of a grip path must not decrease")
 
     def __len__(self) -> int:
         return len(self.knots)
 
     def __getitem__(self, index) -> "GripPath":
-        """The worlds that an index, a slice or a mask selects; always a batch."""
+        """Return the worlds selected by an index, a slice or a mask, always as a batch."""
         if isinstance(index, (int, np.integer)):
             index = [int(index)]
         return GripPath(knots=self.knots[index], coefficients=self.coefficients[index])
 
     @property
     def duration(self) -> NDArray[np.float64]:
-        """When each motion ends [s], shape [world]."""
+        """End time of each motion [s], shape [world]."""
         return self.knots[:, -1]
 
     def evaluate(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Poses, or their time derivatives, at some times.
+        """Return the poses, or their time derivatives, at given times.
 
         Args:
-            times: The same for all worlds, shape [step], or per world, shape [world, step] [s].
+            times: Times [s], shape [step] for all worlds or [world, step] per world.
             derivative: 0 for poses, 1 for velocities, 2 for accelerations and so on.
 
         Returns:
@@ -86,7 +86,7 @@ class GripPath:
         for world, row in enumerate(self.knots):
             piece[world] = np.searchsorted(row[1:-1], clamped[world], side="right")
         world = np.arange(len(self))[:, None]
-        # A time at the very end may fall on a padding piece of no duration; step back from it.
+        # The end time may fall on a padding piece of zero duration; step back from it.
         last = np.argmax(self.knots >= self.knots[:, -1:], axis=1)[:, None] - 1
         piece = np.minimum(piece, np.maximum(last, 0))
         local = (clamped - self.knots[world, piece])[..., None]
@@ -101,7 +101,7 @@ class GripPath:
         return value
 
     def mirrored(self) -> "GripPath":
-        """The same motion mirrored about the workspace axis (x and yaw change sign)."""
+        """Return the motion mirrored about the workspace axis (x and yaw change sign)."""
         coefficients = self.coefficients.copy()
         coefficients[:, :, [0, 3]] *= -1.0
         return GripPath(knots=self.knots.copy(), coefficients=coefficients)
@@ -110,14 +110,14 @@ class GripPath:
     def from_hermite(
         cls, knots: ArrayLike, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike
     ) -> "GripPath":
-        """Quintic pieces that match pose, velocity and acceleration at both ends of each piece.
+        """Make quintic pieces that match pose, velocity and acceleration at both ends.
 
         Args:
             knots: Times [s], shape [world, piece + 1].
             poses: x, y, z, yaw, pitch at the knots, shape [world, piece + 1, 5].
             velocities: Their first derivatives, same shape.
-            accelerations: Their second derivatives, same shape; where they jump at a knot, those at
-                the start and at the end of each piece, shape [world, piece, 2, 5].
+            accelerations: Their second derivatives, same shape. If they jump at knots, the values
+                at the start and at the end of each piece, shape [world, piece, 2, 5].
         """
         knots = np.atleast_2d(np.asarray(knots, dtype=float))
         p, v, a = (np.asarray(k, dtype=float) for k in (poses, velocities, accelerations))
@@ -129,16 +129,16 @@ class GripPath:
         unit = np.einsum("ij,wpcj->wpci", _HERMITE, np.stack(ends, axis=-1))
         safe = np.where(h > 0, h, 1.0)[..., None]
         unit /= safe ** np.arange(DEGREE + 1)
-        # Padding pieces of no duration hold the pose.
+        # Padding pieces of zero duration hold the pose.
         still = (h <= 0)[..., None] & (np.arange(DEGREE + 1) > 0)
         return cls(knots=knots, coefficients=np.where(still, 0.0, unit))
 
     @classmethod
     def fit(cls, times: ArrayLike, poses: ArrayLike) -> "GripPath":
-        """A smooth path through measured poses (not-a-knot cubic spline), for one world.
+        """Fit a smooth path through measured poses (not-a-knot cubic spline), for one world.
 
         Args:
-            times: Rising times [s], shape [step], at least four.
+            times: At least four ascending times [s], shape [step].
             poses: x, y, z [m], yaw, pitch [rad], shape [step, 5].
         """
         from scipy.interpolate import CubicSpline
@@ -153,11 +153,11 @@ class GripPath:
 
     @classmethod
     def hold(cls, pose: ArrayLike, duration: float) -> "GripPath":
-        """A gripper that keeps still, for one world.
+        """Return a path that holds one pose, for one world.
 
         Args:
             pose: x, y, z [m], yaw, pitch [rad], shape [5].
-            duration: How long [s].
+            duration: Duration [s].
         """
         coefficients = np.zeros((1, 1, len(CHANNELS), DEGREE + 1))
         coefficients[0, 0, :, 0] = np.asarray(pose, dtype=float)
@@ -165,7 +165,7 @@ class GripPath:
 
     @classmethod
     def stack(cls, paths: Sequence["GripPath"]) -> "GripPath":
-        """One batch from several, padded to the longest."""
+        """Stack several batches into one, padded to the longest."""
         piece_count = max(path.coefficients.shape[1] for path in paths)
         knots, coefficients = [], []
         for path in paths:
@@ -179,19 +179,19 @@ class GripPath:
 
     @classmethod
     def chain(cls, paths: Sequence["GripPath"]) -> "GripPath":
-        """One path that follows several, one after the other, for one world.
+        """Chain several paths into one, for one world.
 
         Args:
-            paths: One row each; each must begin where the one before ends.
+            paths: Paths of one row; each must start where the previous one ends.
         """
         knots, coefficients, end, before = [np.zeros(1)], [], 0.0, np.zeros(len(CHANNELS))
         for path in paths:
             if len(path) != 1:
-                raise InputError(f"a chain is made of single paths, not of a batch of {len(path)}")
+                raise InputError(f"a chain takes paths of one row, not a batch of {len(path)}")
             start = path.evaluate(path.knots[:, :1])[0, 0]
             if coefficients and np.max(np.abs(start - before)) > 1e-6:
                 raise InputError(
-                    f"a path that begins at {start.round(4).tolist()} cannot follow one that ends "
+                    f"a path that starts at {start.round(4).tolist()} cannot follow one that ends "
                     f"at {before.round(4).tolist()}"
                 )
             before = path.evaluate(path.duration[:, None])[0, 0]

@@ -1,4 +1,4 @@
-"""Joint paths: what the robot's controller is sent, one set point per control cycle."""
+"""JointPath: set points for the robot's controller, one per control cycle."""
 
 import dataclasses
 
@@ -16,8 +16,8 @@ class JointPath:
     """Set points of the six joints at the robot's control cycle.
 
     Attributes:
-        times: Time since the motion began, every control_dt, to the first tick at or after its
-            end [s], shape [tick].
+        times: Times since the start of the motion, every control_dt up to the first tick at or
+            after its end [s], shape [tick].
         q: Joint angles [rad], shape [tick, 6].
         qd: Joint rates, the exact derivative of the angles; zero at the end [rad/s], shape
             [tick, 6].
@@ -32,7 +32,7 @@ class JointPath:
         if self.q.shape != shape or self.qd.shape != shape:
             raise InputError(
                 f"a joint path has shapes q {self.q.shape}, qd {self.qd.shape}: its {shape[0]} "
-                f"ticks ask for {shape}"
+                f"ticks require {shape}"
             )
 
     @property
@@ -45,8 +45,8 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
     """Return joint angles and rates that make the gripper follow a path.
 
     Args:
-        grip_path: One row.
-        setup: Gives the arm, its reach and the control cycle.
+        grip_path: Path of one row.
+        setup: Set-up with the arm, its reach and the control cycle.
 
     Raises:
         InputError: More than one row.
@@ -56,7 +56,7 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
         raise InputError(f"a joint path is made from one grip path, not from {len(grip_path)}")
     arm, r_max, control_dt = setup.arm, setup.workspace.r_max, setup.motion.control_dt
     start = float(grip_path.knots[0, 0])
-    # The tick at the very end must not be lost or doubled by rounding.
+    # Rounding must neither drop nor double the last tick.
     tick_count = int(np.ceil((grip_path.duration[0] - start) / control_dt - 1e-9)) + 1
     times = np.arange(tick_count, dtype=np.float64) * control_dt
     poses, velocities = (grip_path.evaluate(start + times, order)[0] for order in (0, 1))
@@ -64,7 +64,7 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
     radius = np.hypot(poses[:, 0], poses[:, 1])
     if np.max(radius) > r_max:
         raise IKError(f"the grip would be {np.max(radius):.4f} m from the base: r_max is {r_max} m")
-    # Raises where a pose is out of reach, which a path does not tell by its rates.
+    # `inverse` raises for a pose out of reach, where `inverse_motion` returns NaN.
     q = arm.inverse(poses)
     qd = arm.inverse_motion(poses, velocities, np.zeros_like(poses)).qd
     return JointPath(times=times, q=q, qd=qd)

@@ -1,7 +1,7 @@
-"""The gripper's path as the arm really moved it, from the joints that the arm reported.
+"""Measured gripper path, fitted to the joint angles that the arm reported.
 
-A servo lags behind its set points and rounds their corners, so the cable feels another path than
-the commanded one. A simulation that is to be compared with a trial must play the measured path.
+A servo lags behind its set points and rounds their corners, so the gripper does not follow the
+commanded path. A simulation that is compared with a trial must play the measured path.
 """
 
 import math
@@ -15,38 +15,38 @@ from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.motion.joint_path import JointPath
 
 KNOT_DT = 0.06
-"""Longest distance between knots [s]: the servo of an arm leaves little that is quicker."""
+"""Longest distance between knots [s]; the arm's servo filters out most of what is faster."""
 
-# What a fit may leave beyond the noise of the encoders, for x, y, z [m], yaw and pitch [rad]: the
-# free end, one cable length away, moves by about as much.
+# Largest fit residual beyond the encoder noise, for x, y, z [m], yaw and pitch [rad]. The free end,
+# one cable length away, moves by about as much.
 _FIT_TOLERANCE = np.array([3e-5, 3e-5, 3e-5, 5e-5, 5e-5])
-# How far from its last pose the grip counts as at rest [m and rad].
+# Distance from the last pose within which the grip counts as at rest [m and rad].
 _REST_TOLERANCE = 1e-4
-# The hold after the motion that the fit looks at [s], so that it learns that it ends at rest.
+# Hold after the motion that the fit includes [s], so that the path ends at rest.
 _REST_TIME = 0.1
 # A piece with fewer samples would follow their noise.
 _PIECE_SAMPLES_MIN = 4
-# Fewer samples do not tell a motion from its noise.
+# Fewer samples cannot separate a motion from its noise.
 _SAMPLES_MIN = 16
 
 
 def grip_path_from_joints(
     joint_path: JointPath, arm: ArmUR, *, knot_dt: float = KNOT_DT
 ) -> GripPath:
-    """The smooth path of the gripper that fits measured joints, in few pieces.
+    """Fit a smooth gripper path of few pieces to measured joints.
 
-    A spline of degree five, begun at rest and ended at rest, with as few knots as leave nothing
-    but the noise of the encoders. Samples before time 0 are left out; after the last knot the grip
-    keeps still.
+    The path is a spline of degree five, at rest at both ends. It has as few knots as possible for
+    the residual to be encoder noise. Samples before time 0 are ignored. After the last knot the
+    grip keeps still.
 
     Args:
-        joint_path: Joints with the times at which the arm reported them, at any rate; its rates
-            are not used.
+        joint_path: Joint angles and the times at which the arm reported them, not necessarily
+            evenly spaced; joint rates are not used.
         arm: Robot arm that reported the joints.
-        knot_dt: Longest distance between knots [s]; it is shortened where that is too coarse.
+        knot_dt: Longest distance between knots [s]; shortened where it is too coarse.
 
     Raises:
-        InputError: Too few samples, times that do not rise, or values that are not finite.
+        InputError: Too few samples, times that do not ascend, or values that are not finite.
     """
     times, poses = _measured_poses(joint_path, arm)
     noise = _noise(times, poses)
@@ -56,7 +56,7 @@ def grip_path_from_joints(
     last = int(moving[-1]) if len(moving) else 0
     end = int(np.searchsorted(times, times[last] + _REST_TIME, side="right"))
     used = slice(0, max(end, _SAMPLES_MIN))
-    # Not where the report stops while the arm moves.
+    # False where the samples stop while the arm still moves.
     rests = times[used][-1] - times[last] > _REST_TIME / 2
     times, poses = times[used], poses[used]
     span = times[-1] - times[0]
@@ -79,14 +79,14 @@ def _measured_poses(
     if np.any(np.diff(times) <= 0):
         at = int(np.argmax(np.diff(times) <= 0)) + 1
         raise InputError(
-            f"measured joints must have rising times, but time {at} is {times[at]:.6g} s after "
+            f"measured joints must have ascending times, but time {at} is {times[at]:.6g} s after "
             f"{times[at - 1]:.6g} s"
         )
     used = times >= 0.0
     times, q = times[used], q[used]
     if len(times) < _SAMPLES_MIN:
         raise InputError(
-            f"{len(times)} samples of measured joints are too few for a path: {_SAMPLES_MIN}"
+            f"{len(times)} samples of measured joints are too few: a path needs {_SAMPLES_MIN}"
         )
     poses = arm.grip_pose(q)
     poses[:, 3] = np.unwrap(poses[:, 3])
@@ -94,30 +94,30 @@ def _measured_poses(
 
 
 def _noise(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard deviation of what differs from sample to sample, per channel, shape [5].
+    """Return the standard deviation of the sample noise per channel, shape [5].
 
-    Of four samples that follow one another the combination is taken to which no parabola
-    contributes: next to nothing is left of a motion, and all of the noise.
+    Each four consecutive samples are combined with weights that cancel any parabola. Almost
+    nothing of the motion remains, but all of the noise.
     """
     groups = np.arange(4) + np.arange(len(times) - 3)[:, None]
     apart = times[groups][:, :, None] - times[groups][:, None, :]
     weights = 1.0 / np.prod(np.where(np.eye(4, dtype=bool), 1.0, apart), axis=2)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     left = np.einsum("ij,ijc->ic", weights, poses[groups])
-    # The median absolute deviation, so that the few samples at the peaks of the jerk do not count.
+    # The median absolute deviation ignores the few samples at jerk peaks.
     return 1.4826 * np.median(np.abs(left), axis=0)
 
 
 def _fit(
     times: NDArray[np.float64], poses: NDArray[np.float64], piece_count: int, rests: bool
 ) -> tuple[GripPath, NDArray[np.float64]]:
-    """The least-squares spline on equal pieces, and what it leaves of each sample."""
+    """Fit a least-squares spline of equal pieces; return it with the residual of each sample."""
     from scipy.interpolate import BSpline
 
     breaks = np.linspace(times[0], times[-1], piece_count + 1)
     knots = np.concatenate([[breaks[0]] * DEGREE, breaks, [breaks[-1]] * DEGREE])
     design = BSpline.design_matrix(times, knots, DEGREE).toarray()
-    # At an end where the first three control points are one, velocity and acceleration are zero.
+    # Velocity and acceleration are zero at an end where three control points coincide.
     groups = np.arange(design.shape[1])
     groups[:3] = 0
     if rests:
@@ -128,7 +128,7 @@ def _fit(
     control, *_ = np.linalg.lstsq(tied, poses, rcond=None)
     residual = poses - tied @ control
     spline = BSpline(knots, control[groups], DEGREE)
-    # Taylor coefficients of each piece at its beginning.
+    # Taylor coefficients at the start of each piece.
     coefficients = np.stack(
         [spline(breaks[:-1], nu=power) / math.factorial(power) for power in range(DEGREE + 1)],
         axis=-1,

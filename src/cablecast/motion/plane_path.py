@@ -1,8 +1,8 @@
-"""PlanePath: builds grip paths out of moves in a vertical plane that turns about the robot's base.
+"""PlanePath: builder of grip paths in a vertical plane that turns about the robot's base.
 
 The reset and polar casting lift, swing and drag the cable within such a plane. A path is built move
-by move in its coordinates: the azimuth of the plane, radius and height in it, how far the cable's
-heading differs from the azimuth, and the pitch.
+by move in plane coordinates: azimuth of the plane, radius and height in it, heading of the cable
+relative to the azimuth, and pitch.
 """
 
 import itertools
@@ -17,18 +17,18 @@ from cablecast.motion.grip_path import GripPath
 COORDINATES = ("azimuth", "radius", "height", "turn", "pitch")
 
 PIECE_DURATION = 0.1
-"""Longest piece of a path [s]. A quintic that meets pose, velocity and acceleration at both ends
-follows the turning plane to better than 1 um at 2 rad/s (tests/motion/test_plane_path.py)."""
+"""Longest piece of a path [s]. A quintic that matches pose, velocity and acceleration at both ends
+follows the turning plane to within 1 um at 2 rad/s (tests/motion/test_plane_path.py)."""
 
-# Position, velocity and acceleration of the smoothest rest-to-rest move (least jerk).
+# Minimum-jerk move from 0 to 1 over unit time, from rest to rest.
 _SMOOTH = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
 
 
 class PlanePath:
-    """A path under construction; every method appends to it and returns it.
+    """Path under construction; every move is appended and returns the path.
 
     Args:
-        pose: Where it begins: x, y, z [m], yaw, pitch [rad], shape [5].
+        pose: Start pose: x, y, z [m], yaw, pitch [rad], shape [5].
     """
 
     def __init__(self, pose: ArrayLike):
@@ -43,24 +43,24 @@ class PlanePath:
 
     @property
     def duration(self) -> float:
-        """Time so far [s]."""
+        """Duration so far [s]."""
         return self._times[-1]
 
     @property
     def place(self) -> dict[str, float]:
-        """Where the path has come to, by coordinate [m], [rad]."""
+        """Coordinates at the current end of the path, by name [m], [rad]."""
         return dict(zip(COORDINATES, self._before[-1][0].tolist(), strict=True))
 
     def hold(self, duration: float) -> "PlanePath":
-        """Keep still for some time [s]."""
+        """Hold the pose for a duration [s]."""
         return self.move(duration)
 
     def move(self, duration: float, **goal: float) -> "PlanePath":
-        """Move smoothly from rest to rest.
+        """Move with minimum jerk from rest to rest.
 
         Args:
-            duration: How long it takes [s].
-            goal: New values of some coordinates [m], [rad]; the others keep theirs.
+            duration: Duration [s].
+            goal: New values of some coordinates [m], [rad]; the others are kept.
         """
         start = self._before[-1][0]
         end = start.copy()
@@ -78,15 +78,15 @@ class PlanePath:
         """Move through points from rest to rest, along a cubic spline.
 
         Args:
-            times: When it passes the points, the last of them where it comes to rest; rising,
-                counted from now [s].
-            points: Values of some coordinates at these times [m], [rad]; the others keep theirs.
+            times: Ascending times of the points, counted from the current end of the path [s]. The
+                path comes to rest at the last one.
+            points: Values of some coordinates at these times [m], [rad]; the others are kept.
         """
         from scipy.interpolate import CubicSpline
 
         knots = np.concatenate([[0.0], np.asarray(times, dtype=float)])
         if np.any(np.diff(knots) <= 0):
-            raise InputError(f"times {list(times)} must rise from above 0")
+            raise InputError(f"times {list(times)} must ascend and be above 0")
         values = np.repeat(self._before[-1][:1], len(knots), axis=0)
         for name, row in points.items():
             values[1:, COORDINATES.index(name)] = row
@@ -106,10 +106,10 @@ class PlanePath:
         self._before += list(before[1:])
 
     def grip_path(self) -> GripPath:
-        """The path so far, as one row.
+        """Return the path so far as one row.
 
         Raises:
-            InputError: Nothing was appended yet.
+            InputError: The path has no move yet.
         """
         if not self._after:
             raise InputError("a path needs at least one move")
@@ -125,10 +125,10 @@ class PlanePath:
 
 
 def _to_base(states: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Pose, velocity and acceleration in the base frame, shape [knot, 5] each.
+    """Return pose, velocity and acceleration in the base frame, each of shape [knot, 5].
 
     Args:
-        states: The same in the coordinates of the plane, shape [knot, 3, 5].
+        states: Pose, velocity and acceleration in plane coordinates, shape [knot, 3, 5].
     """
     (a, da, dda), (r, dr, ddr), (z, dz, ddz), (t, dt, ddt), (p, dp, ddp) = states.transpose(2, 1, 0)
     sin, cos = np.sin(a), np.cos(a)

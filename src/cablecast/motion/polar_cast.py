@@ -1,9 +1,9 @@
 """Polar casting: swing the hanging cable out in a vertical plane, then pull it back slowly.
 
-The paper's baseline (section VI-A) and the last step of its reset (section V-A). From wherever the
-gripper is, it lifts the cable until its free end hangs clear of the table, lets it come to rest,
-swings it forward so that it is laid out straight along the azimuth of the target, and drags it
-towards the robot until its endpoint is as far from the base as the target.
+This is the paper's baseline (section VI-A) and the last step of its reset (section V-A). From any
+pose, the gripper lifts the cable until the free end hangs clear of the table, and waits until it is
+at rest. A swing forward lays the cable out straight along the azimuth of the target. The gripper
+then drags it towards the robot until the endpoint is as far from the base as the target.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float = 0.0) -> PlanePath:
-    """Append: from anywhere low to the cable hanging in the plane at an azimuth [rad]."""
+    """Append the lift, from any low pose to the cable hanging in the plane at an azimuth [rad]."""
     place = path.place
     rise = abs(config.carry_height - place["height"])
     path.move(max(config.carry_time_min, rise / config.carry_speed), height=config.carry_height)
@@ -38,7 +38,7 @@ def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float 
     )
     path.move(config.draw_time, radius=config.draw_radius)
     hang_height = config.hang_height(cable)
-    # The free end is dragged to below the place where it shall hang, and there it stays.
+    # The free end is dragged to the point below which it will hang, and stays there.
     bend_out, bend_up = bend_offsets(cable)
     end_radius = config.hang_radius + config.bend_out_share * bend_out
     length = cable.length + cable.attachment_length - config.bend_up_share * bend_up
@@ -64,17 +64,17 @@ def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float 
 
 
 def bend_offsets(cable: Cable) -> tuple[float, float]:
-    """How far a cable that leaves the gripper level hangs in front of it, and how much higher.
+    """Return the forward and upward shift of the free end due to the bend at the gripper.
 
-    The elastica that turns from level to straight down under a tension T, which is the weight of
-    the cable and its attachment at the bend: with b = sqrt(E I / T) it ends sqrt(2) b in front of
-    its clamp, and (2 - sqrt(2)) b less far down than its length.
+    The gripper clamps the cable level. The cable is an elastica that turns from level to straight
+    down under a tension T, the weight of the cable and its attachment. With b = sqrt(E I / T), its
+    end hangs sqrt(2) b in front of the clamp and (2 - sqrt(2)) b higher than without a bend.
 
     Args:
-        cable: Its parameters are what is believed of it.
+        cable: Cable with its nominal parameters.
 
     Returns:
-        Both lengths [m].
+        Forward and upward shift [m].
     """
     params = cable.params
     tension = GRAVITY * (float(params.mass) + float(params.endpoint_mass))
@@ -88,8 +88,8 @@ def swing_out(
     """Append the swing: the gripper comes down at a radius [m], then the cable settles."""
     swing, place = config.swing, path.place
     low, near = workspace.grip_height, place["radius"]
-    # The gripper swings out beyond where it comes down, so that the cable lands taut; but not
-    # beyond the arm's reach.
+    # For the cable to land taut, the gripper swings out beyond the radius where it comes down, but
+    # stays within the arm's reach.
     farthest = max(radius, workspace.r_max - config.reach_margin)
     outer = [min(near + share * (radius - near), farthest) for share in swing.radii]
     path.through(
@@ -115,21 +115,21 @@ def polar_cast_path(
     config: PolarCastConfig | None = None,
     start: ArrayLike | None = None,
 ) -> GripPath:
-    """Return the whole motion that brings the endpoint to a place within `PolarReach`.
+    """Return the whole motion that brings the endpoint to a point within `PolarReach`.
 
     Args:
-        endpoint_xy: Where the endpoint shall come to rest [m], shape [2].
-        setup: Gives the cable, the table and the arm.
-        config: Settings.
-        start: Pose that the motion starts from (x, y, z, yaw, pitch); the reset pose where None.
+        endpoint_xy: Resting point of the endpoint [m], shape [2].
+        setup: Set-up with the cable, the table and the arm.
+        config: Settings of the lift, the swing and the pull.
+        start: Start pose: x, y, z [m], yaw, pitch [rad], shape [5]; the reset pose if None.
 
     Raises:
-        InputError: The place lies outside the region.
+        InputError: The point lies outside the region.
     """
     config, cable, workspace = config or PolarCastConfig(), setup.cable, setup.workspace
     reach = PolarReach.of(setup, config)
     endpoint_xy = np.asarray(endpoint_xy, dtype=float)
-    # A point on the outline may lie outside by rounding.
+    # Rounding may put a point of the outline outside.
     if np.max(np.abs(reach.nearest(endpoint_xy) - endpoint_xy)) > 1e-6:
         x, y = endpoint_xy.tolist()
         raise InputError(
@@ -145,17 +145,17 @@ def polar_cast_path(
 
 
 def reset_pose(workspace: Workspace) -> Array:
-    """x, y, z, yaw, pitch of the gripper after a reset [m], [rad], shape [5]."""
+    """Return x, y, z [m], yaw, pitch [rad] of the gripper after a reset, shape [5]."""
     return np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
 
 
 def plan_polar_cast(
     endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
 ) -> Trajectory:
-    """Return a polar cast down to joint set points; see `polar_cast_path`.
+    """Plan a polar cast down to joint set points; see `polar_cast_path`.
 
     Raises:
-        InputError: The place lies outside the region.
+        InputError: The point lies outside the region.
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    return follow(polar_cast_path(endpoint_xy, setup, config), setup, "this polar casting")
+    return follow(polar_cast_path(endpoint_xy, setup, config), setup, "this polar cast")

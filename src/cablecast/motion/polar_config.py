@@ -8,22 +8,22 @@ from cablecast.checks import check_ranges
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Swing:
-    """The fixed casting motion in the vertical plane, by the points it passes.
+    """Fixed casting motion in the vertical plane, given by three via points.
 
-    It draws the gripper back, throws it forward and up, tips it up and lowers it behind the cable
-    that flies out, and sets it down. Heights run from 0 where the gripper comes down to 1 where the
-    cable hangs, radii likewise, so that one swing serves every cable and every landing.
+    The gripper draws back, moves fast forward and up, tips up, follows the flying cable downwards,
+    and comes down. Heights run from 0 where it comes down to 1 where the cable hangs; radii run
+    from 0 at the hanging cable to 1 where it comes down. One swing thus serves every cable and
+    every landing.
 
-    The points were searched with the fast engine over the three presets, with cables of other mass,
-    stiffness and friction than believed, with servos that lag behind and with swings up to 4 %
-    faster or slower, from the states in which lifts left the cable swinging a little: for the cable
-    to come down taut and straight. A cable that lands slack folds to one side, and magnifies how it
-    swung aside before.
+    The via points were optimised with the fast engine for the cable to land taut and straight. The
+    search covered the three presets, perturbed masses, stiffnesses and frictions, lagging servos,
+    swings up to 4 % faster or slower, and the slight swinging that a lift leaves behind. A cable
+    that lands slack folds to one side and amplifies its earlier sideways swing.
 
     Attributes:
-        durations: From each point to the next [s]; the first from the hanging cable to the first
-            point, the last to the gripper's rest.
-        draw_back: How far the gripper is drawn back at the first point [m].
+        durations: Durations between the points [s]: from the hanging cable to the first point, to
+            the second, to the third, and to rest.
+        draw_back: Distance that the gripper is drawn back at the first point [m].
         radii: Share of the way out at the second and the third point [-].
         heights: Share of the hanging height at the three points [-].
         pitches: Pitch of the gripper at the three points [rad]; it is level at both ends.
@@ -45,43 +45,42 @@ class Swing:
 class PolarCastConfig:
     """Settings of the lift, the swing and the pull.
 
-    The lift keeps the free end on the table for as long as it can (section V-A), for a cable that
-    comes off the table aslant swings like a pendulum, which three seconds do not still: the gripper
-    drags the cable near the base, rises until the free end must be where the cable shall hang,
-    follows an arc about it, a little inside the cable's length, and goes straight up from there.
-    The last rise is slow where the free end leaves the table: the lower the speed, the nearer to
-    the plumb line the table has let it slide by then. The defaults were searched with the fast
-    engine after 10 casts, with cables of other mass, stiffness and friction than believed, for the
-    hanging cable to swing the least.
+    The lift keeps the free end on the table as long as possible (section V-A). A cable that leaves
+    the table at an angle swings like a pendulum, and three seconds do not damp it out. The gripper
+    drags the cable near the base and rises until the free end is below the hanging point. It then
+    follows an arc about the free end, slightly smaller than the cable's length, and goes straight
+    up. The last rise is slow where the free end leaves the table: at a lower speed, the end has
+    slid closer to the plumb line by then. The defaults were optimised with the fast engine after 10
+    casts, with perturbed masses, stiffnesses and frictions, for the least swing of the hanging
+    cable.
 
     Attributes:
-        hang_radius: Where the cable hangs, from the base axis [m].
-        clearance: How far the hanging cable's lowest point would keep above the table if it hung
-            straight [m]; its bend at the gripper lifts it by some 10 mm more.
-        hang_height_max: How high the arm lifts at most [m]; a longer cable keeps its end on the
-            table.
+        hang_radius: Distance of the hanging cable from the base axis [m].
+        clearance: Height of the lowest point above the table for a cable that hangs straight [m];
+            the bend at the gripper adds about 10 mm.
+        hang_height_max: Largest height of the lift [m]; a longer cable keeps its end on the table.
         carry_height: Height at which the cable is carried in front of the base [m].
-        carry_radius: Where it is carried to [m].
-        carry_speed: Mean speed of that [m/s].
-        carry_time_min: It takes at least this long, and so does the rise before it: a faster rise
-            near the base asks too much of the wrist [s].
-        draw_radius: Where it is dragged to at that height [m].
-        rise_radius: Where the gripper is while it rises [m].
-        arc_share: Share of the cable's length at which the arc about the free end closes [-].
-        bend_out_share, bend_up_share: Shares of `bend_offsets` that the place of the free end and
-            the cable's length allow for [-].
-        draw_time, rise_time, arc_time, lift_time: How long these moves and the last, straight lift
-            take [s].
-        hang_time: How long the cable hangs to come to rest [s] (section V-A).
-        swing: The casting motion.
-        cast_radius: Where the gripper comes down at most [m]: so far short of r_max that it can
-            swing out beyond, and that the elbow is not stretched.
-        reach_margin: The swing's outermost point keeps this far within r_max [m]: the spline
-            through it goes on by a little less.
-        table_margin: How far inside the table's edges the cable's endpoint lands at least [m].
-        settle_time: From the end of the swing to the pull [s].
+        carry_radius: Radius to which it is carried [m].
+        carry_speed: Mean speed of the carry [m/s].
+        carry_time_min: Shortest duration of the carry and of the rise before it [s]; a faster rise
+            near the base demands too much of the wrist.
+        draw_radius: Radius to which the cable is dragged at that height [m].
+        rise_radius: Radius of the gripper while it rises [m].
+        arc_share: Final radius of the arc about the free end, as a share of the cable's length [-].
+        bend_out_share, bend_up_share: Shares of `bend_offsets` by which the place of the free end
+            and the cable's length are corrected [-].
+        draw_time, rise_time, arc_time, lift_time: Durations of these moves and of the final,
+            straight lift [s].
+        hang_time: Time for the hanging cable to come to rest [s] (section V-A).
+        swing: Casting motion.
+        cast_radius: Largest radius at which the gripper comes down [m]. It leaves room below r_max
+            for the gripper to swing out beyond it and for the elbow to stay bent.
+        reach_margin: Distance of the swing's outermost point within r_max [m]; the spline
+            overshoots this point by slightly less.
+        table_margin: Smallest distance of the landed endpoint from the table's edges [m].
+        settle_time: Pause between the swing and the pull [s].
         pull_speed: Mean speed of the slow pull [m/s].
-        pull_time_min: It takes at least this long [s].
+        pull_time_min: Shortest duration of the pull [s].
     """
 
     hang_radius: float = 0.483

@@ -15,22 +15,22 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarReach:
-    """Where polar casting can bring the endpoint of a cable.
+    """Region in which polar casting can lay the endpoint of a cable.
 
     The cast lays the endpoint at most cast_radius + r_c from the base, and inside the table. The
-    pull ends where the gripper would run into the table that the robot stands on, at y = 0.466 m,
-    so that straight ahead the endpoint is at y = 0.466 m + r_c at least, the limit that the paper
-    states. Aside of that the cable lies aslant, and its endpoint may be nearer: the paper's errors
-    of polar casting (median 43 %, third quartile 76 %, largest 106 % of the cable's length) are the
+    pull ends where the gripper would run into the robot's own table, at y = 0.466 m. Straight
+    ahead, y of the endpoint is therefore at least 0.466 m + r_c, the limit that the paper states.
+    To the side the cable lies at an angle, and the endpoint may be nearer. The paper's errors of
+    polar casting (median 43 %, third quartile 76 %, largest 106 % of the cable's length) match the
     distances of its targets from this region (44, 76, 105 %), not from the half plane beyond
     0.466 m + r_c (63, 97, 118 %).
 
     Attributes:
-        cable_length: r_c [m].
-        cast_radius: Where the gripper comes down at most [m].
-        grip_y_min: How near to the robot's own table the gripper may come [m].
+        cable_length: Cable length r_c [m].
+        cast_radius: Largest radius at which the gripper comes down [m].
+        grip_y_min: Smallest y of the gripper, at the robot's own table [m].
         half_width: Largest |x| of an endpoint [m].
-        y_max: Its largest y [m].
+        y_max: Largest y of an endpoint [m].
     """
 
     cable_length: float
@@ -44,7 +44,7 @@ class PolarReach:
         """Return the region for the cable and table of a set-up.
 
         Raises:
-            InputError: It is empty: the cable is too long for the table.
+            InputError: The region is empty: the cable is too long for the table.
         """
         config, cable, workspace = config or PolarCastConfig(), setup.cable, setup.workspace
         reach = cls(
@@ -64,7 +64,7 @@ class PolarReach:
 
     @property
     def radius(self) -> float:
-        """Farthest endpoint from the base where no edge of the table is in the way [m]."""
+        """Largest distance of an endpoint from the base, table edges ignored [m]."""
         return self.cast_radius + self.cable_length
 
     @property
@@ -74,7 +74,7 @@ class PolarReach:
         return float(0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))))
 
     def contains(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Which points lie in the region.
+        """Return which points lie in the region.
 
         Args:
             xy: Points [m], shape [..., 2].
@@ -86,7 +86,7 @@ class PolarReach:
         return inside & ((r - self.cable_length) * np.cos(theta) >= self.grip_y_min)
 
     def landing_radius(self, theta: float) -> float:
-        """How far from the base the cast lays the endpoint, before the pull [m].
+        """Return the distance from the base at which the endpoint lands, before the pull [m].
 
         Args:
             theta: Azimuth [rad].
@@ -96,7 +96,7 @@ class PolarReach:
         return float(min(self.radius, *edges))
 
     def pulled_radius(self, theta: float) -> float:
-        """How near to the base the endpoint can be pulled [m].
+        """Return the smallest distance from the base to which the endpoint can be pulled [m].
 
         Args:
             theta: Azimuth [rad].
@@ -105,7 +105,7 @@ class PolarReach:
 
     @property
     def theta_max(self) -> float:
-        """The azimuth up to which the cable can be cast and pulled [rad]."""
+        """Largest azimuth at which the cable can be cast and pulled [rad]."""
         low, high = 0.0, float(np.pi / 2)
         for _ in range(60):
             middle = (low + high) / 2
@@ -114,10 +114,10 @@ class PolarReach:
         return low
 
     def outline(self, count: int = 200) -> Array:
-        """Points all around the region, from the right end along the far bound and back.
+        """Return points around the region, from the right end along the far bound and back.
 
         Args:
-            count: How many on each bound.
+            count: Number of points on each bound.
 
         Returns:
             x, y [m], shape [2 count, 2].
@@ -133,14 +133,14 @@ class PolarReach:
         return np.concatenate(bounds)
 
     def nearest(self, xy: ArrayLike) -> Array:
-        """The points of the region that come nearest to some points.
+        """Return the points of the region nearest to given points.
 
         Args:
             xy: Points [m], shape [..., 2].
         """
         xy = np.asarray(xy, dtype=float)
         near = xy.reshape(-1, 2).copy()
-        # Project on every edge of a fine outline; its chords leave the curves by less than 1 um.
+        # Project onto every edge of a fine outline; its chords are within 1 um of the curves.
         start = self.outline(1000)
         edge = np.roll(start, -1, axis=0) - start
         length2 = np.maximum(np.sum(edge**2, axis=1), 1e-30)

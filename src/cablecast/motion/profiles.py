@@ -1,8 +1,8 @@
 """Jerk-limited maximum-velocity profiles, planned with ruckig, as batches of polynomial phases.
 
 Paper, section V-B: a maximum-velocity spline with jerk-limited bang-bang control. ruckig plans each
-rest-to-rest move; its acceleration is left unlimited, so that the jerk alone switches. Only the
-phases are taken out of it: nothing is sampled in Python.
+rest-to-rest move without a limit of acceleration, so that only the jerk switches. Only the phases
+are read from ruckig: nothing is sampled in Python.
 """
 
 import dataclasses
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from cablecast.errors import InputError
 
 PHASE_COUNT = 7
-"""Phases of constant jerk of a rest-to-rest move; those with unlimited acceleration last 0 s."""
+"""Number of constant-jerk phases of a rest-to-rest move. Those of constant acceleration last 0 s,
+since acceleration is unlimited."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,7 @@ class Profiles:
 
     Attributes:
         durations: Duration of each phase [s], shape [move, 7].
-        jerks: Its jerk [rad/s³], same shape.
+        jerks: Jerk of each phase [rad/s³], same shape.
     """
 
     durations: NDArray[np.float64]
@@ -44,14 +45,14 @@ class Profiles:
 
     @property
     def peak_velocity(self) -> NDArray[np.float64]:
-        """Largest speed of each move [rad/s], shape [move]; by symmetry it is that halfway."""
+        """Peak speed of each move [rad/s], shape [move]; by symmetry, the speed halfway."""
         return np.abs(self.evaluate(self.duration[:, None] / 2)[1][:, 0])
 
     def dilated(self, factor: NDArray[np.float64]) -> "Profiles":
-        """The same moves run slower: all times are multiplied.
+        """Return the moves slowed down by a factor.
 
         Args:
-            factor: At least 1 [-], shape [move].
+            factor: Factor of all times, at least 1 [-], shape [move].
         """
         factor = factor[:, None]
         return Profiles(durations=self.durations * factor, jerks=self.jerks / factor**3)
@@ -59,10 +60,10 @@ class Profiles:
     def evaluate(
         self, times: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Position, velocity and acceleration; at rest before the start and after the end.
+        """Return position, velocity and acceleration; at rest before the start and after the end.
 
         Args:
-            times: Time since each move began [s], shape [move, step].
+            times: Times since the start of each move [s], shape [move, step].
 
         Returns:
             Position [rad], velocity [rad/s], acceleration [rad/s²], each of shape [move, step].
@@ -85,7 +86,7 @@ class Profiles:
         )
 
     def _states(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Position, velocity and acceleration at each knot, each of shape [move, 8]."""
+        """Return position, velocity and acceleration at each knot, each of shape [move, 8]."""
         p, v, a = np.zeros((3, len(self), PHASE_COUNT + 1))
         for phase in range(PHASE_COUNT):
             t, j = self.durations[:, phase], self.jerks[:, phase]
@@ -99,15 +100,15 @@ class Profiles:
 def plan_profiles(
     distances: NDArray[np.float64], velocities: NDArray[np.float64], jerks: NDArray[np.float64]
 ) -> Profiles:
-    """The fastest rest-to-rest moves under a limit of velocity and of jerk.
+    """Plan the fastest rest-to-rest moves within limits of velocity and jerk.
 
     Args:
-        distances: How far to move, with sign [rad], shape [move].
+        distances: Signed distances [rad], shape [move].
         velocities: Velocity limit of each move [rad/s], shape [move].
         jerks: Jerk limit of each move [rad/s³], shape [move].
 
     Raises:
-        InputError: ruckig finds no plan, since a distance or a limit makes no sense.
+        InputError: ruckig finds no plan because a distance or a limit is invalid.
     """
     import ruckig
 
@@ -115,8 +116,8 @@ def plan_profiles(
     request = ruckig.InputParameter(1)
     request.max_acceleration = [float("inf")]
     trajectory = ruckig.Trajectory(1)
-    # Moves are planned forwards and mirrored after, so that mirrored moves are equal to the last
-    # bit. A grid of actions repeats few distinct moves, and each is planned once.
+    # Plan all moves forwards and then mirror them, so that mirrored moves are bit-identical. A grid
+    # of actions has few distinct moves; each is planned once.
     moves, inverse = np.unique(
         np.stack([np.abs(distances), velocities, jerks], axis=1), axis=0, return_inverse=True
     )

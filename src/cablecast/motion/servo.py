@@ -1,9 +1,9 @@
-"""Servo model: the motion of the joints, and so of the gripper, that a command leads to.
+"""Servo model: actual motion of the joints, and so of the gripper, for commanded set points.
 
-Each joint answers its set points with a dead time and the response of a damped oscillator. A cast
-lasts a second or two and turns within tenths of a second, so a lag of a few hundredths of a second
-bends the gripper's path by centimetres. That is more than the error of the cable model. A simulator
-must therefore play the path that the arm takes, not the path that was commanded.
+Each joint follows its set points with a dead time and as a damped oscillator. A cast lasts a second
+or two and turns within tenths of a second, so a lag of a few hundredths of a second changes the
+gripper's path by centimetres. That is more than the error of the cable model. A simulator must
+therefore play the path that the arm takes, not the commanded path.
 """
 
 import dataclasses
@@ -24,10 +24,10 @@ _STEP = 0.016
 _KNOT_STEPS = 2
 """Time steps between the knots of the resulting path."""
 _SETTLED = 1e-4
-"""Share of a step input still to go when the resulting path ends [-]."""
+"""Remaining share of a step input at the end of the resulting path [-]."""
 _SETTLE_MAX = 2.0
-"""Longest time that a resulting path may take to settle [s]."""
-# Paths converted at a time: keeps the intermediate arrays to about 100 MB.
+"""Longest settling time of a resulting path [s]."""
+# Paths per chunk: limits the intermediate arrays to about 100 MB.
 _CHUNK = 1000
 
 
@@ -44,7 +44,7 @@ class ServoModel:
         frequency: Undamped angular frequency of the response [rad/s], shape [6].
         damping: Damping ratio of the response [-], shape [6].
         residual: RMS difference between measured and modelled joint angles [rad], shape [6]; NaN
-            where unknown.
+            if unknown.
     """
 
     delay: NDArray[np.float64]
@@ -106,11 +106,11 @@ class ServoModel:
         """Return the paths that the gripper takes along commanded paths.
 
         Args:
-            grip_path: Commanded paths, which start at rest and at the same time.
+            grip_path: Commanded paths, which start from rest and at the same time.
             arm: Robot arm.
 
         Returns:
-            One path per commanded path. Each ends when the arm has settled.
+            One path per commanded path, which ends when the arm has settled.
 
         Raises:
             IKError: A path leaves the reach of the arm.
@@ -145,7 +145,7 @@ class ServoModel:
         # The spline's coefficients are [power, piece, world, channel], highest power first.
         coefficients = np.zeros((len(grip_path), knot_count - 1, poses.shape[2], 6))
         coefficients[..., :4] = np.transpose(spline.c[::-1], (2, 1, 3, 0))
-        # Rows that end earlier hold the pose in which they have settled.
+        # Rows that end earlier hold their settled pose.
         row_knots = np.minimum(knots, knots[end_knot][:, None])
         over = np.arange(knot_count - 1) >= end_knot[:, None]
         coefficients[over] = 0.0
@@ -179,7 +179,7 @@ class ServoModel:
             }
             return cls(**arrays)
         except (TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"this is no servo model: {error}") from None
+            raise InputError(f"this is not a servo model: {error}") from None
 
 
 def joint_response(
@@ -187,7 +187,7 @@ def joint_response(
 ) -> NDArray[np.float64]:
     """Return the angle of one joint that follows evenly spaced set points.
 
-    The controller is taken to interpolate smoothly between the set points.
+    The controller is assumed to interpolate smoothly between the set points.
 
     Args:
         q: Set points, which start at rest [rad], shape [..., tick].
@@ -203,7 +203,7 @@ def joint_response(
 
     start = q[..., :1]
     delayed = _delayed(q - start, delay / dt)
-    # The filter is exact for set points joined by straight lines. A smooth curve runs inside its
+    # The filter is exact for set points joined by straight lines. A smooth curve differs from its
     # chords, on average by a twelfth of the second difference.
     delayed[..., 1:-1] -= np.diff(delayed, 2, axis=-1) / 12.0
     numerator, denominator = _oscillator_filter(frequency, damping, dt)
@@ -236,8 +236,8 @@ def _oscillator_filter(
     sine = slow * dt * (np.expm1(gap) / gap if gap else 1.0)
     ramp = dt - lag + lag * (slow + fast) / 2.0 + (2.0 * damping**2 - 1.0) * sine
     a1, a2 = -float((slow + fast).real), float((slow * fast).real)
-    # Three conditions fix the numerator: the answer to a ramp after one interval, a gain of one,
-    # and the lag behind a ramp that has lasted for long.
+    # Three conditions fix the numerator: the response to a ramp after one interval, unit gain, and
+    # the steady-state lag behind a ramp.
     gain = 1.0 + a1 + a2
     b0 = float(ramp.real) / dt
     b2 = gain * lag / dt + a1 + 2.0 * a2 - gain + b0
@@ -249,7 +249,7 @@ def _delayed(values: NDArray[np.float64], steps: float) -> NDArray[np.float64]:
 
     Args:
         values: Signal, which starts at rest at 0, shape [..., tick].
-        steps: Delay in ticks, not necessarily whole.
+        steps: Delay in ticks, may be fractional.
 
     Returns:
         Delayed signal, shape [..., tick].

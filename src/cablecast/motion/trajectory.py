@@ -1,4 +1,4 @@
-"""Trajectories: one planned motion, as every rig executes it."""
+"""Trajectory: one planned motion, in the form that every rig executes."""
 
 import dataclasses
 
@@ -13,12 +13,12 @@ from cablecast.setup import Setup
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trajectory:
-    """One motion, for a rig to execute.
+    """One planned motion for a rig to execute.
 
     Attributes:
-        action: What it was planned from; None for a motion that is no cast.
+        action: Action that it was planned from; None for a motion that is not a cast.
         grip_path: Path of the gripper, one row.
-        joint_path: Set points of the joints; None for a rig that has no joints.
+        joint_path: Set points of the joints; None for a rig without joints.
     """
 
     action: Action | None
@@ -31,7 +31,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """When the motion ends [s]."""
+        """End time of the motion [s]."""
         return float(self.grip_path.duration[0])
 
 
@@ -40,10 +40,10 @@ def plan_trajectory(action: Action, setup: Setup) -> Trajectory:
 
     Args:
         action: Casting motion.
-        setup: Gives the arm, the reset position and the system parameters.
+        setup: Set-up with the arm, the reset position and the system parameters.
 
     Raises:
-        JointLimitError: The motion would break limits; the message names each with its value.
+        JointLimitError: The motion violates limits; the message names each with its value.
     """
     return follow(cast_grip_paths(action.to_array()[None], setup), setup, str(action), action)
 
@@ -54,8 +54,8 @@ def follow(
     """Add the joint set points that follow a grip path.
 
     Args:
-        grip_path: One row.
-        setup: Gives the arm and the control cycle.
+        grip_path: Path of one row.
+        setup: Set-up with the arm and the control cycle.
         what: Name of the motion in the error.
         action: Action that the path was planned from, if any.
 
