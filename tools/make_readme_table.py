@@ -1,37 +1,42 @@
 """Print the README's headline table in Markdown, from the folder of a reproduction.
 
-    .venv/bin/python docs/make_readme_table.py runs/reproduce            # print it
-    .venv/bin/python docs/make_readme_table.py runs/reproduce --write    # put it into README.md
+    python tools/make_readme_table.py runs/reproduce            # print it
+    python tools/make_readme_table.py runs/reproduce --write    # put it into README.md
 
 All numbers come from the folder; the sentences around them stand here.
 """
 
 import argparse
-import json
+import dataclasses
 import pathlib
 import re
 
-from cablecast.datasets.progress import duration_text
 from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
 from cablecast.files import write_text
+from cablecast.pipeline.reproduce_stages import QUICK
+from cablecast.reading import read_json, read_text
 from cablecast.report.reproduction import BEST_METHOD, METHOD_NAMES, Reproduction
-from cablecast.report.tables import BEST_METHOD_PUBLISHED, five_cells, published_cells
+from cablecast.report.tables import BEST_METHOD_PUBLISHED
+from cablecast.report.text import five_cells, published_cells
+from cablecast.runs.progress import duration_text
+from cablecast.runs.settings import plain_settings
 
 README = pathlib.Path(__file__).parents[1] / "README.md"
 BEGIN, END = "<!-- headline: begin", "<!-- headline: end -->"
 
 
 def headline(folder: pathlib.Path) -> str:
-    """The table with what a reader must know about it."""
-    config = json.loads((folder / "config.json").read_text())
+    """Return the table with all that a reader must know about it."""
+    config = read_json(folder / "config.json")
     settings = config["settings"]
     budget = settings["budget"]
     results = Reproduction(folder=folder, cables=tuple(budget["cables"]))
     first = results.cables[0]
-    command = "cablecast reproduce" + " --quick" * settings["quick"]
-    seconds = json.loads((folder / "stages.json").read_text())
+    is_quick = budget == plain_settings(dataclasses.asdict(QUICK))
+    command = "cablecast reproduce" + " --quick" * is_quick
+    seconds = read_json(folder / "metrics.json")["seconds"]
     lines = [
-        f"{BEGIN}. Written by `python docs/make_readme_table.py {folder} --write`. -->",
+        f"{BEGIN}. Written by `python tools/make_readme_table.py {folder} --write`. -->",
         "",
         "Distance from target to landing over the 32 targets, in % of cable length:",
         "",
@@ -63,7 +68,7 @@ def headline(folder: pathlib.Path) -> str:
 
 
 def _other_methods(results: Reproduction, cable: str, rig: str) -> list[str]:
-    """Rows of the other methods on the first cable, each followed by the paper's."""
+    """Return the rows of the other methods on the first cable, each followed by the paper's."""
     lines = []
     for method, metrics in reversed(results.evaluations(cable).items()):
         if method != BEST_METHOD:
@@ -83,7 +88,7 @@ def _published(row: PublishedRow) -> str:
 
 
 def _landed(results: Reproduction) -> str:
-    """How many casts of the best method the errors leave out."""
+    """Tell the number of casts of the best method that the errors leave out."""
     phrases = []
     for cable, metrics in results.best_evaluations().items():
         lost = metrics["trial_count"] - metrics["status_counts"].get("ok", 0)
@@ -94,7 +99,7 @@ def _landed(results: Reproduction) -> str:
 def main() -> None:
     """Print the headline, or put it into the README."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=pathlib.Path, help="what `cablecast reproduce` wrote")
+    parser.add_argument("folder", type=pathlib.Path, help="folder of `cablecast reproduce`")
     parser.add_argument("--write", action="store_true", help="put it into README.md")
     arguments = parser.parse_args()
     text = headline(arguments.folder)
@@ -102,7 +107,7 @@ def main() -> None:
         print(text)
         return
     pattern = re.escape(BEGIN) + ".*?" + re.escape(END)
-    readme, count = re.subn(pattern, lambda _: text, README.read_text(), flags=re.DOTALL)
+    readme, count = re.subn(pattern, lambda _: text, read_text(README), flags=re.DOTALL)
     if count != 1:
         raise SystemExit(f"{README} has {count} headlines between {BEGIN} and {END}, not one")
     write_text(README, readme)

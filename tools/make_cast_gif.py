@@ -1,9 +1,9 @@
 """Draw casts as a moving picture, from the report of an evaluation.
 
-    .venv/bin/python docs/make_cast_gif.py runs/cable_1/evaluate-virtual/report.html docs/casts.gif
+    python tools/make_cast_gif.py runs/cable_1/evaluate-virtual/report.html docs/images/casts.gif
 
-The report holds the shapes of the cable every 0.1 s; what lies between is interpolated. The arm is
-drawn as the straight line from its base to the gripper that it is when seen from above.
+The report holds the table, and the shapes of the cable every 0.1 s; the frames between are
+interpolated. The arm is drawn as it is seen from above: a straight line from base to gripper.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import re
 import numpy as np
 
 from cablecast.files import write_bytes
+from cablecast.reading import JSON_SIZE_MAX, read_text
 from cablecast.report.style import (
     BLUE,
     INK,
@@ -22,35 +23,38 @@ from cablecast.report.style import (
     SKY,
     VERMILLION,
     draw_workspace,
+    frame_workspace,
     new_figure,
+    panel_height,
     styled,
 )
 from cablecast.workspace import Workspace
 
 FRAMES_PER_SECOND = 20
-REST_SECONDS = 0.7  # How long the landed cable is looked at before the next cast.
-TRAIL_SECONDS = 0.5  # How much of the free end's way is drawn behind it.
-SIZE_INCHES = (6.4, 3.75)
+REST_SECONDS = 0.7  # Time that the landed cable is shown before the next cast.
+TRAIL_SECONDS = 0.5  # Length of the trail behind the free end, in time.
+WIDTH = 6.4  # [inch]
 DPI = 100
 COLORS = 48
 
 
-def read_casts(report: pathlib.Path) -> list[dict]:
-    """The casts that a report's player shows: target, times, shapes."""
-    found = re.search(
-        r'<script type="application/json" id="casts">(.*?)</script>', report.read_text(), re.DOTALL
-    )
+def read_casts(report: pathlib.Path) -> tuple[list[dict], Workspace]:
+    """Return the casts that a report's player shows (target, times, shapes), and its table."""
+    page = read_text(report, JSON_SIZE_MAX)
+    pattern = r'<script type="application/json" id="casts">(.*?)</script>'
+    found = re.search(pattern, page, re.DOTALL)
     if found is None:
         raise SystemExit(f"{report} holds no casts: its rig does not see the shape of the cable")
-    return json.loads(found.group(1))["casts"]
+    player = json.loads(found.group(1))
+    return player["casts"], Workspace.from_dict(player["workspace"])
 
 
 def choose_casts(casts: list[dict], count: int) -> list[dict]:
-    """The casts that landed nearest, no two of them on neighbouring targets, from left to right.
+    """Choose the casts that landed nearest, none on neighbouring targets, from left to right.
 
     Args:
         casts: All casts.
-        count: How many.
+        count: Largest number of casts.
     """
     landed = [cast for cast in casts if cast["status"] == "ok"]
     landed.sort(key=lambda cast: float(cast["error"]))
@@ -64,7 +68,7 @@ def choose_casts(casts: list[dict], count: int) -> list[dict]:
 
 
 def frames_of(cast: dict) -> np.ndarray:
-    """Shapes of the cable at the frames of the picture [m], shape [frame, node, 2]."""
+    """Return the shapes of the cable at the frames of the picture [m], shape [frame, node, 2]."""
     from scipy.interpolate import PchipInterpolator
 
     times = np.array(cast["times"])
@@ -75,17 +79,15 @@ def frames_of(cast: dict) -> np.ndarray:
 
 
 def draw(casts: list[dict], workspace: Workspace) -> list:
-    """All frames as images."""
+    """Return all frames as images."""
     from PIL import Image
 
-    figure = new_figure(*SIZE_INCHES)
+    figure = new_figure(WIDTH, panel_height(workspace, WIDTH))
     images = []
     with styled():
         axes = figure.add_subplot()
         draw_workspace(axes, workspace, ticks=False)
-        half_width = workspace.table_width / 2
-        axes.set_xlim(-half_width - 0.03, half_width + 0.03)
-        axes.set_ylim(-0.1, workspace.table_depth + 0.1)
+        frame_workspace(axes, workspace)
         for cast in casts:
             axes.plot(*np.divide(cast["target_mm"], 1000), "+", color=MUTED, markersize=9, zorder=3)
         (arm,) = axes.plot([], [], color=INK, linewidth=6, solid_capstyle="round", zorder=5)
@@ -96,7 +98,8 @@ def draw(casts: list[dict], workspace: Workspace) -> list:
         (cross,) = axes.plot(
             [], [], "+", color=VERMILLION, markersize=15, markeredgewidth=2.4, zorder=4
         )
-        label = axes.text(-half_width + 0.04, workspace.table_depth - 0.05, "", va="top", zorder=9)
+        corner = (-workspace.half_width + 0.04, workspace.y_max - 0.05)
+        label = axes.text(*corner, "", va="top", zorder=9)
         for cast in casts:
             shapes = frames_of(cast)
             cross.set_data(*[[value / 1000.0] for value in cast["target_mm"]])
@@ -120,7 +123,7 @@ def draw(casts: list[dict], workspace: Workspace) -> list:
 
 
 def gif_bytes(images: list) -> bytes:
-    """The images as one GIF with one palette; a GIF stores only what changes between frames."""
+    """Return the images as one GIF with one palette; it stores only changes between frames."""
     from PIL import Image
 
     palette = images[-1].quantize(COLORS, method=Image.Quantize.MEDIANCUT)
@@ -144,10 +147,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("report", type=pathlib.Path, help="report.html of an evaluation")
     parser.add_argument("out", type=pathlib.Path, help="the GIF to write")
-    parser.add_argument("--count", type=int, default=4, help="how many casts")
+    parser.add_argument("--count", type=int, default=4, help="number of casts")
     arguments = parser.parse_args()
-    casts = choose_casts(read_casts(arguments.report), arguments.count)
-    content = gif_bytes(draw(casts, Workspace()))
+    casts, workspace = read_casts(arguments.report)
+    casts = choose_casts(casts, arguments.count)
+    if not casts:
+        raise SystemExit(f"{arguments.report} holds no cast that landed")
+    content = gif_bytes(draw(casts, workspace))
     write_bytes(arguments.out, content)
     print(f"{arguments.out}: {len(casts)} casts, {len(content) / 1e6:.2f} MB")
 

@@ -1,6 +1,6 @@
 """Put the figures of a reproduction into docs/images, scaled to a page and to few colours.
 
-.venv/bin/python docs/make_pictures.py runs/reproduce
+python tools/make_pictures.py runs/reproduce
 """
 
 import argparse
@@ -8,7 +8,7 @@ import pathlib
 
 from PIL import Image
 
-IMAGES = pathlib.Path(__file__).parent / "images"
+IMAGES = pathlib.Path(__file__).parents[1] / "docs" / "images"
 WIDTH = 1100
 COLORS = 96
 
@@ -22,7 +22,7 @@ SOURCES = {
 
 def main() -> None:
     """Write each picture."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("run", type=pathlib.Path, help="folder of `cablecast reproduce`")
     parser.add_argument("--cable", default="cable_1")
     arguments = parser.parse_args()

@@ -1,49 +1,56 @@
 """Draw the reset from the side, as the fast engine simulates it.
 
-    python docs/make_reset_figure.py docs/images/reset.png
+    python tools/make_reset_figure.py docs/images/reset.png
 
-A cast lays the cable aside, and the reset brings it back. The side view shows distance from the
-base against height; the view from above shows where the cable lay before and after.
+A cast lays the cable aside, and the reset brings it back. The side view shows height over distance
+from the base; the view from above shows the cable before and after.
 """
 
 import argparse
 import dataclasses
-import io
 import pathlib
 
 import numpy as np
-from PIL import Image
 
-from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.files import write_bytes
-from cablecast.motion.action import Action, MotionConfig
+from cablecast.motion.action import Action
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.reset import reset_path
-from cablecast.report.style import BLUE, INK, MUTED, SKY, VERMILLION, new_figure, png_bytes, styled
-from cablecast.workspace import Workspace
+from cablecast.report.style import (
+    BLUE,
+    INK,
+    MUTED,
+    SKY,
+    VERMILLION,
+    compact_png,
+    new_figure,
+    styled,
+)
+from cablecast.setup import Setup
 
 ACTION = Action(theta1=np.radians(-50), theta2=np.radians(35), r2=0.70, psi=np.radians(60))
 SAMPLE_DT = 0.02
 HANGING = 1e-9
-"""A gripper that is this slow stands still [m/s]."""
+"""Speed below which a gripper stands still [m/s]."""
 
 
 def simulate() -> tuple[GripPath, np.ndarray, np.ndarray]:
-    """The gripper's path through a reset after a cast, and the cable's shapes in it.
+    """Return the gripper's path through a reset after a cast, and the cable's shapes in it.
 
     Returns:
-        The path, times [s], and nodes [m], shape [step, node, 3].
+        Path, times [s], and nodes [m], shape [step, node, 3].
     """
-    cable, workspace, engine = load_cable("cable_1"), Workspace(), EngineWarp()
+    setup, engine = Setup(), EngineWarp()
+    cable = setup.cable
     # The engine's cable ends at the endpoint; with the hook it is as long as the real one.
     whole = dataclasses.replace(
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
-    cast = cast_grip_paths(ACTION.to_array()[None], MotionConfig(), workspace)
+    cast = cast_grip_paths(ACTION.to_array()[None], setup)
     thrown = engine.rollout(whole, cable.params, cast).final_state
-    path = reset_path(cast.evaluate(cast.duration[:, None])[0, 0], cable, workspace)
+    path = reset_path(cast.evaluate(cast.duration[:, None])[0, 0], setup)
     rollout = engine.rollout(
         whole, cable.params, path, thrown, sample_dt=SAMPLE_DT, record_nodes=True
     )
@@ -53,7 +60,7 @@ def simulate() -> tuple[GripPath, np.ndarray, np.ndarray]:
 
 
 def phases(path: GripPath, times: np.ndarray) -> list[tuple[str, float, float]]:
-    """Name, beginning and end [s] of each part, told by where the gripper stands still."""
+    """Return name, beginning and end [s] of each part; at both the gripper stands still."""
     speed = np.abs(path.evaluate(times, 1)[0]).max(axis=1)
     height = path.evaluate(times)[0, :, 2]
     still = speed < HANGING
@@ -77,7 +84,7 @@ def main() -> None:
         panels = figure.subplots(1, 3, gridspec_kw={"width_ratios": (1.5, 1.5, 1)})
         for axes, (name, begin, end) in zip(panels[:2], phases(path, times), strict=True):
             rows = np.flatnonzero((times >= begin) & (times <= end + SAMPLE_DT))
-            # Seen from the side: distance from the base's axis along the way that it points.
+            # Seen from the side: distance from the base's axis.
             radius = np.hypot(nodes[..., 0], nodes[..., 1])
             for row in rows[np.linspace(0, len(rows) - 1, 9).round().astype(int)]:
                 share = (times[row] - begin) / max(end - begin, 1e-9)
@@ -100,14 +107,9 @@ def main() -> None:
         axes.set_aspect("equal")
         axes.set_title("after the pull, from above")
         axes.legend(loc="upper left")
-    # A palette makes the file a third as large.
-    image = Image.open(io.BytesIO(png_bytes(figure, 130))).convert("RGB").quantize(64)
-    buffer = io.BytesIO()
-    image.save(buffer, format="png", optimize=True)
-    write_bytes(out, buffer.getvalue())
-    print(
-        f"{out}: {len(buffer.getvalue()) / 1024:.0f} KB, the reset takes {path.duration[0]:.1f} s"
-    )
+    content = compact_png(figure, 130)
+    write_bytes(out, content)
+    print(f"{out}: {len(content) / 1024:.0f} KB, the reset takes {path.duration[0]:.1f} s")
 
 
 if __name__ == "__main__":
