@@ -1,4 +1,4 @@
-"""Cables: geometry, the ten tuned parameters in SI, three presets, and files for one's own."""
+"""Cables: geometry, the ten tuned parameters in SI units, three presets, and YAML files."""
 
 import dataclasses
 import enum
@@ -17,15 +17,15 @@ from cablecast.reading import read_yaml
 
 
 class Attachment(enum.Enum):
-    """What hangs at the free end of the cable."""
+    """Attachment at the free end of the cable."""
 
     NONE = "none"
     HOOK = "hook"
     MAGNET = "magnet"
 
 
-# Allowed range of each parameter, lower and upper bound included. The upper bounds lie well above
-# any rope, wire or hose of half a metre to a metre that a UR5 would throw.
+# Allowed range of each parameter, bounds included. The upper bounds are well above any rope, wire
+# or hose of half a metre to a metre that a UR5 would cast.
 PARAM_BOUNDS: dict[str, tuple[float, float]] = {
     "twist_stiffness": (0.0, 1.0),
     "bend_stiffness": (0.0, 0.1),
@@ -55,7 +55,7 @@ PARAM_UNITS: dict[str, str] = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CableParams:
-    """The ten parameters that tuning adjusts (paper, section IV-C), in SI.
+    """The ten parameters that tuning adjusts (paper, section IV-C), in SI units.
 
     Every value is a number shared by all worlds, or an array with one value per world, shape
     [world].
@@ -111,7 +111,7 @@ class CableParams:
 
     @property
     def world_count(self) -> int | None:
-        """Number of worlds, or None where every value is shared."""
+        """Number of worlds; None if all values are shared."""
         for name in self.names():
             value = np.asarray(getattr(self, name))
             if value.ndim:
@@ -124,13 +124,13 @@ class CableParams:
         return self.lateral_friction * self.worksurface_friction
 
     def to_array(self) -> NDArray[np.float64]:
-        """The values as an array, shape [10] or [world, 10]."""
+        """Return the values as an array, shape [10] or [world, 10]."""
         columns = [np.asarray(getattr(self, name), dtype=float) for name in self.names()]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> "CableParams":
-        """Parameters from an array in the order of `names`, shape [10] or [world, 10]."""
+        """Make parameters from an array in the order of `names`, shape [10] or [world, 10]."""
         values = np.asarray(values, dtype=float)
         if values.ndim not in (1, 2) or values.shape[-1] != len(cls.names()):
             raise InputError(
@@ -140,7 +140,7 @@ class CableParams:
         return cls(**dict(zip(cls.names(), columns, strict=True)))
 
     def to_dict(self) -> dict[str, float]:
-        """The values by name, for a config file.
+        """Return the values by name, for a config file.
 
         Raises:
             InputError: The parameters differ from world to world.
@@ -152,15 +152,15 @@ class CableParams:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cable:
-    """A cable and what is believed of it before any tuning.
+    """A cable with its nominal parameters, before tuning.
 
     Attributes:
-        name: What to call it.
+        name: Name of the cable.
         length: Length r_c from the grip to the endpoint [m]; errors are given in % of it.
         diameter: Outer diameter [m].
-        attachment: What hangs at the free end.
-        attachment_length: How far the attachment extends beyond the cable [m].
-        params: Starting values of the ten parameters.
+        attachment: Attachment at the free end.
+        attachment_length: Length of the attachment beyond the cable [m].
+        params: Nominal values of the ten parameters, from which tuning starts.
     """
 
     name: str
@@ -182,23 +182,23 @@ class Cable:
             "cable",
         )
         if not isinstance(self.attachment, Attachment):
-            raise InputError(f"cable attachment = {self.attachment!r} is no Attachment")
+            raise InputError(f"cable attachment = {self.attachment!r} is not an Attachment")
         if not isinstance(self.params, CableParams):
             raise InputError(f"cable params must be CableParams, not {type(self.params).__name__}")
 
     @property
     def radius(self) -> float:
-        """Half the diameter [m]: the height of the axis of the lying cable."""
+        """Half the diameter [m], the height of the axis of a lying cable."""
         return self.diameter / 2
 
     def to_dict(self) -> dict:
-        """Plain values for a config or YAML file."""
+        """Return plain values for a config or YAML file."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return values | {"attachment": self.attachment.value, "params": self.params.to_dict()}
 
     @classmethod
     def from_dict(cls, values: Mapping) -> "Cable":
-        """A cable from plain values, as a YAML file holds them.
+        """Make a cable from plain values, as stored in a YAML file.
 
         Raises:
             InputError: A key is missing, unknown, or its value out of bounds.
@@ -216,10 +216,11 @@ class Cable:
         return cls(**values, attachment=attachment, params=CableParams(**params))
 
 
-# Lengths, diameters and attachments are the paper's (figure 5). It publishes no SI material
-# constants: masses follow from the linear density of polyester rope (about 80 g/m at 11 mm and
-# 6 g/m with a core at 2 mm) and of braided iron wire; bend stiffness from bending lengths of a few
-# centimetres; endpoint masses from the ratios that its tuning found (3.5 to 4.3 of 18 segments).
+# Lengths, diameters and attachments are the paper's (figure 5). The paper gives no material
+# constants in SI units. Masses follow from the linear density of polyester rope (about 80 g/m at
+# 11 mm and 6 g/m with a core at 2 mm) and of braided iron wire. Bend stiffnesses follow from
+# bending lengths of a few centimetres, endpoint masses from the mass ratios that the paper's tuning
+# found (3.5 to 4.3 of 18 segments).
 _PRESETS = {
     "cable_1": Cable(
         name="cable_1",
@@ -284,7 +285,7 @@ CABLE_NAMES = tuple(_PRESETS)
 
 
 def load_cable(name_or_path: str | os.PathLike[str]) -> Cable:
-    """Return a preset by its name, or a cable from a YAML file.
+    """Return a preset by name, or a cable from a YAML file.
 
     Args:
         name_or_path: One of `CABLE_NAMES`, or a path that ends in .yaml or .yml.

@@ -1,4 +1,4 @@
-"""Frames, polar coordinates, the mirror about the workspace axis, gravity, and unknown numbers.
+"""Frames, polar coordinates, the mirror about the workspace axis, and gravity.
 
 The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
 the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81
-"""Acceleration of free fall [m/s²]."""
+"""Gravitational acceleration [m/s²]."""
 
 
 def polar_to_xy(polar: ArrayLike) -> Array:
@@ -90,7 +90,7 @@ def tangent(yaw: ArrayLike, pitch: ArrayLike = 0.0) -> Array:
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number for a JSON file, which has neither NaN nor infinity: None for these.
+    """Return a number for a JSON file; None for NaN and infinity, which JSON lacks.
 
     >>> finite_or_none(float("nan")) is None
     True

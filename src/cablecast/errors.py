@@ -1,30 +1,32 @@
-"""The error family: every error that cablecast raises on purpose derives from CablecastError.
+"""Errors: every error that cablecast raises on purpose derives from CablecastError.
 
-Each also derives from the built-in that fits, so that `except ValueError` works too. Messages are
-one line that names the offending value and the bound. The command line prints them without a
+Each also derives from the matching built-in, so that `except ValueError` works too. A message is
+one line that names the offending value and the bound. The command line prints it without a
 traceback and exits with status 2.
 """
 
 
 class CablecastError(Exception):
-    """Root of every error that cablecast raises on purpose."""
+    """Base of every error that cablecast raises on purpose."""
 
 
 class InputError(CablecastError, ValueError):
-    """A value lies outside its bound, or has the wrong shape or kind."""
+    """A value that is out of bounds, or of the wrong shape or type."""
 
 
 class UnknownNameError(CablecastError, LookupError):
-    """A name (cable, rig, engine, column) is not one of those that exist."""
+    """A name (cable, rig, engine, column) that does not exist."""
 
 
 class UnreadableFileError(CablecastError, OSError):
-    """A file that the system refuses to read: no permission, or a failing disk. Nothing is wrong
-    with its content as far as is known."""
+    """A file that the system refuses to read: no permission, or a failing disk.
+
+    Its content may be intact.
+    """
 
 
 class DamagedFileError(InputError):
-    """A file whose content is not what was written."""
+    """A file whose content differs from what was written."""
 
 
 class TargetError(InputError):
@@ -36,7 +38,7 @@ class ActionError(InputError):
 
 
 class JointLimitError(InputError):
-    """A motion that would break a joint position, velocity or acceleration limit."""
+    """A motion that violates a joint position, velocity or acceleration limit."""
 
 
 class IKError(InputError):
@@ -52,11 +54,11 @@ class CheckpointError(CablecastError, ValueError):
 
 
 class RigError(CablecastError, RuntimeError):
-    """A rig that cannot be made, or that failed during a trial."""
+    """A rig that cannot be created, or that failed during a trial."""
 
 
 class MissingExtraError(CablecastError, ImportError):
-    """An optional library is needed that is not installed."""
+    """An optional library that is needed but not installed."""
 
     def __init__(self, library: str, extra: str, purpose: str):
         super().__init__(

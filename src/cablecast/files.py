@@ -1,4 +1,4 @@
-"""Writing files so that whoever reads finds the old file or the new one, never half of one."""
+"""Atomic file writes: a reader finds the old file or the new one, never half of one."""
 
 import json
 import os
@@ -11,8 +11,8 @@ def write_bytes(path: pathlib.Path, content: bytes) -> None:
     """Write a file under a temporary name, flush it to the disk, and rename it.
 
     Args:
-        path: Where it shall be; its folder is created.
-        content: All of the file.
+        path: Path of the file; its folder is created.
+        content: Whole content of the file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
@@ -21,7 +21,7 @@ def write_bytes(path: pathlib.Path, content: bytes) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read; results are for sharing.
+        # Only the owner may read a file of mkstemp, but results are shared.
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
@@ -32,11 +32,11 @@ def write_bytes(path: pathlib.Path, content: bytes) -> None:
 
 
 def write_text(path: pathlib.Path, text: str) -> None:
-    """Like `write_bytes`, for text in UTF-8."""
+    """Write text in UTF-8; see `write_bytes`."""
     write_bytes(path, text.encode())
 
 
 def write_json(path: pathlib.Path, values: Any) -> None:
-    """Like `write_bytes`, for plain values as indented JSON; NaN is refused, JSON has none."""
+    """Write plain values as indented JSON, which has no NaN; see `write_bytes`."""
     text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")

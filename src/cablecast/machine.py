@@ -15,7 +15,7 @@ DISTRIBUTIONS = (
     "pyarrow",
     "matplotlib",
 )
-"""Distributions whose versions decide the results."""
+"""Distributions whose versions affect the results."""
 
 
 def core_count() -> int:
@@ -26,9 +26,9 @@ def core_count() -> int:
 
 
 def library_versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries that decide the results.
+    """Return the versions of Python and of the libraries that affect the results.
 
-    Nothing is imported for it.
+    The libraries are not imported.
     """
     versions = {"python": platform.python_version(), "platform": platform.platform()}
     for name in DISTRIBUTIONS:

@@ -30,11 +30,11 @@ class MotionConfig:
         r0: Distance of the reset position from the polar origin [m]. At 0.6 the origin is the
             robot's base and theta is the angle of its first joint (section V-B).
         v_max: Largest linear speed of the gripped end [m/s] (section V-E).
-        jerk: Linear jerk of the gripped end along the arcs [m/s³]. With v_max = 1.5 m/s the full
-            speed is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s²;
-            at 0.6 m that is 16 rad/s², for which a UR5's base joint spends half of its 150 N·m.
+        jerk: Linear jerk of the gripped end along the arcs [m/s³]. At v_max = 1.5 m/s, full speed
+            is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s². At a
+            radius of 0.6 m that is 16 rad/s², half of the 150 N·m of a UR5's base joint.
         wrist_velocity: Largest rate of the wrist turn [rad/s]: 90 % of the joint's 180 deg/s, since
-            the wrist joint also takes up what the base turns beyond theta.
+            the wrist joint also compensates the base rotation in excess of theta.
         wrist_jerk: Jerk of the wrist profile [rad/s³], about that of theta at the radius r0.
         control_dt: Control cycle of the arm [s]; 125 Hz on a UR5.
     """
@@ -61,7 +61,7 @@ class MotionConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "MotionConfig":
-        """Make motion settings from plain values; what is missing takes its default.
+        """Make motion settings from plain values; missing keys take their defaults.
 
         Raises:
             InputError: A key is unknown, or a value out of bounds.
@@ -72,7 +72,7 @@ class MotionConfig:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, init=False)
 class Setup:
-    """A laboratory: which cable, on which table, cast by which arm, how.
+    """Set-up of a laboratory: cable, table, arm and motion settings.
 
     Attributes:
         cable: Cable in the gripper.
@@ -94,10 +94,10 @@ class Setup:
         arm: ArmUR | None = None,
         motion: MotionConfig | None = None,
     ):
-        """Make a set-up; what is not given is the paper's.
+        """Make a set-up; parts that are not given are the paper's.
 
         Args:
-            cable: A cable, the name of a preset, or the path of a YAML file.
+            cable: Cable, name of a preset, or path of a YAML file.
             workspace: Table, reach, reset pose and grip height.
             arm: Robot arm, its mounting and its gripper.
             motion: System parameters of the casting motions.
@@ -128,7 +128,7 @@ class Setup:
             raise InputError(
                 f"after a reset the cable lies from y = {workspace.reset_y:g} to {end:g} m, beyond "
                 f"the table's edge: the table reaches from {workspace.y_min:g} to "
-                f"{workspace.y_max:g} m, so that the cable may be at most "
+                f"{workspace.y_max:g} m, so the cable may be at most "
                 f"{workspace.y_max - workspace.reset_y:g} m long"
             )
         if workspace.grip_height < cable.radius:
@@ -158,7 +158,7 @@ class Setup:
         }
 
     def to_settings(self) -> dict[str, Any]:
-        """Return the plain values that decide results: all but whether the arm was measured."""
+        """Return the plain values that affect results: all but `measured` of the arm."""
         values = self.to_dict()
         del values["arm"]["measured"]
         return values
@@ -167,11 +167,11 @@ class Setup:
     def from_dict(
         cls, values: Mapping[str, Any], folder: str | os.PathLike[str] | None = None
     ) -> "Setup":
-        """Make a set-up from plain values; sections and keys that are missing take their default.
+        """Make a set-up from plain values; missing sections and keys take their defaults.
 
         Args:
             values: Sections by name; `cable` may be a mapping, the name of a preset, or a path.
-            folder: Folder that a relative path of a cable starts from.
+            folder: Folder to which a cable's path is relative.
 
         Raises:
             InputError: A key is unknown, or a value out of bounds.
@@ -196,7 +196,7 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
     """Return the set-up that a lab file describes.
 
     Args:
-        path: A YAML file with the sections `cable`, `workspace`, `arm` and `motion`, each optional.
+        path: YAML file with the sections `cable`, `workspace`, `arm` and `motion`, all optional.
 
     Raises:
         UnknownNameError: There is no such file, cable or arm model.

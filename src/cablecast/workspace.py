@@ -1,4 +1,4 @@
-"""The table, the reach of the arm, the reset pose, and the 32 evaluation targets."""
+"""Workspace: table, reach of the arm, reset pose, and the 32 evaluation targets."""
 
 import csv
 import dataclasses
@@ -18,15 +18,15 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """The table and what the arm does on it; the defaults are the paper's experiments.
+    """Table, reach and reset pose; the defaults are those of the paper's experiments.
 
-    The base is at the origin. The table lies symmetrically about the workspace axis, which the
-    planner relies on: it plans for the right half and mirrors.
+    The base is at the origin. The table must be symmetric about the workspace axis: the planner
+    plans for the right half and mirrors.
 
     Attributes:
         table_width: Width of the table [m] (section V); along x unless the table is turned.
         table_depth: Depth of the table [m] (section V); along y unless the table is turned.
-        table_yaw_deg: Turn of the table on the spot [deg], a multiple of 90.
+        table_yaw_deg: Rotation of the table in place [deg], a multiple of 90.
         table_near_y: y of the table's near edge [m]; negative where it reaches behind the base.
         r_max: Largest distance from the base to the gripper [m] (arXiv source of the paper).
         support_depth: Distance from the base to the edge of the robot's own table [m], which a
@@ -90,7 +90,7 @@ class Workspace:
         return self.table_yaw_deg % 180.0 != 0.0
 
     def edge_distance(self, xy: ArrayLike) -> Array:
-        """Return how far points lie within the table's edges, negative beyond them.
+        """Return the distance of points from the table's edges, negative off the table.
 
         Args:
             xy: Points [m], shape [..., 2].
@@ -118,7 +118,7 @@ class Workspace:
         return self.r_max + cable_length
 
     def check_target(self, target_xy: ArrayLike, cable_length: float) -> Array:
-        """Return targets that can be asked for, and refuse the others.
+        """Check targets and return them as an array.
 
         Args:
             target_xy: Targets [m], shape [..., 2].
@@ -151,7 +151,7 @@ class Workspace:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "Workspace":
-        """Make a workspace from plain values; what is missing takes its default.
+        """Make a workspace from plain values; missing keys take their defaults.
 
         Raises:
             InputError: A key is unknown, or a value out of bounds.

@@ -1,6 +1,6 @@
 """Geometry of a UR arm that holds a cable: link lengths, mounting, gripper, forward kinematics.
 
-The arm stands at the origin of the base frame (docs/conventions.md) on a socket of `base_height`.
+The arm stands at the origin of the base frame (docs/conventions.md), `base_height` above the table.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ class Links:
 
 
 # Source: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (support
-# article), rows UR5 and UR5e. The factory calibration of a specimen differs by up to millimetres.
+# article), rows UR5 and UR5e. Factory calibrations of single arms differ by up to millimetres.
 LINKS = {
     "ur5": Links(d1=0.089159, upper_arm=0.425, forearm=0.39225, d4=0.10915, d5=0.09465, d6=0.0823),
     "ur5e": Links(d1=0.1625, upper_arm=0.425, forearm=0.3922, d4=0.1333, d5=0.0997, d6=0.0996),
@@ -51,23 +51,23 @@ _DH_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 class ArmGeometry:
     """Lengths and mounting of an arm with a gripper that points down and holds the cable sideways.
 
-    The defaults make sense of the paper's r_max = 0.94 m. With the tool down, the flange of a
-    stretched UR5 is 0.918 m from the base axis if the first wrist joint is level with the shoulder:
-    base_height + d1 = grip_height + gripper_length + d6. That gives a socket of 0.183 m for a
+    The defaults reproduce the paper's r_max = 0.94 m. With the tool down, the flange of a stretched
+    UR5 is 0.918 m from the base axis if the first wrist joint is level with the shoulder:
+    base_height + d1 = grip_height + gripper_length + d6. That gives a base height of 0.183 m for a
     gripper of 0.17 m (a common two-finger gripper with its fingertips). The cable leaves the
-    fingers 0.022 m in front of the flange's axis, the width of a fingertip, so the grip reaches
+    fingers 0.022 m in front of the flange axis, the width of a fingertip, so the grip reaches
     0.940 m. At this height all radii from 0.2 to 0.94 m are within reach.
 
     Attributes:
         model: Name of the arm, one of `ARM_MODELS`.
         base_height: Height of the robot's base above the table's surface [m].
-        base_yaw_deg: Turn of the base about the vertical, positive to the right, from the mounting
-            in which the arm points along y with its first joint at zero [deg].
+        base_yaw_deg: Rotation of the base about the vertical, positive to the right [deg]. At 0 the
+            arm points along y when its first joint is at zero.
         gripper_length: Distance from the flange down to the axis of the gripped cable [m].
-        grip_offset: Distance from the flange's axis to where the cable leaves the fingers, along
-            the cable [m].
-        measured: Whether a person measured the five values above on the real robot. A motion for a
-            robot is only saved where this is true.
+        grip_offset: Distance along the cable from the flange axis to the point where the cable
+            leaves the fingers [m].
+        measured: Whether the five values above were measured on the real robot. A motion for a
+            robot is saved only if this is true.
     """
 
     model: str = "ur5"
@@ -102,7 +102,7 @@ class ArmGeometry:
 
     @property
     def base_yaw(self) -> float:
-        """Turn of the base about the vertical, positive to the right [rad]."""
+        """Rotation of the base about the vertical, positive to the right [rad]."""
         return float(np.radians(self.base_yaw_deg))
 
     def forward(self, q: ArrayLike) -> Array:
@@ -128,7 +128,7 @@ class ArmGeometry:
         """
         q = np.asarray(q, dtype=float)
         T = np.zeros((*q.shape[:-1], 4, 4))
-        # With its first joint at zero the DH convention's arm points along -x of its base.
+        # In the DH convention, the arm points along -x of its base when its first joint is at zero.
         c, s = np.cos(self.base_yaw), np.sin(self.base_yaw)
         T[..., :3, :3] = [[-s, c, 0.0], [-c, -s, 0.0], [0.0, 0.0, 1.0]]
         T[..., 2, 3] = self.base_height

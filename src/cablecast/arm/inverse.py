@@ -1,7 +1,7 @@
-"""Inverse kinematics of a UR arm whose gripper points straight down, in closed form.
+"""Closed-form inverse kinematics of a UR arm whose gripper points straight down.
 
-One branch (elbow up, arm stretched outwards), so that joint angles follow a continuous path without
-jumps; its first two time derivatives are exact.
+A single branch is used (elbow up, arm stretched outwards), so that joint angles do not jump along a
+continuous path. The first two time derivatives are exact.
 """
 
 import dataclasses
@@ -16,20 +16,20 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class JointMotion:
-    """Joint angles with their time derivatives; NaN where the arm does not reach.
+    """Joint angles with their time derivatives; NaN where a pose is out of reach.
 
     Attributes:
         q: Angles [rad], shape [..., 6].
         qd: Rates [rad/s], same shape.
         qdd: Accelerations [rad/s²], same shape.
-        radius: Distance of the flange from the base axis, or of the first wrist joint where the
-            motion tilts the gripper [m], shape [...].
-        radius_min: Smallest such distance that the arm reaches at this height [m], shape [...].
-        radius_max: Largest [m], shape [...].
-        lead: Angle from the arm's plane to the flange, which the shoulder's offset makes, with its
-            rate and acceleration [rad] and [s], shape [..., 3]; NaN where the motion tilts the
-            gripper, for then it does not tell the mirrored motion.
-        base_yaw: Turn of the arm's base about the vertical, positive to the right [rad].
+        radius: Distance from the base axis of the flange or, if the motion tilts the gripper, of
+            the first wrist joint [m], shape [...].
+        radius_min: Smallest radius that the arm reaches at this height [m], shape [...].
+        radius_max: Largest radius that the arm reaches at this height [m], shape [...].
+        lead: Angle from the arm's plane to the flange due to the shoulder offset, with its rate and
+            acceleration [rad] and [s], shape [..., 3]; NaN if the motion tilts the gripper, since
+            it then does not determine the mirrored motion.
+        base_yaw: Rotation of the base about the vertical, positive to the right [rad].
     """
 
     q: Array
@@ -42,10 +42,10 @@ class JointMotion:
     base_yaw: float = 0.0
 
     def mirrored(self) -> "JointMotion":
-        """Return the motion of the joints for the poses mirrored about the workspace axis.
+        """Return the joint motion for the poses mirrored about the workspace axis.
 
-        The arm is not symmetric: the base and the last wrist joint turn the other way but for the
-        lead, and the other joints do the same.
+        The arm is not symmetric. The base and the last wrist joint change sign and are corrected by
+        the lead. The other joints move as before.
         """
         turned = []
         for order, values in enumerate((self.q, self.qd, self.qdd)):
@@ -61,9 +61,9 @@ class JointMotion:
 def level_motion(arm: ArmGeometry, p: Array, v: Array, a: Array) -> JointMotion:
     """Return joint angles along moving poses of pitch 0, with exact rates and accelerations.
 
-    The base turns the arm's plane, which holds the flange at the lateral offset d4; in that plane
-    upper arm and forearm are a two-link arm that carries the first wrist joint; the wrist joints
-    keep the tool down and turn the cable to its yaw.
+    The base joint turns the arm's plane; the flange has the lateral offset d4 from it. In that
+    plane, upper arm and forearm are a two-link arm that carries the first wrist joint. The wrist
+    joints keep the tool down and turn the cable to its yaw.
 
     Args:
         arm: Geometry of the arm.
@@ -72,7 +72,7 @@ def level_motion(arm: ArmGeometry, p: Array, v: Array, a: Array) -> JointMotion:
         a: Second derivatives, same shape.
 
     Returns:
-        Motion of the joints; NaN where a pose is out of reach.
+        Joint motion; NaN where a pose is out of reach.
     """
     links = arm.links
     x, dx, ddx, y, dy, ddy = _flange(arm.grip_offset, p, v, a)
@@ -104,7 +104,7 @@ def level_motion(arm: ArmGeometry, p: Array, v: Array, a: Array) -> JointMotion:
         q = [q1 + arm.base_yaw, -upper, upper - fore, fore - np.pi / 2, wrist_2, p[..., 3] + q1]
         qd = [dq1, -dupper, dupper - dfore, dfore, zero, v[..., 3] + dq1]
         qdd = [ddq1, -ddupper, ddupper - ddfore, ddfore, zero, a[..., 3] + ddq1]
-    # Each joint's values lie together in memory: that is how they are computed and looked at.
+    # Keep each joint's values contiguous in memory: they are computed and read joint by joint.
     motion = [np.moveaxis(np.stack(columns), 0, -1) for columns in (q, qd, qdd)]
     lost = np.isnan(upper) | np.isnan(e)
     if np.any(lost):
@@ -123,7 +123,7 @@ def level_motion(arm: ArmGeometry, p: Array, v: Array, a: Array) -> JointMotion:
 
 
 def _flange(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
-    """Return x and y of the flange with two derivatives, o [m] behind the grip."""
+    """Return x and y of the flange, `o` [m] behind the grip, with two derivatives."""
     if o == 0.0:
         return tuple(values[..., i] for i in (0, 1) for values in (p, v, a))
     yaw, dyaw, ddyaw = p[..., 3], v[..., 3], a[..., 3]
@@ -144,30 +144,30 @@ def two_link(
     rate: tuple[Array, Array],
     acceleration: tuple[Array, Array],
 ) -> tuple[Array, Array, tuple[tuple[Array, Array], tuple[Array, Array]], Array, Array]:
-    """Return the elevations of both links that put the first wrist joint at a place, elbow up.
+    """Return the elbow-up elevations of both links for a place of the first wrist joint.
 
     Args:
-        links: Lengths of the arm.
+        links: Link lengths of the arm.
         place: Distance out and height up from the shoulder [m].
-        rate: Their rates [m/s].
-        acceleration: Their accelerations [m/s²].
+        rate: First derivatives of the place [m/s].
+        acceleration: Second derivatives of the place [m/s²].
 
     Returns:
         Elevation of the upper arm and of the forearm [rad], their rates and accelerations, and the
-        radii of the flange between which the arm reaches this height [m].
+        smallest and largest radius of the flange within reach at this height [m].
     """
     upper_arm, forearm = links.upper_arm, links.forearm
     out, up = place
     span2 = out * out + up * up
     cos_elbow = (span2 - upper_arm**2 - forearm**2) / (2.0 * upper_arm * forearm)
-    # NaN beyond the reach, on purpose: it marks the pose.
+    # Intentionally NaN beyond the reach: it marks the pose.
     sin_elbow = np.sqrt(1.0 - cos_elbow * cos_elbow)
     elbow = np.arctan2(sin_elbow, cos_elbow)
     upper = np.arctan2(up, out) + np.arctan2(forearm * sin_elbow, upper_arm + forearm * cos_elbow)
     fore = upper - elbow
     cu, su, cf, sf = np.cos(upper), np.sin(upper), np.cos(fore), np.sin(fore)
-    # Differentiate out + i up = upper_arm exp(i upper) + forearm exp(i fore), and project on the
-    # direction of one link to be rid of the other.
+    # Differentiate out + i up = upper_arm exp(i upper) + forearm exp(i fore), and project onto each
+    # link, which eliminates the rate of that link.
     dout, dup = rate
     dupper = -(dout * cf + dup * sf) / (upper_arm * sin_elbow)
     dfore = (dout * cu + dup * su) / (forearm * sin_elbow)

@@ -1,4 +1,4 @@
-"""Limits of the joints: position, velocity and acceleration."""
+"""Joint limits: position, velocity and acceleration."""
 
 import dataclasses
 import enum
@@ -16,7 +16,7 @@ JOINT_COUNT = len(JOINT_NAMES)
 
 
 class LimitKind(enum.Enum):
-    """What a motion can break; the value is the unit in which it is told."""
+    """Kind of limit that a motion can violate; the value is its unit."""
 
     REACH = "m"
     POSITION = "rad"
@@ -28,16 +28,16 @@ class LimitKind(enum.Enum):
 class JointLimits:
     """Symmetric limits, one value per joint.
 
-    The defaults are those of a UR5 and of a UR5e, which share them: position and velocity from the
-    maker's data sheets ("UR5 technical specifications" and "UR5e technical specifications": ±360
-    deg and 180 deg/s for all joints). The maker states no acceleration. The three large joints get
-    20 rad/s²: stretched out to 0.8 m the arm has about 4.5 kg·m² about the base axis, so this takes
-    90 of the 150 N·m that both models' large joints have. The wrist joints carry little and get
-    40 rad/s², the largest value that the controller accepts.
+    The defaults are shared by the UR5 and the UR5e. Position and velocity limits are from the
+    manufacturer's data sheets ("UR5 technical specifications" and "UR5e technical specifications":
+    ±360 deg and 180 deg/s for all joints), which state no acceleration limits. The three large
+    joints get 20 rad/s². Stretched out to 0.8 m, the arm has about 4.5 kg·m² about the base axis,
+    so this takes 90 of the 150 N·m that the large joints of both models have. The wrist joints
+    carry little and get 40 rad/s², the largest value that the controller accepts.
 
     Attributes:
-        position: Largest angle from zero [rad], six values.
-        velocity: Largest rate [rad/s], six values.
+        position: Largest absolute angle [rad], six values.
+        velocity: Largest speed [rad/s], six values.
         acceleration: Largest acceleration [rad/s²], six values.
     """
 
@@ -59,7 +59,7 @@ class JointLimits:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "JointLimits":
-        """Make limits from plain values; what is missing takes its default.
+        """Make limits from plain values; missing keys take their defaults.
 
         Raises:
             InputError: A key is unknown, or a value is not six positive numbers.

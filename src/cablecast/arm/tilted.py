@@ -1,9 +1,9 @@
 """Inverse kinematics for a gripper that tilts in the vertical plane of its cable.
 
-The closed form of a gripper that points straight down (arm/inverse.py) is fast and is used wherever
-it holds. Here the six joints are solved for a whole pose, on the same branch, so that a motion may
-begin untilted and tilt on the way; rates and accelerations follow from the Jacobian and its
-derivative, so they are exact as well.
+The closed form for a gripper that points straight down (arm/inverse.py) is fast and is used
+wherever it applies. Here the six joints are solved for a full pose, on the same branch, so that a
+motion may start untilted and tilt on the way. Rates and accelerations follow from the Jacobian and
+its derivative, so they are exact as well.
 """
 
 import numpy as np
@@ -21,14 +21,14 @@ def tilted_motion(
     """Return joint angles along moving poses of any pitch, with exact rates and accelerations.
 
     Args:
-        arm: The robot.
+        arm: Geometry of the arm.
         poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
         velocities: Their first derivatives, same shape.
         accelerations: Their second derivatives, same shape.
 
     Returns:
-        The motion of the joints; NaN where a pose is out of reach. Its radii are those of the
-        first wrist joint, and its lead is NaN: mirrored poses must be solved anew.
+        Joint motion; NaN where a pose is out of reach. Its radii are those of the first wrist
+        joint. Its lead is NaN: mirrored poses must be solved separately.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         q, radius, radius_min, radius_max = _angles(arm, poses)
@@ -51,7 +51,7 @@ def tilted_motion(
 
 
 def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
-    """The cable's direction, the tool's, and forwards and sideways in the plane, [..., 3] each."""
+    """Return the unit vectors along the cable, along the tool, forward and right, [..., 3] each."""
     yaw, pitch = poses[..., 3], poses[..., 4]
     zero = np.zeros_like(yaw)
     forward = np.stack([np.sin(yaw), np.cos(yaw), zero], axis=-1)
@@ -64,18 +64,18 @@ def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _angles(arm: ArmGeometry, poses: Array) -> tuple[Array, Array, Array, Array]:
-    """Joint angles, and the radius of the first wrist joint with its bounds at its height."""
+    """Return joint angles, and the radius of the first wrist joint with its bounds."""
     links = arm.links
     along, tool, _, right = _directions(poses)
     flange = poses[..., :3] - arm.gripper_length * tool - arm.grip_offset * along
-    # The centre that joints 5 and 6 leave in place lies behind the flange.
+    # The centre behind the flange does not move with joints 5 and 6.
     centre = flange - links.d6 * tool
     rho = np.hypot(centre[..., 0], centre[..., 1])
     in_plane = np.sqrt(rho * rho - links.d4**2)
     q1 = -np.arctan2(centre[..., 0], centre[..., 1]) - np.arctan2(links.d4, in_plane)
     c1, s1 = np.cos(q1), np.sin(q1)
     zero = np.zeros_like(q1)
-    # The arm's plane: outwards, and the common axis of joints 2, 3 and 4.
+    # Arm plane: outward direction, and the common axis of joints 2, 3 and 4.
     outward = np.stack([-s1, c1, zero], axis=-1)
     axis = np.stack([-c1, -s1, zero], axis=-1)
     cos_q5 = np.clip(_dot(tool, axis), -1.0, 1.0)
@@ -83,10 +83,10 @@ def _angles(arm: ArmGeometry, poses: Array) -> tuple[Array, Array, Array, Array]
     sin_q5 = np.sin(q5)
     # x and y of the flange are the directions right and -along; see ArmGeometry.grip_pose.
     q6 = np.arctan2(_dot(along, axis) / sin_q5, _dot(right, axis) / sin_q5)
-    # The same turn as that of the untilted gripper, so that no joint jumps by a whole turn.
+    # Within half a turn of the untilted gripper, so that the joint does not jump by a full turn.
     untilted = poses[..., 3] + q1
     q6 = untilted + (q6 - untilted + np.pi) % (2 * np.pi) - np.pi
-    # The fifth axis, perpendicular to the plane's axis and to the tool, carries the last offset.
+    # The fifth axis, perpendicular to the plane's axis and to the tool, carries the offset d5.
     fifth = np.cross(axis, tool) / sin_q5[..., None]
     elevation = np.arctan2(fifth[..., 2], _dot(fifth, outward))
     wrist = centre - links.d5 * fifth
@@ -107,12 +107,12 @@ def _angles(arm: ArmGeometry, poses: Array) -> tuple[Array, Array, Array, Array]
 def _rates(
     arm: ArmGeometry, q: Array, poses: Array, velocities: Array, accelerations: Array
 ) -> tuple[Array, Array]:
-    """Joint rates and accelerations from the motion of the gripped end, shape [pose, 6] each."""
+    """Return joint rates and accelerations for motions of the gripped end, [pose, 6] each."""
     _, _, forward, right = _directions(poses)
     up = np.array([0.0, 0.0, 1.0])
     dyaw, dpitch = velocities[:, 3, None], velocities[:, 4, None]
     ddyaw, ddpitch = accelerations[:, 3, None], accelerations[:, 4, None]
-    # Yaw turns to the right, against the z axis; `right` itself turns with the yaw.
+    # Yaw is positive to the right, against the z axis. `right` turns with the yaw.
     spin = -dyaw * up + dpitch * right
     spin_rate = -ddyaw * up + ddpitch * right - dpitch * dyaw * forward
     frames = arm.frames(q)
@@ -122,7 +122,7 @@ def _rates(
     jacobian = np.concatenate([np.cross(axes, arms), axes], axis=2).transpose(0, 2, 1)
     qd = np.linalg.solve(jacobian, np.concatenate([velocities[:, :3], spin], axis=1)[..., None])
     qd = qd[..., 0]
-    # What the tip would accelerate by if no joint did.
+    # Acceleration of the gripped end at zero joint acceleration.
     turns = axes * qd[..., None]
     before = np.cumsum(turns, axis=1) - turns
     axes_rate = np.cross(before, axes)

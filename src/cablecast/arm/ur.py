@@ -1,4 +1,4 @@
-"""ArmUR: a UR arm over the table, its joint limits, and its inverse kinematics for any motion."""
+"""ArmUR: a UR arm at the table, with joint limits and inverse kinematics for any motion."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -16,16 +16,16 @@ from cablecast.errors import IKError, InputError
 
 Array = NDArray[np.float64]
 
-# A pose that is tilted by less is taken for level [rad].
+# A pose with less pitch counts as level [rad].
 _LEVEL = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArmUR(ArmGeometry):
-    """A UR5 or UR5e over the table.
+    """A UR5 or UR5e at the table.
 
     Attributes:
-        limits: Limits of the joints, by default those of the model's data sheet.
+        limits: Joint limits; for the defaults see `JointLimits`.
     """
 
     limits: JointLimits = dataclasses.field(default_factory=JointLimits)
@@ -42,7 +42,7 @@ class ArmUR(ArmGeometry):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "ArmUR":
-        """Make an arm from plain values; what is missing takes its default.
+        """Make an arm from plain values; missing keys take their defaults.
 
         Raises:
             InputError: A key is unknown, or a value out of bounds.
@@ -54,13 +54,13 @@ class ArmUR(ArmGeometry):
         return cls(**values)
 
     def inverse(self, poses: ArrayLike) -> Array:
-        """Return joint angles that bring the gripped end to some poses.
+        """Return joint angles that bring the gripped end to given poses.
 
         Args:
             poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
 
         Returns:
-            Joint angles [rad], shape [..., 6]; the same branch everywhere.
+            Joint angles of a single branch [rad], shape [..., 6].
 
         Raises:
             IKError: A pose is out of reach.
@@ -88,13 +88,13 @@ class ArmUR(ArmGeometry):
         """Return joint angles along moving poses, with exact rates and accelerations.
 
         Args:
-            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]. Where any is tilted, all are
-                solved by the slower general form of arm/tilted.py.
+            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]. If any is tilted, all are solved
+                by the slower general form of arm/tilted.py.
             velocities: Their first derivatives, same shape.
             accelerations: Their second derivatives, same shape.
 
         Returns:
-            Motion of the joints; NaN where a pose is out of reach.
+            Joint motion; NaN where a pose is out of reach.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
         solve = tilted_motion if np.any(_tilted(p)) else level_motion
