@@ -3,7 +3,7 @@ import math
 import pytest
 
 from cablecast.evaluation.metrics import summarise_errors
-from cablecast.report.text import five_cells, flatten_settings, pct
+from cablecast.report.text import five_cells, flatten_settings, pct, share_pct
 
 
 @pytest.mark.parametrize(
@@ -31,3 +31,8 @@ def test_nested_settings_become_lines_with_dotted_names():
         ("targets", "[0.5, 1.0]"),
         ("seed", "0"),
     ]
+
+
+def test_a_part_of_a_whole_is_told_in_percent_with_its_sign():
+    assert (share_pct(0.129), share_pct(0.0)) == ("12.9 %", "0.0 %")
+    assert (share_pct(None), share_pct(math.nan)) == ("–", "–")

@@ -116,6 +116,8 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from cablecast.report.text import five_cells, published_cells
+
     table = Table(title="Distance from target to landing, in % of cable length", box=box.SIMPLE)
     if published:
         table.caption = "The paper's rows are casts of a real UR5."
@@ -123,20 +125,17 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     for name in ("casts", "median", "q1", "q3", "min", "max"):
         table.add_column(name, justify="right", no_wrap=True)
     rig = metrics["rig"].get("rig", "own")
-    names = ("median_pct", "first_quartile_pct", "third_quartile_pct", "min_pct", "max_pct")
     for label, key, style in (
         (f"{rig} rig", "errors_pct", "bold"),
         (f"{rig} rig, in coverage", "errors_inside_coverage_pct", ""),
     ):
         values = metrics[key]
-        cells = ("-" if values[name] is None else f"{values[name]:.1f}" for name in names)
-        table.add_row(label, str(values["count"]), *cells, style=style)
+        table.add_row(label, str(values["count"]), *five_cells(values), style=style)
     table.add_section()
     for row in published:
-        cells = (f"{getattr(row, name):.0f}" for name in names)
         # Short, so that the table fits into 80 columns.
         method = row.method.replace("forward model", "model")
-        table.add_row(f"paper: {method}", "", *cells, style="dim")
+        table.add_row(f"paper: {method}", "", *published_cells(row), style="dim")
     console = Console()
     console.print(table)
     statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())

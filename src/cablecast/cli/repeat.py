@@ -89,6 +89,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     from rich.table import Table
 
     from cablecast.evaluation.published import published_repeatability
+    from cablecast.report.text import pct, share_pct
 
     table = Table(title="Scatter of equal casts, in % of cable length", box=box.SIMPLE)
     table.caption = "The paper's figures are those of cable 1 on a real UR5."
@@ -101,12 +102,11 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
         table.add_row(
             f"{values['v_max']:g}{' with psi' if values['with_psi'] else ''}",
             str(values["cast_count"]),
-            f"{_number(values['scatter_pct'], 2)} ± "
-            f"{_number(values['scatter_standard_error_pct'], 2)}",
-            _number(None if published is None else published.scatter_pct, 2),
-            _percent(values["off_table_share"]),
-            _percent(off_table),
-            _percent(values["along_arc_share"]),
+            f"{pct(values['scatter_pct'], 2)} ± {pct(values['scatter_standard_error_pct'], 2)}",
+            pct(None if published is None else published.scatter_pct, 2),
+            share_pct(values["off_table_share"]),
+            share_pct(off_table),
+            share_pct(values["along_arc_share"]),
         )
     console = Console()
     console.print(table)
@@ -118,11 +118,3 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
         highlight=False,
         soft_wrap=True,
     )
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"

@@ -75,6 +75,8 @@ def print_choice(metrics: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from cablecast.report.text import pct
+
     ratio = metrics["coverage"][0]["hull_ratio"]
     table = Table(title="Share of the reachable half disc", box=box.SIMPLE)
     table.caption = f"Concave hulls of ratio {ratio:g}; scatter in % of cable length."
@@ -88,12 +90,12 @@ def print_choice(metrics: dict[str, Any]) -> None:
             f"{row['v_max']:g}",
             "yes" if row["with_psi"] else "no",
             str(row["feasible_count"]),
-            f"{100 * row['share']:.1f}",
-            "" if scatter_pct is None else f"{scatter_pct:.2f}",
+            pct(100 * row["share"]),
+            "" if scatter_pct is None else pct(scatter_pct, 2),
             style="bold" if _key(row) == _key(chosen) else "",
         )
     table.add_section()
-    table.add_row("polar casting", "", "", "", f"{100 * metrics['polar_casting']['share']:.1f}", "")
+    table.add_row("polar casting", "", "", "", pct(100 * metrics["polar_casting"]["share"]), "")
     console = Console()
     console.print(table)
     for reason in chosen["reasons"]:

@@ -99,6 +99,7 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from cablecast.report.text import pct
     from cablecast.tuning.published import PUBLISHED_SIMULATION_COUNT, published_tuning
 
     validation = metrics["validation"]
@@ -112,9 +113,7 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
     for row in ("default", "tuned"):
         values = validation[row]
         names = ("final_median_pct", "final_first_quartile_pct", "final_third_quartile_pct")
-        cells = [
-            "-" if values[name] is None else f"{values[name]:.1f}" for name in (*names, "mean_pct")
-        ]
+        cells = [pct(values[name]) for name in (*names, "mean_pct")]
         count = f"{metrics['simulation_count']:,}" if row == "tuned" else ""
         table.add_row(f"{row} parameters", *cells, count, style="bold" if row == "tuned" else "")
     if published is not None:
@@ -129,7 +128,7 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
                 f"about {PUBLISHED_SIMULATION_COUNT:,}",
             ),
         ):
-            cells = (f"{final:.1f}", "", "", f"{mean:.1f}", count)
+            cells = (pct(final), "", "", pct(mean), count)
             table.add_row(f"paper: {row}", *cells, style="dim")
     console = Console()
     console.print(table)

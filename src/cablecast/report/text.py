@@ -31,6 +31,15 @@ def pct(value: float | None, digits: int = 1) -> str:
     return "miss" if math.isinf(value) else f"{value:.{digits}f}"
 
 
+def share_pct(value: float | None) -> str:
+    """Return a part of a whole as a percentage with its sign, a dash for a missing value.
+
+    >>> share_pct(0.129), share_pct(None)
+    ('12.9 %', '–')
+    """
+    return pct(value) if value is None or math.isnan(value) else f"{pct(100 * value)} %"
+
+
 def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the five numbers of a summary of errors.
 
