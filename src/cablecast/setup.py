@@ -31,8 +31,8 @@ class MotionConfig:
             robot's base and theta is the angle of its first joint (section V-B).
         v_max: Largest linear speed of the gripped end [m/s] (section V-E).
         jerk: Linear jerk of the gripped end along the arcs [m/s³]. At v_max = 1.5 m/s, full speed
-            is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s². At a
-            radius of 0.6 m that is 16 rad/s², half of the 150 N·m of a UR5's base joint.
+            is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s². At 0.6 m
+            that is 16 rad/s², which takes half of the 150 N·m of a UR5's base joint.
         wrist_velocity: Largest rate of the wrist turn [rad/s]: 90 % of the joint's 180 deg/s, since
             the wrist joint also compensates the base rotation in excess of theta.
         wrist_jerk: Jerk of the wrist profile [rad/s³], about that of theta at the radius r0.

@@ -63,7 +63,7 @@ def test_repeatability_changes_the_choice(selected, tmp_path, capsys):
     assert main(["select", *arguments]) == 0
     choice = json.loads((tmp_path / "other" / "metrics.json").read_text())["choice"]
     assert (choice["r0"], choice["v_max"], choice["with_psi"]) == (0.6, 1.2, False)
-    assert "of what scatters by at most 3 % of cable length" in capsys.readouterr().out
+    assert "settings with a scatter of at most 3 % of cable length" in capsys.readouterr().out
 
 
 def test_a_folder_without_repeated_casts_is_refused(tmp_path, capsys):

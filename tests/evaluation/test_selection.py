@@ -55,7 +55,7 @@ def test_where_nothing_repeats_well_enough_what_scatters_least_is_chosen():
         ]
     )
     assert choice.v_max == 1.2
-    assert "Nothing scatters by less than 3 %" in choice.reasons[1]
+    assert "No setting has a scatter of at most 3 %" in choice.reasons[1]
 
 
 def test_how_much_may_scatter_is_the_users_to_say():

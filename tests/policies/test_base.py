@@ -107,7 +107,7 @@ def test_no_targets_get_an_empty_plan(policy):
         ({"r": 1.0}, "both r and theta_deg"),
         ({"theta_deg": 1.0}, "both r and theta_deg"),
         ({"r": "far", "theta_deg": 1.0}, "r = 'far' must be numbers"),
-        ({"r": [1.0, 1.1], "theta_deg": [0.0, 1.0, 2.0]}, "which do not fit"),
+        ({"r": [1.0, 1.1], "theta_deg": [0.0, 1.0, 2.0]}, "which do not match"),
         ({"r": [[1.0]], "theta_deg": 0.0}, r"it must be \[target\]"),
         ({"target_xy": [0.0, 1.0, 2.0]}, r"shape \(3,\): it must be \[2\] or \[target, 2\]"),
         ({"target_xy": np.zeros((1, 1, 2))}, r"it must be \[2\] or \[target, 2\]"),

@@ -95,7 +95,7 @@ def test_a_missing_policy_is_named(file):
 @pytest.mark.parametrize("kept", [0, 10, 500, 5000, -1])
 def test_a_truncated_policy_is_named(file, kept):
     file.write_bytes(file.read_bytes()[:kept])
-    assert f"{file} is damaged or no policy" in refusal(file.parent)
+    assert f"{file} is damaged or not a policy" in refusal(file.parent)
 
 
 def test_flipped_bytes_are_found_or_change_nothing(policy, file):
@@ -120,7 +120,7 @@ def test_flipped_bytes_are_found_or_change_nothing(policy, file):
 
 def test_a_pickled_archive_is_refused(file):
     np.savez(file, meta=np.array([{"format": "cablecast.forward_search"}]))
-    assert "no policy" in refusal(file.parent)
+    assert "not a policy" in refusal(file.parent)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_a_pickled_archive_is_refused(file):
         ({"format_version": [1, "\n"]}, "it must be"),
         ({"setup": {"cable": "cable_1", "motion": {"warp_factor": 9}}}, "warp_factor"),
         ({"setup": None}, "setup"),
-        ({"setup": []}, "does not fit this version"),
+        ({"setup": []}, "does not match this version"),
         ({"info": []}, "info must be a mapping"),
     ],
     ids=str,
@@ -158,7 +158,7 @@ def test_arrays_that_do_not_belong_together_are_refused(file, name, spoil):
     with np.load(file) as stored:
         arrays = dict(stored)
     np.savez(file, **arrays | {name: spoil(arrays[name])})
-    assert "does not fit this version" in refusal(file.parent)
+    assert "does not match this version" in refusal(file.parent)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """Coverage: share of the reachable half disc that a set of actions covers (section V-E).
 
-The endpoints of a grid of actions, with their mirror images about the workspace axis, are wrapped
-in a concave hull. Its area within the half disc of radius r_max + r_c, as a share of that half
-disc, is the coverage of a combination of r0 and v_max.
+The endpoints of a grid of actions and their mirror images about the workspace axis span a concave
+hull. The coverage of a combination of r0 and v_max is the area of the hull within the half disc of
+radius r_max + r_c, as a share of that half disc.
 """
 
 import dataclasses
@@ -33,18 +33,17 @@ R0_CHOICES = (0.6, 1.0, 2.0)
 V_MAX_CHOICES = (1.2, 1.5, 1.8)
 """Speeds that the paper compares [m/s] (section V-E)."""
 GRID_COUNTS = (15, 15, 15)
-"""Values of theta1, theta2 and r2 of the action set A1 (section V-E)."""
+"""Number of values of theta1, theta2 and r2 of the action set A1 (section V-E)."""
 GRID_COUNTS_PSI = (10, 10, 10, 5)
-"""Values of theta1, theta2, r2 and the wrist turn of the action set A2 (section V-E)."""
+"""Number of values of theta1, theta2, r2 and the wrist turn of the action set A2 (section V-E)."""
 
 HULL_RATIO = 0.1
-"""Concavity of the hull, as shapely defines it: edges longer than this share of the longest edge of
-the endpoints' Delaunay triangulation are carved away. 0 hugs the points, 1 is the convex hull. The
-paper does not state its own, so every result also gives the shares at the neighbours 0.05 and
-0.2."""
+"""Concavity of the hull, as defined by shapely: edges longer than this share of the longest edge of
+the endpoints' Delaunay triangulation are removed. 0 is the tightest hull, 1 the convex hull. The
+paper does not state its value, so every result also gives the shares at 0.05 and 0.2."""
 HULL_RATIO_NEIGHBOURS = (0.05, 0.2)
 
-_DISC_SEGMENTS = 180  # Sides of the polygon that stands for the half disc: 0.01 % of its area.
+_DISC_SEGMENTS = 180  # Sides of the polygon that approximates the half disc to 0.01 % of its area.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,10 +52,10 @@ class Coverage:
 
     Attributes:
         motion: Combination of system parameters: r0 and v_max.
-        counts: Number of values of each action variable in the grid; four where psi is among them.
+        counts: Number of values of each action variable in the grid; four with psi.
         feasible_count: Number of actions of the grid that the arm can follow.
-        off_table_share: Share of these whose free end left the table on its way [-].
-        endpoint_xy: Resting points of their free ends [m], shape [action, 2].
+        off_table_share: Share of feasible actions whose free end left the table on its way [-].
+        endpoint_xy: Resting points of the free end for these actions [m], shape [action, 2].
         hulls_xy: Closed outlines of the concave hull's parts within the half disc [m], each of
             shape [vertex, 2].
         share: Area of the hull as a share of the half disc [-].
@@ -74,7 +73,7 @@ class Coverage:
 
     @property
     def with_psi(self) -> bool:
-        """Whether the wrist turns (the action set A2)."""
+        """True if the wrist turns (action set A2)."""
         return len(self.counts) == 4
 
     def to_dict(self) -> dict[str, Any]:
@@ -105,7 +104,7 @@ def measure_coverage(
 
     Args:
         setup: Cable, workspace, arm, and the combination of r0 and v_max.
-        params: Parameters of the cable, tuned or believed.
+        params: Parameters of the cable, tuned or nominal.
         engine: Simulator.
         counts: Number of values of theta1, theta2, r2 and, for the action set A2, of the wrist
             turn.
@@ -149,7 +148,7 @@ def measure_coverage(
 def concave_hull(endpoint_xy: ArrayLike, radius: float, ratio: float = HULL_RATIO) -> "Polygon":
     """Return the concave hull of endpoints and their mirror images, cut to the half disc.
 
-    Casts can come to rest behind the robot's base, where there is no target.
+    Casts can come to rest behind the robot's base, where there are no targets.
 
     Args:
         endpoint_xy: Endpoints of actions for one side [m], shape [action, 2].
@@ -178,10 +177,10 @@ def half_disc(radius: float) -> "Polygon":
 
 
 def polar_casting_region(setup: Setup) -> "Polygon":
-    """Return the region in which polar casting can lay the endpoint, see `PolarReach`.
+    """Return the region in which polar casting can lay the endpoint; see `PolarReach`.
 
     Args:
-        setup: Gives r_c, the arm's reach, the table, and the edge of the robot's own table.
+        setup: Set-up with r_c, the arm's reach, the table, and the edge of the robot's own table.
 
     Raises:
         InputError: The region is empty: the cable is too long for the table.

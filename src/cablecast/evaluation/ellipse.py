@@ -1,4 +1,4 @@
-"""Confidence ellipses of landings that scatter about their mean."""
+"""Confidence ellipses of the landings of one action."""
 
 import dataclasses
 import math
@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.errors import InputError
 
 CONFIDENCE = 0.95
-"""Part of the landings of an action that its ellipse stands for."""
+"""Share of the landings of an action that are expected within its ellipse."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ConfidenceEllipse:
-    """Ellipse that a normal distribution of the same mean and covariance would fill.
+    """Confidence ellipse of the normal distribution with the mean and covariance of landings.
 
     Attributes:
         center_xy: Mean [m], shape [2].
@@ -27,7 +27,7 @@ class ConfidenceEllipse:
     angle: float
 
     def contains(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return which points lie within, shape [...], for points of shape [..., 2]."""
+        """Return which points lie inside, shape [...], for points of shape [..., 2]."""
         offset = np.asarray(xy, dtype=float) - self.center_xy
         c, s = math.cos(self.angle), math.sin(self.angle)
         along = offset[..., 0] * c + offset[..., 1] * s
@@ -35,7 +35,7 @@ class ConfidenceEllipse:
         return np.hypot(along / self.semi_axes[0], across / self.semi_axes[1]) <= 1.0
 
     def outline(self, point_count: int = 73) -> NDArray[np.float64]:
-        """Return points around it, the last equal to the first [m], shape [point, 2]."""
+        """Return points on the ellipse, the last equal to the first [m], shape [point, 2]."""
         turn = np.linspace(0.0, 2.0 * np.pi, point_count)
         along, across = self.semi_axes[0] * np.cos(turn), self.semi_axes[1] * np.sin(turn)
         c, s = math.cos(self.angle), math.sin(self.angle)
@@ -49,14 +49,13 @@ def confidence_ellipse(
 
     Args:
         xy: Landings [m], shape [cast, 2]; those with NaN are left out.
-        level: Part of the landings that the ellipse stands for.
-        small_sample: Whether to scale by Hotelling's distribution, which allows for a covariance
-            that is itself estimated from a few points (5.05 standard deviations for five points at
-            95 %). Otherwise the chi-squared distribution scales it, as in the paper's figures
-            (2.45).
+        level: Share of the landings that are expected within the ellipse.
+        small_sample: Whether to scale by Hotelling's distribution, which accounts for a covariance
+            estimated from a few points (5.05 standard deviations for five points at 95 %).
+            Otherwise the chi-squared distribution is used, as in the paper's figures (2.45).
 
     Returns:
-        The ellipse; None for fewer than three landings, which have no covariance to speak of.
+        The ellipse; None for fewer than three landings, too few for a covariance.
 
     Raises:
         InputError: The level does not lie between 0 and 1.

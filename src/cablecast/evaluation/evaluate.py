@@ -1,4 +1,4 @@
-"""Carry out a policy's motions on a rig, and measure how far from its targets the cable landed."""
+"""Evaluation of a policy on a rig: distances from the targets to the landings."""
 
 import dataclasses
 import pathlib
@@ -28,12 +28,12 @@ class TargetCast:
     Attributes:
         target_index: Index of the target, from 0.
         repeat: Index of the cast at this target, from 0.
-        target_xy: Point where the endpoint should come to rest [m], shape [2].
-        action: Action that was carried out; None for a motion that is no action.
-        predicted_xy: Point where the model expected the endpoint [m], shape [2].
-        track: Track that the rig saw.
-        trajectory: Motion that was executed.
-        inside_coverage: Whether the target lies where simulated casts landed.
+        target_xy: Target of the endpoint [m], shape [2].
+        action: Executed action; None for a motion without an action.
+        predicted_xy: Predicted resting point of the endpoint [m], shape [2].
+        track: Track measured by the rig.
+        trajectory: Executed motion.
+        inside_coverage: Whether the target lies inside the simulated coverage.
     """
 
     target_index: int
@@ -64,9 +64,9 @@ class Evaluation:
         setup: Cable, workspace, arm and motion settings.
         rig: Description of the rig.
         target_xy: Targets [m], shape [target, 2].
-        inside_coverage: Whether each lies where simulated casts landed, shape [target].
+        inside_coverage: Whether each target lies inside the simulated coverage, shape [target].
         trials: Casts, target by target.
-        metrics: Figures of the evaluation, as metrics.json holds them.
+        metrics: Metrics of the evaluation, as stored in metrics.json.
     """
 
     setup: Setup
@@ -111,23 +111,23 @@ class Evaluation:
 
     @property
     def status_counts(self) -> dict[TrialStatus, int]:
-        """Number of casts that ended in each way."""
+        """Number of casts by status."""
         statuses = [trial.status for trial in self.trials]
         return {status: statuses.count(status) for status in TrialStatus}
 
     @property
     def summary(self) -> ErrorSummary:
-        """Errors as the paper's tables give them (section VI): those not OK are left out."""
+        """Error summary as in the paper's tables (section VI): casts not OK are left out."""
         return summarise_errors(self.errors_pct)
 
     @property
     def summary_misses_counted(self) -> ErrorSummary:
-        """Errors with every cast that is not OK counted as a miss of unknown, large size."""
+        """Error summary that counts every cast not OK as a miss of unknown, large size."""
         return summarise_errors(np.nan_to_num(self.errors_pct, nan=np.inf))
 
     @property
     def summary_inside_coverage(self) -> ErrorSummary:
-        """Errors of the casts whose target lies inside the simulated coverage."""
+        """Error summary of the casts whose target lies inside the simulated coverage."""
         inside = np.array([trial.inside_coverage for trial in self.trials])
         return summarise_errors(np.where(inside, self.errors_pct, np.nan))
 
@@ -142,22 +142,22 @@ def evaluate_policy(
     attempts: int = ATTEMPT_COUNT,
     progress: CountCallback | None = None,
 ) -> Evaluation:
-    """Cast at every target and collect what happened.
+    """Cast at every target and collect the results.
 
-    The casts are stored as they are made, and an evaluation that was stopped goes on; see
-    `record_trials`. The rig is not closed.
+    Casts are stored as they are made. An interrupted evaluation resumes; see `record_trials`. The
+    rig is not closed.
 
     Args:
         path: Folder of the casts.
-        policy: Plans the motions.
-        rig: Carries them out.
-        targets: Points where the endpoint should come to rest [m], shape [target, 2].
-        repeats: Casts at each target; the paper makes five.
-        attempts: Times that a cast is tried before the evaluation stops.
-        progress: Told the number of casts done and of all, at the start and after each.
+        policy: Policy that plans the motions.
+        rig: Rig that executes the motions.
+        targets: Targets of the endpoint [m], shape [target, 2].
+        repeats: Number of casts at each target; five in the paper.
+        attempts: Number of attempts at a cast before the evaluation stops.
+        progress: Called with the numbers of finished and of all casts, at the start and after each.
 
     Raises:
-        TargetError: A target that cannot be asked for.
+        TargetError: A target is not finite, out of reach, or off the table.
         RigError: A cast failed too often.
         DatasetError: The folder holds other casts.
     """

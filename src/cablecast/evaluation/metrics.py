@@ -31,12 +31,12 @@ def target_error_pct(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ErrorSummary:
-    """Five numbers by which the paper summarises errors, and the number of trials behind them.
+    """Five-number summary of errors, as in the paper, and the number of errors.
 
-    NaN where there is no error to summarise, infinite where a miss of unknown size decides.
+    Values are NaN without errors, and infinite where a miss of unknown size determines them.
 
     Attributes:
-        count: Number of errors summarised.
+        count: Number of errors.
         median_pct: Median [% of cable length].
         first_quartile_pct: 25th percentile [% of cable length].
         third_quartile_pct: 75th percentile [% of cable length].
@@ -59,11 +59,11 @@ class ErrorSummary:
 
 
 def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
-    """Summarise errors without those of trials that have no landing (NaN), as in the paper.
+    """Summarise errors; trials without a landing (NaN) are left out, as in the paper.
 
     Args:
-        errors_pct: Errors [% of cable length], any shape. An infinite error stands for a miss of
-            unknown size and counts.
+        errors_pct: Errors [% of cable length], any shape. Infinite errors are misses of unknown
+            size, and are counted.
     """
     errors = np.asarray(errors_pct, dtype=float)
     errors = np.sort(errors[~np.isnan(errors)])
@@ -78,7 +78,7 @@ def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
 
 
 def _quantile(sorted_errors: NDArray[np.float64], fraction: float) -> float:
-    """Return a linearly interpolated quantile; unlike NumPy's, no NaN beside infinite values."""
+    """Return a linearly interpolated quantile; unlike NumPy's, never NaN next to infinity."""
     if sorted_errors.size == 0:
         return math.nan
     position = fraction * (sorted_errors.size - 1)

@@ -1,11 +1,11 @@
-"""Measured errors of the paper, to stand beside ours: physical casts of a real UR5."""
+"""Errors that the paper measured with a real UR5, for comparison with ours."""
 
 import dataclasses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PublishedRow:
-    """Row of the paper's tables of errors; values in % of cable length.
+    """Row of the paper's error tables; values in % of cable length.
 
     Attributes:
         cable: Name of the cable.
@@ -58,7 +58,7 @@ PUBLISHED_ROWS = (
 
 
 def published_rows(cable_name: str) -> tuple[PublishedRow, ...]:
-    """Return the paper's rows for a cable; none for a cable that the paper does not have."""
+    """Return the paper's rows for a cable; none for a cable that is not in the paper."""
     return tuple(row for row in PUBLISHED_ROWS if row.cable == cable_name)
 
 
@@ -71,7 +71,7 @@ class PublishedRepeatability:
         with_psi: Whether the wrist turns.
         scatter_pct: Standard deviation about the mean landing, averaged over the actions [% of
             cable length].
-        off_table_share: Part of the casts that left the table [-]; None where not published.
+        off_table_share: Share of the casts that left the table [-]; None if not published.
     """
 
     v_max: float
@@ -90,7 +90,7 @@ PUBLISHED_REPEATABILITY = (
 
 
 def published_repeatability(v_max: float, with_psi: bool) -> PublishedRepeatability | None:
-    """Return the paper's figures for a combination; None for one that it does not print."""
+    """Return the paper's values for a combination; None if not published."""
     for row in PUBLISHED_REPEATABILITY:
         if abs(row.v_max - v_max) < 1e-9 and row.with_psi == with_psi:
             return row

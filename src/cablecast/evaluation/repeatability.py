@@ -1,7 +1,7 @@
-"""Repeatability: scatter of the landings of equal actions (sections IV-A, V-E and VI-B).
+"""Repeatability: scatter of the landings of repeated actions (sections IV-A, V-E and VI-B).
 
-Each action is made several times. Casts whose free end left the table are left out of the scatter
-and counted on their own. The scatter of a combination of system parameters is the mean over its
+Each action is cast several times. Casts whose free end left the table are excluded from the scatter
+and counted separately. The scatter of a combination of system parameters is the mean over its
 actions, as in the paper.
 """
 
@@ -31,12 +31,12 @@ from cablecast.setup import Setup
 from cablecast.track import TrialStatus
 
 REPEAT_COUNT = 5
-"""Casts of each action in the paper (section V-E)."""
+"""Number of casts of each action in the paper (section V-E)."""
 REPEAT_MAX = 100_000
 REPEAT_GRID = (5, 5, 5)
-"""Values of theta1, theta2 and r2 of the repeated actions of A1 (section V-E)."""
+"""Number of values of theta1, theta2 and r2 for the repeated actions of A1 (section V-E)."""
 REPEAT_GRID_PSI = (3, 3, 3, 3)
-"""Values of theta1, theta2, r2 and the wrist turn of the repeated actions of A2 (section V-E)."""
+"""Number of values of theta1, theta2, r2 and wrist turn for the actions of A2 (section V-E)."""
 
 REPEAT_COLUMNS = (
     "action",
@@ -62,7 +62,7 @@ class ActionScatter:
     Attributes:
         action: theta1, theta2 [rad], r2 [m], psi [rad], shape [4].
         landed_xy: Resting points of the casts that stayed on the table [m], shape [landing, 2].
-        statuses: Codes of the trial statuses of all casts.
+        statuses: Status codes of all casts.
     """
 
     action: NDArray[np.float64]
@@ -76,7 +76,7 @@ class ActionScatter:
 
     @property
     def mean_xy(self) -> NDArray[np.float64]:
-        """Mean landing [m], NaN without one, shape [2]."""
+        """Mean landing [m], shape [2]; NaN without landings."""
         return self.landed_xy.mean(axis=0) if len(self.landed_xy) else np.full(2, np.nan)
 
     @property
@@ -89,7 +89,7 @@ class ActionScatter:
         """Standard deviation of the landings about their mean [m]; NaN for fewer than two.
 
         sqrt(sum |p - mean|² / n), over both directions. Division by n - 1 would give 1.12 times as
-        much for five casts; the paper does not say which, and n is NumPy's default.
+        much for five casts. The paper does not state its divisor; n is NumPy's default.
         """
         return float(np.sqrt(np.mean(self.distances**2))) if len(self.landed_xy) > 1 else math.nan
 
@@ -97,15 +97,15 @@ class ActionScatter:
     def scatter_of_distances(self) -> float:
         """Standard deviation of the distances from the mean [m], the other reading of section V-E.
 
-        It is smaller: casts that all land equally far from their mean have none.
+        It is smaller than `scatter`, and zero if all distances are equal.
         """
         return float(np.std(self.distances)) if len(self.landed_xy) > 1 else math.nan
 
     @property
     def along_arc_share(self) -> float:
-        """Part of the variance that lies across the direction from the base [-], 0.5 where round.
+        """Share of the variance perpendicular to the direction from the base [-].
 
-        NaN for fewer than two landings.
+        0.5 for isotropic scatter, NaN for fewer than two landings.
         """
         if len(self.landed_xy) < 2:
             return math.nan
@@ -116,13 +116,13 @@ class ActionScatter:
 
     @property
     def ellipse(self) -> ConfidenceEllipse | None:
-        """95 % confidence ellipse as the paper draws it; None for fewer than three landings."""
+        """95 % confidence ellipse as drawn in the paper; None for fewer than three landings."""
         return confidence_ellipse(self.landed_xy)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Repeatability:
-    """Scatter of equal actions with one combination of system parameters.
+    """Scatter of repeated actions with one combination of system parameters.
 
     Attributes:
         setup: Cable, workspace, arm, and the combination of r0 and v_max.
@@ -136,13 +136,13 @@ class Repeatability:
 
     @classmethod
     def from_dataset(cls, dataset: Dataset) -> "Repeatability":
-        """Sort the casts of a dataset by their action.
+        """Group the casts of a dataset by action.
 
         Args:
-            dataset: Dataset that `collect_dataset` made with the purpose "repeat".
+            dataset: Dataset made by `collect_dataset` with the purpose "repeat".
 
         Raises:
-            DatasetError: It holds no repeats.
+            DatasetError: The dataset holds no repeats.
         """
         repeats = dataset.extra.get("repeat")
         if repeats is None:
@@ -172,7 +172,7 @@ class Repeatability:
 
     @property
     def with_psi(self) -> bool:
-        """Whether the wrist turns in any of the actions (the action set A2)."""
+        """True if the wrist turns in any of the actions (action set A2)."""
         return any(a.action[3] - a.action[1] > 1e-6 for a in self.actions)
 
     @property
@@ -182,7 +182,7 @@ class Repeatability:
 
     @property
     def scatters_pct(self) -> NDArray[np.float64]:
-        """Scatter of each action [% of cable length], NaN below two landings, shape [action]."""
+        """Scatter of each action [% of cable length], shape [action]; NaN below two landings."""
         return 100.0 * np.array([a.scatter for a in self.actions]) / self.cable.length
 
     @property
@@ -191,18 +191,18 @@ class Repeatability:
 
     @property
     def scatter_pct(self) -> float:
-        """Mean scatter over the actions [% of cable length]: the paper's measure."""
+        """Mean scatter over the actions [% of cable length], the paper's measure."""
         return _mean(self.scatters_pct)
 
     @property
     def scatter_standard_error_pct(self) -> float:
-        """Standard error of that mean over the choice of actions [% of cable length]."""
+        """Standard error of `scatter_pct` due to the choice of actions [% of cable length]."""
         known = self._known_scatters_pct
         return float(known.std(ddof=1) / math.sqrt(len(known))) if len(known) > 1 else math.nan
 
     @property
     def scatter_of_distances_pct(self) -> float:
-        """Mean over the actions of the deviation of the distances [% of cable length]."""
+        """Mean of `scatter_of_distances` over the actions [% of cable length]."""
         values = [100.0 * a.scatter_of_distances / self.cable.length for a in self.actions]
         return _mean(np.array(values))
 
@@ -213,19 +213,19 @@ class Repeatability:
 
     @property
     def off_table_share(self) -> float:
-        """Part of the casts whose free end left the table [-]."""
+        """Share of the casts whose free end left the table [-]."""
         return sum(a.off_table_count for a in self.actions) / max(self.cast_count, 1)
 
     @property
     def along_arc_share(self) -> float:
-        """Part of the variance across the direction from the base, mean over the actions [-]."""
+        """Mean of `ActionScatter.along_arc_share` over the actions [-]."""
         return _mean(np.array([a.along_arc_share for a in self.actions]))
 
     def growth(self) -> dict[str, float]:
         """Return rank correlations of the scatter with the landing; NaN below three actions.
 
-        `distance` is the correlation with the distance from the base, `width` the one with the
-        angle from the workspace axis.
+        `distance` is the correlation with the distance from the base, `width` that with the angle
+        from the workspace axis.
         """
         known = np.isfinite(self.scatters_pct)
         if known.sum() < 3:
@@ -243,7 +243,7 @@ class Repeatability:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for a JSON file; what is unknown becomes None."""
+        """Return plain values for a JSON file; unknown values become None."""
         known = self._known_scatters_pct
         quartiles = np.quantile(known, [0.25, 0.5, 0.75]) if len(known) else [math.nan] * 3
         values = {
@@ -282,19 +282,18 @@ def repeat_actions(
     action_count: int | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Return the actions of the paper's grid that the arm can make, shape [action, 4].
+    """Return the feasible actions of the paper's grid, shape [action, 4].
 
     Args:
-        setup: Gives the arm, the reset position and the system parameters.
-        with_psi: Whether the wrist turns, too.
+        setup: Set-up with the arm, the reset position and the system parameters.
+        with_psi: Whether the wrist turns too.
         counts: Number of values of each action variable; by default the paper's 5 x 5 x 5, or
             3 x 3 x 3 x 3 with psi.
-        action_count: Number of actions to choose by chance; all where None or where there are
-            fewer.
-        seed: Seed of this choice.
+        action_count: Number of actions to choose at random; all if None or if there are fewer.
+        seed: Seed for the random choice.
 
     Raises:
-        InputError: A count is out of bounds, or the arm can make none of the actions.
+        InputError: A count is out of bounds, or no action is feasible.
     """
     counts = counts or (REPEAT_GRID_PSI if with_psi else REPEAT_GRID)
     if len(counts) != (4 if with_psi else 3):
@@ -306,7 +305,7 @@ def repeat_actions(
     grid = grid_actions(ActionRanges.for_config(setup.motion), counts)
     actions = grid[check_actions(grid, setup).mask]
     if not len(actions):
-        raise InputError(f"the arm can make none of the {len(grid)} actions of the grid {counts}")
+        raise InputError(f"none of the {len(grid)} actions of the grid {counts} is feasible")
     if action_count is not None and action_count < len(actions):
         chosen = np.random.default_rng(seed).choice(len(actions), action_count, replace=False)
         actions = actions[np.sort(chosen)]
@@ -322,21 +321,21 @@ def measure_repeatability(
     repeats: int = REPEAT_COUNT,
     progress: CountCallback | None = None,
 ) -> Repeatability:
-    """Make each of some actions several times, and measure the scatter of their landings.
+    """Cast each action several times, and measure the scatter of its landings.
 
-    The casts are stored as they are made, and a run that was stopped goes on; see
-    `collect_dataset`. The rig is not closed.
+    Casts are stored as they are made. An interrupted run resumes; see `collect_dataset`. The rig is
+    not closed.
 
     Args:
         path: Folder of the casts.
-        rig: Carries them out.
+        rig: Rig that executes the casts.
         setup: Cable, workspace, arm and motion settings.
-        actions: Actions to make, shape [action, 4].
+        actions: Actions to repeat, shape [action, 4].
         repeats: Number of casts of each action.
-        progress: Told the number of casts done and of all.
+        progress: Called with the numbers of finished and of all casts.
 
     Raises:
-        InputError: Fewer than two repeats, or an action that the arm cannot make.
+        InputError: Fewer than two repeats, or an action is not feasible.
         RigError: A cast failed too often.
         DatasetError: The folder holds other casts.
     """
@@ -375,6 +374,6 @@ def save_actions(repeatability: Repeatability, path: pathlib.Path) -> None:
 
 
 def _mean(values: NDArray[np.float64]) -> float:
-    """Return the mean of the values that are known; NaN where none is."""
+    """Return the mean of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else math.nan

@@ -1,4 +1,4 @@
-"""The files of an evaluation: metrics.json for machines, trials.csv for spreadsheets."""
+"""Files of an evaluation: metrics.json for machines, trials.csv for spreadsheets."""
 
 import csv
 import io
@@ -36,7 +36,7 @@ TRIAL_COLUMNS: tuple[str, ...] = (
 
 
 def evaluation_metrics(evaluation: Evaluation) -> dict:
-    """The numbers of an evaluation as plain values, errors in % of cable length."""
+    """Return the metrics of an evaluation as plain values, errors in % of cable length."""
     return {
         "cable": evaluation.cable.name,
         "cable_length_m": evaluation.cable.length,
@@ -56,7 +56,7 @@ def evaluation_metrics(evaluation: Evaluation) -> dict:
 
 
 def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
-    """One row per trial with the columns `TRIAL_COLUMNS`, as a person reads them."""
+    """Return one row per trial with the columns `TRIAL_COLUMNS`, in metres and degrees."""
     rows = []
     for trial, error_pct, prediction_error_pct in zip(
         evaluation.trials,
@@ -65,7 +65,7 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
         strict=True,
     ):
         r, theta = xy_to_polar(trial.target_xy)
-        # A motion that no action describes has empty cells.
+        # A motion without an action has empty cells.
         action = np.full(4, np.nan) if trial.action is None else trial.action.to_array()
         theta1, theta2, r2, psi = action
         values = (
@@ -86,7 +86,7 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
 
 
 def _rounded(values) -> list[float | str]:
-    """Four decimals (0.1 mm); an unknown value is an empty cell."""
+    """Round to four decimals (0.1 mm); an unknown value becomes an empty cell."""
     return [round(float(value), 4) if math.isfinite(value) else "" for value in values]
 
 

@@ -1,8 +1,8 @@
 """Selection: r0, v_max and the action set from coverage and repeatability (sections V-E and VI-B).
 
-The paper takes the r0 of the greatest coverage, and then weighs coverage against repeatability by
-eye. Here the second step is a rule: maximise coverage among the combinations that repeat well
-enough. On the paper's own figures it makes the paper's choice.
+The paper takes the r0 with the largest coverage, and then weighs coverage against repeatability by
+eye. Here the second step is a rule: maximise coverage among the repeatable combinations. With the
+paper's own figures, the rule makes the paper's choice.
 """
 
 import dataclasses
@@ -14,8 +14,8 @@ from cablecast.errors import InputError
 from cablecast.evaluation.published import PUBLISHED_REPEATABILITY
 
 SCATTER_MAX_PCT = 3.0
-"""Scatter up to which a combination repeats well enough [% of cable length]. The paper accepted
-1.93 and rejected 3.70."""
+"""Largest scatter of a repeatable combination [% of cable length]. The paper accepted 1.93 and
+rejected 3.70."""
 
 _SCATTER_BOUNDS = (1e-3, 1e4)
 
@@ -30,8 +30,8 @@ class Candidate:
         with_psi: Whether the wrist turns (the action set A2).
         coverage: Share of the reachable half disc [-].
         scatter_pct: Mean over actions of the standard deviation of repeated landings [% of cable
-            length]; None where it was not measured.
-        off_table_share: Share of repeated casts that left the table [-]; None where not measured.
+            length]; None if not measured.
+        off_table_share: Share of repeated casts that left the table [-]; None if not measured.
     """
 
     r0: float
@@ -42,7 +42,7 @@ class Candidate:
     off_table_share: float | None = None
 
     def __post_init__(self):
-        # Shares of areas may exceed 1 by rounding.
+        # Rounding may lift a share of area above 1.
         check_number("coverage", self.coverage, 0.0, 1.0 + 1e-9)
         if self.scatter_pct is not None:
             check_number("scatter", self.scatter_pct, 0.0, 1e6, "% of cable length")
@@ -51,7 +51,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """Name for people, e.g. `r0 = 0.6 m, v_max = 1.5 m/s with psi`."""
+        """Display name, e.g. `r0 = 0.6 m, v_max = 1.5 m/s with psi`."""
         return f"r0 = {self.r0:g} m, v_max = {self.v_max:g} m/s" + " with psi" * self.with_psi
 
     @property
@@ -79,7 +79,7 @@ PUBLISHED_CANDIDATES = tuple(
     )
     for row in PUBLISHED_REPEATABILITY
 )
-"""Combinations that the paper weighed against each other."""
+"""Combinations that the paper compared."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ class Choice:
         r0: Distance of the polar origin [m].
         v_max: Largest speed of the grip [m/s].
         with_psi: Whether the wrist turns.
-        reasons: Reasons of the choice, in sentences.
+        reasons: Reasons for the choice, as sentences.
     """
 
     r0: float
@@ -104,7 +104,7 @@ class Choice:
 
 
 def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
-    """Return the r0 of the greatest coverage, averaged over the speeds without psi, and why.
+    """Return the r0 with the largest coverage, averaged over the speeds without psi, and why.
 
     Raises:
         InputError: There is no candidate without psi.
@@ -118,21 +118,20 @@ def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
     means = {r0: sum(values) / len(values) for r0, values in shares.items()}
     best = max(means, key=lambda r0: means[r0])
     listed = ", ".join(f"{100 * means[r0]:.1f} % with {r0:g} m" for r0 in sorted(means))
-    return best, f"r0 = {best:g} m covers most, averaged over the speeds: {listed}."
+    return best, f"r0 = {best:g} m has the largest coverage, averaged over the speeds: {listed}."
 
 
 def choose(candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX_PCT) -> Choice:
-    """Choose among candidates.
+    """Choose r0, v_max and the action set.
 
     Args:
-        candidates: Combinations with their coverage, some of those with the best r0 also with
-            their scatter. Where none has, coverage alone decides.
-        scatter_max_pct: Largest scatter of a combination that repeats well enough [% of cable
-            length].
+        candidates: Combinations with their coverage. Those with the best r0 may also have a
+            scatter; if none has, coverage alone decides.
+        scatter_max_pct: Largest scatter of a repeatable combination [% of cable length].
 
     Raises:
-        InputError: There are no candidates without psi to compare r0 by, or the bound of scatter
-            is not a positive, finite number.
+        InputError: There are no candidates without psi to choose r0 from, or scatter_max_pct is out
+            of bounds.
     """
     check_number("scatter_max", scatter_max_pct, *_SCATTER_BOUNDS, "% of cable length")
     r0, why_r0 = choose_r0(candidates)
@@ -147,20 +146,20 @@ def choose(candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX
     if not scatter:
         best = max(same_r0, key=lambda candidate: candidate.coverage)
         why = (
-            f"{_speed(best)} covers most, {100 * best.coverage:.1f} %; repeatability was not "
-            "measured, so that coverage alone decides."
+            f"{_speed(best)} has the largest coverage, {100 * best.coverage:.1f} %. Repeatability "
+            "was not measured, so coverage alone decides."
         )
     elif steady:
         best = max(steady, key=lambda candidate: candidate.landed_coverage)
         why = (
-            f"{_speed(best)} covers most with casts that stay on the table, of what scatters by at "
-            f"most {scatter_max_pct:g} % of cable length: {listed}."
+            f"{_speed(best)} has the largest coverage by casts that stay on the table, among "
+            f"settings with a scatter of at most {scatter_max_pct:g} % of cable length: {listed}."
         )
     else:
         best = min(scatter, key=lambda candidate: scatter[candidate])
         why = (
-            f"Nothing scatters by less than {scatter_max_pct:g} % of cable length, and "
-            f"{_speed(best)} by least: {listed}."
+            f"No setting has a scatter of at most {scatter_max_pct:g} % of cable length; "
+            f"{_speed(best)} has the smallest: {listed}."
         )
     return Choice(r0=r0, v_max=best.v_max, with_psi=best.with_psi, reasons=(why_r0, why))
 

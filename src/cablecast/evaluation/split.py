@@ -1,14 +1,14 @@
-"""Split of an evaluation's errors by origin, measured by playing the planned casts elsewhere.
+"""Split of target errors by source, measured by replaying the planned casts on the engine.
 
-The way from a target to a landing is cut into steps that add up to it, as vectors on the table:
+The error is a sum of vectors on the table:
 
     landing - target = (landing - mean landing of the same cast)         repeatability of the rig
                      + (mean landing - engine's landing)                 mismatch of the engine
                      + (engine's landing - network's prediction)         error of the network
-                     + (network's prediction - model's prediction)       what real casts corrected
-                     + (model's prediction - target)                     the plan, coverage included
+                     + (network's prediction - model's prediction)       correction by real casts
+                     + (model's prediction - target)                     plan, with coverage gaps
 
-Mismatch and correction pull against each other; together they are the mismatch that is left.
+The correction counteracts the mismatch; their sum is the remaining mismatch.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ class ErrorSplit:
         parts: Vectors by name, in % of cable length, each of shape [cast, 2]. "mismatch" and
             "correction" are also given together, as "mismatch left".
         total: Landing minus target [% of cable length], shape [cast, 2].
-        inside_coverage: Whether the target of each lies inside the coverage, shape [cast].
+        inside_coverage: Whether the target of each cast lies inside the coverage, shape [cast].
         repeats: Number of casts at each target.
     """
 
@@ -49,8 +49,8 @@ class ErrorSplit:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for metrics.json.
 
-        `share_pct` of a part is its part in the mean squared error: the mean of its dot product
-        with the whole error. The shares add up to 100; a part that pulls the others back is
+        `share_pct` of a part is its share of the mean squared error: the mean of its dot product
+        with the whole error. The shares add up to 100; that of a part opposed to the others is
         negative.
         """
         square = float(np.mean(np.sum(self.total**2, axis=1)))
@@ -81,7 +81,7 @@ class ErrorSplit:
 def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -> ErrorSplit | None:
     """Split the errors of an evaluation.
 
-    With one cast at each target the repeatability cannot be told from the mismatch, and is zero.
+    With one cast per target, repeatability cannot be separated from mismatch and is zero.
 
     Args:
         evaluation: Casts of a policy that planned with the model.
@@ -89,16 +89,16 @@ def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -
         engine_rig: Engine that the model learned from, as a rig; it is not closed.
 
     Returns:
-        The split, or None where no cast came to rest on the table.
+        The split; None if no cast came to rest on the table.
 
     Raises:
-        InputError: A cast was planned by no model.
+        InputError: A cast was not planned by a model.
     """
     trials = evaluation.trials
     targets = sorted({trial.target_index for trial in trials})
     first = {target: next(t for t in trials if t.target_index == target) for target in targets}
     played = run_trials(engine_rig, [first[target].trajectory for target in targets])
-    # The engine's table has no edge: a cast that leaves it has a landing all the same.
+    # The engine's table has no edge: a cast that leaves the table still has a landing.
     engine_xy = dict(zip(targets, (track.endpoint_xy[-1] for track in played), strict=True))
     network_xy = _network_predictions(model, [first[target].action for target in targets])
     network = dict(zip(targets, network_xy, strict=True))

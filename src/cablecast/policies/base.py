@@ -1,4 +1,4 @@
-"""Policy and Plan: the contract between a target and the motion that is to hit it."""
+"""Policy and Plan: interface from targets to motions."""
 
 import dataclasses
 import functools
@@ -20,20 +20,20 @@ def _unknown() -> NDArray[np.float64]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """One motion per target, and what is expected of it.
+    """One motion per target, with its predicted landing.
 
     Attributes:
         setup: Set-up that the motions are planned for.
         target_xy: Targets [m], shape [target, 2].
-        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [target, 4]; NaN where no
-            action describes the motion.
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [target, 4]; NaN for motions
+            without an action.
         predicted_xy: Predicted landings [m], shape [target, 2].
-        inside_coverage: Whether casts are known to land at the target, shape [target].
-        spread: Standard deviation along each axis with which the landing is expected to scatter
-            about the predicted one [m], shape [target]; NaN where unknown.
-        sensitivity: Shift of the predicted landing when the action deviates by 1 degree and 1 cm
-            [m], shape [target]; NaN where unknown.
-        motions: Planned motions, one per target. None has `trajectories` plan them from the
+        inside_coverage: Whether the target lies inside the policy's coverage, shape [target].
+        spread: Predicted standard deviation of the landing about `predicted_xy`, along each axis
+            [m], shape [target]; NaN if unknown.
+        sensitivity: Shift of the predicted landing for action errors of 1 degree and 1 cm [m],
+            shape [target]; NaN if unknown.
+        motions: Planned motions, one per target. If None, `trajectories` plans them from the
             actions.
     """
 
@@ -74,10 +74,10 @@ class Plan:
 
     @functools.cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:
-        """Motions down to joint set points, one per target.
+        """Motions with joint set points, one per target.
 
         Raises:
-            JointLimitError: A motion would break limits of the arm.
+            JointLimitError: A motion violates limits of the arm.
         """
         if self.motions is not None:
             return tuple(self.motions)
@@ -87,7 +87,7 @@ class Plan:
 
 
 class Policy(Protocol):
-    """Anything that turns targets into motions; write your own to have it evaluated."""
+    """Interface of policies, which turn targets into motions; implement it to evaluate your own."""
 
     @property
     def setup(self) -> Setup:
@@ -117,11 +117,11 @@ def check_targets(
     r: ArrayLike | None = None,
     theta_deg: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
-    """Return the targets that `Policy.plan` was asked for.
+    """Check the target arguments of `Policy.plan` and return the targets.
 
     Args:
-        setup: Gives the table, the reach and the cable.
-        target_xy: Targets [m], shape [2] or [target, 2]; or else r and theta_deg.
+        setup: Set-up with the table, the reach and the cable.
+        target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
         r: Distances from the robot's base [m], a number or shape [target].
         theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
             shape [target].
@@ -155,7 +155,7 @@ def _from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDArray[np.
         radius, angle = np.broadcast_arrays(np.atleast_1d(radius), np.atleast_1d(angle))
     except ValueError:
         shapes = f"{radius.shape} and {angle.shape}"
-        raise InputError(f"r and theta_deg have shapes {shapes}, which do not fit") from None
+        raise InputError(f"r and theta_deg have shapes {shapes}, which do not match") from None
     if radius.ndim != 1:
         raise InputError(f"r and theta_deg have shape {radius.shape}: it must be [target]")
     for one_r, one_theta in zip(radius, angle, strict=True):

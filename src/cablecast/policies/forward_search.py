@@ -1,7 +1,7 @@
-"""ForwardSearchPolicy: of many feasible actions, the one predicted to land nearest (equation 1).
+"""ForwardSearchPolicy: feasible action whose predicted landing is nearest (equation 1).
 
-The predicted landings of the candidates do not depend on the target. They are computed once and
-kept; a k-d tree then answers a thousand targets in milliseconds.
+The predicted landings of the candidates do not depend on the target, so they are computed once. A
+k-d tree then answers a thousand targets in milliseconds.
 """
 
 import dataclasses
@@ -28,13 +28,13 @@ from cablecast.setup import Setup
 NAME = "forward search"
 
 CANDIDATE_COUNT = 50_000
-"""Candidate actions (section V-F)."""
+"""Number of candidate actions (section V-F)."""
 
 TIE_PCT = 0.5
-"""Candidates that land this close to the nearest one count as equally near [% of cable length]."""
+"""Candidates up to this much farther than the nearest are equally near [% of cable length]."""
 
 COVERAGE_PCT = 2.0
-"""A target is covered where a candidate is predicted to land this near [% of cable length]."""
+"""Distance within which a candidate's predicted landing covers a target [% of cable length]."""
 
 TABLE_MARGIN = 0.0
 """Distance that the free end must keep within the table's edges on its way [m]."""
@@ -42,15 +42,15 @@ TABLE_MARGIN = 0.0
 TABLE_MARGIN_MAX = 5.0
 
 REACH_PCT = 6.0
-"""Where the model knows how far it may be trusted, candidates that land this near the target are
-weighed against each other, and the best of them moved onto it [% of cable length]."""
+"""Distance from the target within which candidates are compared by their expected miss, if the
+model predicts a spread [% of cable length]. The best one is moved onto the target."""
 
 _NEIGHBOR_COUNT = 16
 _REACH_COUNT = 512
 _SHORTLIST_COUNT = 8
 
-# Moving an action onto the target leads away from where its spread is known. Each metre that it
-# has to move counts as so many metres of spread.
+# The spread is known at the candidate, not at the action moved onto the target. Each metre of the
+# move counts as this many metres of spread.
 _MOVE_COST = 0.15
 
 _Chosen = tuple[
@@ -60,32 +60,31 @@ _Chosen = tuple[
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ForwardSearchPolicy:
-    """Search candidates whose landings a model has predicted.
+    """Policy that searches candidates by the landings that a model predicts.
 
-    The candidates plan the right half of the table. A target on the left is planned as its mirror
-    image, and the action is mirrored back (section V-B). A candidate that is predicted to land left
-    of the axis is kept as its mirror image, which lands on the right.
+    The candidates cover the right half of the table. A target on the left is planned as its mirror
+    image, and the action is mirrored back (section V-B). A candidate predicted to land left of the
+    axis is stored as its mirror image, which lands on the right.
 
-    Of the candidates that land within `TIE_PCT` of the nearest one, the policy takes the one whose
-    landing moves least when the action deviates a little. A rig's motion and cable never quite
-    match the model; this candidate is the likeliest to land where predicted.
+    Among candidates that are equally near up to `TIE_PCT`, the policy takes the one whose landing
+    is least sensitive to errors of the action. A rig's motion and cable never quite match the
+    model; this candidate is the most likely to land where predicted.
 
-    The chosen action is then moved a little, until the model predicts that it lands on the target;
-    see `refine_actions`. That costs a third of a millisecond a target, for the check that the arm
-    can still follow.
+    The chosen action is then refined so that its predicted landing is on the target; see
+    `refine_actions`. That takes a third of a millisecond per target, mostly to check feasibility.
 
-    A model that has learned from real casts knows how far they scatter about its predictions. The
-    policy then takes, of all candidates within `REACH_PCT`, the one with the least expected miss:
-    the distance left to the target and the spread together (docs/learning.md).
+    A model that has learned from real casts also predicts their spread. The policy then takes, of
+    all candidates within `REACH_PCT`, the one with the least expected miss: the remaining distance
+    to the target and the spread combined (docs/learning.md).
 
     Attributes:
-        model: Model that predicted the landings; it also refines the plans.
+        model: Model that predicts the landings and refines the plans.
         actions: Candidates that stay on the table, shape [candidate, 4].
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
         sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
             theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
         spread: Standard deviation along each axis of real landings about the predicted ones [m],
-            shape [candidate]; NaN where the model has seen no real casts.
+            shape [candidate]; NaN if the model has seen no real casts.
         margin: Predicted distance that the free end keeps within the table's edges [m], shape
             [candidate].
         info: Fingerprint of the model, numbers of candidates, seed, table margin.
@@ -112,12 +111,12 @@ class ForwardSearchPolicy:
         """Choose candidates and predict their landings.
 
         Args:
-            model: Model of landings; gives the set-up.
+            model: Model of landings, with its set-up.
             candidate_count: Number of feasible candidates.
-            seed: Seed of their choice from the grid.
-            ranges: Ranges of the actions; those that suit the motion settings where None.
+            seed: Seed for choosing candidates from the grid.
+            ranges: Ranges of the actions; `ActionRanges.for_config` if None.
             table_margin: Distance that the free end must keep within the table's edges [m];
-                candidates that are predicted to come nearer are left out.
+                candidates predicted to come nearer are left out.
 
         Raises:
             InputError: No candidate stays on the table.
@@ -138,9 +137,9 @@ class ForwardSearchPolicy:
 
         Args:
             actions: Candidates, shape [candidate, 4].
-            model: Model of landings; gives the set-up.
+            model: Model of landings, with its set-up.
             table_margin: Distance that the free end must keep within the table's edges [m].
-            info: More to say about the policy.
+            info: Additional entries of `info`.
         """
         check_number("table_margin", table_margin, -TABLE_MARGIN_MAX, TABLE_MARGIN_MAX, "m")
         predicted_xy, margin = model.predict(actions), model.predict_margin(actions)
@@ -187,7 +186,7 @@ class ForwardSearchPolicy:
         """Choose an action for each target.
 
         Args:
-            target_xy: Targets [m], shape [2] or [target, 2]; or else r and theta_deg.
+            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
             r: Distances from the robot's base [m], a number or shape [target].
             theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
                 shape [target].
@@ -212,13 +211,13 @@ class ForwardSearchPolicy:
         )
 
     def _least_sensitive(self, targets: NDArray[np.float64]) -> _Chosen:
-        """Choose among equally near candidates the one whose landing moves least.
+        """Choose the least sensitive of equally near candidates.
 
         Args:
             targets: Targets on the right half [m], shape [target, 2].
 
         Returns:
-            Index of the chosen candidates, their refined actions, the landings of these, and None
+            Indices of the chosen candidates, their refined actions, the landings of these, and None
             for the unknown spread.
         """
         distance, index = self._neighbors(targets, _NEIGHBOR_COUNT)
@@ -228,7 +227,7 @@ class ForwardSearchPolicy:
         return chosen, *self._refined(chosen, targets), None
 
     def _least_risky(self, targets: NDArray[np.float64]) -> _Chosen:
-        """Choose among the candidates within reach the one with the least expected miss.
+        """Choose the candidate within `REACH_PCT` that has the least expected miss.
 
         Args:
             targets: Targets on the right half [m], shape [target, 2].
@@ -242,16 +241,16 @@ class ForwardSearchPolicy:
         risk[distance > reach] = np.inf
         short = np.argsort(risk, axis=1)[:, : min(_SHORTLIST_COUNT, risk.shape[1])]
         rows = np.arange(len(targets))
-        # The spread of the shortlist is taken again after each action has been moved.
+        # Recompute the spread of the shortlist after its actions have been moved.
         candidates = np.take_along_axis(index, short, axis=1).ravel()
         goals = np.repeat(targets, short.shape[1], axis=0)
         actions, predicted_xy = self._refined(candidates, goals)
         on_left = actions[:, 1:2] < 0
         spread = self.model.predict_spread(np.where(on_left, mirror_actions(actions), actions))
         if spread is None:
-            raise InputError("the policy's candidates have a spread, but its model knows none")
+            raise InputError("the policy's candidates have a spread, but its model predicts none")
         miss = np.sum((predicted_xy - goals) ** 2, axis=1) + 2.0 * spread**2
-        # A candidate out of reach is on the list only where there are too few within it.
+        # Candidates out of reach are on the shortlist only if there are too few within reach.
         miss[np.isinf(np.take_along_axis(risk, short, axis=1)).ravel()] = np.inf
         best = rows * short.shape[1] + np.argmin(miss.reshape(short.shape), axis=1)
         return candidates[best], actions[best], predicted_xy[best], spread[best]
@@ -275,8 +274,8 @@ class ForwardSearchPolicy:
     def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
         """Return which targets lie within the simulated coverage, on either half of the table.
 
-        A target is inside where at least one candidate that stays on the table is predicted to land
-        within `COVERAGE_PCT` of the cable's length of it.
+        A target is inside if the predicted landing of at least one candidate that stays on the
+        table is within `COVERAGE_PCT` of it.
 
         Args:
             target_xy: Targets [m], shape [..., 2].
@@ -294,7 +293,7 @@ class ForwardSearchPolicy:
 
     @classmethod
     def load(cls, folder: str | pathlib.Path) -> "ForwardSearchPolicy":
-        """Read the model and the candidates of a folder.
+        """Read the model and the candidates from a folder.
 
         Args:
             folder: Folder that `save` or `cablecast train` wrote.

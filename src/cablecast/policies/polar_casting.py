@@ -15,7 +15,7 @@ from cablecast.setup import Setup
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarCastingPolicy:
-    """Plan by geometry alone: nothing is learned or simulated.
+    """Policy that plans by geometry alone: nothing is learned or simulated.
 
     Attributes:
         setup: Cable, table and arm.
@@ -42,10 +42,10 @@ class PolarCastingPolicy:
         r: ArrayLike | None = None,
         theta_deg: ArrayLike | None = None,
     ) -> Plan:
-        """Plan a motion for each target; beyond reach, one that ends as near as it can.
+        """Plan a motion for each target; outside `reach`, it ends as near as possible.
 
         Args:
-            target_xy: Targets [m], shape [2] or [target, 2]; or else r and theta_deg.
+            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
             r: Distances from the robot's base [m], a number or shape [target].
             theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
                 shape [target].

@@ -1,4 +1,4 @@
-"""Refinement: small changes of actions that bring their predicted landings onto the targets."""
+"""Refinement: small changes of actions that move their predicted landings onto the targets."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,10 @@ from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, mirror_action
 from cablecast.motion.feasibility import check_actions
 
 ITERATION_COUNT = 2
-"""Newton steps: the second already lands within 0.1 % of the cable's length of the target."""
+"""Number of Newton steps; the second lands within 0.1 % of the cable's length of the target."""
 
-# The farthest step in units of DEVIATION. The landing follows the action linearly no farther, and
-# between neighbouring candidates of the grid, some 5 degrees and 3 cm, none needs to go.
+# Longest step in units of DEVIATION. Beyond it the landing is not linear in the action. Longer
+# steps are not needed: neighbouring candidates of the grid are about 5 degrees and 3 cm apart.
 _STEP_MAX = 2.0
 
 
@@ -24,17 +24,17 @@ def refine_actions(
     model: LandingModel,
     table_margin: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Move actions by as little as brings their predicted landings onto the targets.
+    """Move the predicted landings onto the targets by the smallest changes of the actions.
 
     Many changes of the four variables move the landing to the same point of the plane. Each Newton
-    step takes the smallest of them, in units of `DEVIATION`. Where the arm could not follow the
-    refined action, or the free end would leave the table, the action stays as it was.
+    step takes the smallest of them, in units of `DEVIATION`. If the arm could not follow the
+    refined action, or the free end would leave the table, the action is left unchanged.
 
     Args:
-        actions: Feasible actions of either side, shape [target, 4].
+        actions: Feasible actions for either side, shape [target, 4].
         target_xy: Targets [m], shape [target, 2].
-        changes: See `deviations`, shape [change, 4].
-        model: Model of landings, which knows actions with theta2 > 0.
+        changes: Perturbations of an action, see `deviations`, shape [change, 4].
+        model: Model of landings, valid for theta2 > 0.
         table_margin: Distance that the free end must keep within the table's edges [m].
 
     Returns:

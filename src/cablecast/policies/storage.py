@@ -1,4 +1,4 @@
-"""policy.npz: the candidates of a forward search on the disk."""
+"""policy.npz: file with the candidates of a forward search."""
 
 import dataclasses
 import io
@@ -27,9 +27,9 @@ ARRAY_SHAPES: dict[str, tuple[int, ...]] = {
     "spread": (),
     "margin": (),
 }
-"""Arrays of the file, and the shape of each beyond [candidate]."""
+"""Arrays of the file, and the shape of each after the candidate axis."""
 
-# A spread of NaN stands for a model that has seen no real casts.
+# The spread is NaN if the model has seen no real casts.
 _MAY_BE_NAN = {"spread"}
 
 
@@ -49,7 +49,7 @@ class StoredPolicy:
 
 
 def write_policy(folder: str | pathlib.Path, stored: StoredPolicy) -> None:
-    """Write `policy.npz`, whole or not at all; nothing in it is pickled."""
+    """Write `policy.npz` atomically and without pickled objects."""
     meta = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -63,7 +63,7 @@ def write_policy(folder: str | pathlib.Path, stored: StoredPolicy) -> None:
 
 
 def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
-    """Return what `write_policy` was given.
+    """Read `policy.npz`.
 
     Raises:
         CheckpointError: The file is missing, damaged, of another kind, or of another version.
@@ -80,7 +80,7 @@ def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
         ) from None
     except InputError as error:
         raise CheckpointError(str(error)) from None
-    # Damaged bytes make zipfile, zlib and NumPy raise a dozen kinds of errors.
+    # Damaged bytes make zipfile, zlib and NumPy raise a dozen types of errors.
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             meta = json.loads(str(archive["meta"]))
@@ -89,7 +89,7 @@ def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
             arrays = {name: archive[name] for name in ARRAY_SHAPES} if known else {}
     except Exception as error:
         raise CheckpointError(
-            f"{file} is damaged or no policy ({_line(error)}): train again"
+            f"{file} is damaged or not a policy ({_line(error)}): train again"
         ) from None
     if not known:
         raise CheckpointError(
@@ -105,12 +105,12 @@ def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
         return StoredPolicy(arrays=_checked(arrays), setup=setup, info=dict(info))
     except (CablecastError, TypeError) as error:
         raise CheckpointError(
-            f"{file} does not fit this version of cablecast ({_line(error)}): train again"
+            f"{file} does not match this version of cablecast ({_line(error)}): train again"
         ) from None
 
 
 def _checked(arrays: dict[str, NDArray]) -> dict[str, NDArray[np.float64]]:
-    """Return the arrays if they belong together."""
+    """Check that the arrays have consistent shapes and types, and return them."""
     count = len(arrays["actions"]) if arrays["actions"].ndim else 0
     if count == 0:
         raise InputError("it holds no candidates")
