@@ -64,12 +64,16 @@ def options_in(words: list[str]) -> list[str]:
 
 @pytest.fixture(scope="module")
 def every_option() -> set[str]:
-    """Options of any verb, and of the modules that the pages tell to run."""
+    """Options of any verb, and of the modules and scripts that the pages tell to run."""
     known = set().union(*map(options_of, VERBS))
     for page in PAGES:
         for words in [*commands(page), *inline_commands(page)]:
+            source = ""
             if "-m" in words[:-1]:
-                known |= set(re.findall(r'"(--[\w-]+)"', module_source(words)))
+                source = module_source(words)
+            elif words[0].endswith("python") and words[1].endswith(".py"):
+                source = (ROOT / words[1]).read_text()
+            known |= set(re.findall(r'"(--[\w-]+)"', source))
     return known
 
 
