@@ -145,7 +145,7 @@ def difficulty_table(results: Reproduction) -> Table | None:
         return None
     return Table(
         title="How difficult the rig is",
-        heads=("in % of cable length, where nothing else is said", "here", "paper"),
+        heads=("in % of cable length, unless stated otherwise", "here", "paper"),
         rows=tuple(rows),
     )
 
