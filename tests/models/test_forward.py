@@ -1,5 +1,5 @@
+import dataclasses
 import itertools
-import json
 import subprocess
 import sys
 
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from cablecast.cable import load_cable
-from cablecast.errors import CheckpointError, InputError
+from cablecast.errors import InputError
 from cablecast.models import ForwardModel
+from cablecast.models.correction import LandingCorrection
+from cablecast.models.features import DEVIATION
 from cablecast.motion.action import MotionConfig
 from cablecast.workspace import Workspace
 
@@ -65,14 +67,6 @@ def test_a_saved_model_is_loaded_with_the_same_predictions_and_description(tmp_p
     assert loaded.motion_config == MotionConfig(v_max=1.2)
 
 
-def test_the_description_lies_beside_the_weights_for_people(tmp_path):
-    random_model().save(tmp_path)
-    assert (
-        json.loads((tmp_path / "model.json").read_text())["metrics"]["held_out_median_pct"] == 0.5
-    )
-    assert not list(tmp_path.glob(".*"))
-
-
 def test_numpy_predicts_what_torch_computes():
     torch = pytest.importorskip("torch")
     model = random_model()
@@ -118,51 +112,47 @@ def test_actions_of_the_wrong_shape_are_refused():
         random_model().predict(np.ones(4))
 
 
-def test_a_missing_model_is_named(tmp_path):
-    with pytest.raises(CheckpointError, match=r"no model at .*nowhere"):
-        ForwardModel.load(tmp_path / "nowhere")
-
-
-@pytest.mark.parametrize("kept", [0, 5, 100, 1000, -1])
-def test_a_truncated_model_is_named(tmp_path, kept):
-    random_model().save(tmp_path)
-    file = tmp_path / "model.safetensors"
-    file.write_bytes(file.read_bytes()[:kept])
-    with pytest.raises(CheckpointError, match=r"model.safetensors is truncated") as caught:
-        ForwardModel.load(tmp_path)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_flipped_bit_in_the_weights_is_detected(tmp_path):
-    random_model().save(tmp_path)
-    file = tmp_path / "model.safetensors"
-    content = bytearray(file.read_bytes())
-    content[-10] ^= 0x01
-    file.write_bytes(content)
-    with pytest.raises(CheckpointError, match="do not match their checksum"):
-        ForwardModel.load(tmp_path)
-
-
-def test_a_foreign_safetensors_file_is_refused(tmp_path):
-    from safetensors.numpy import save_file
-
-    save_file({"weight": np.ones(3)}, tmp_path / "model.safetensors")
-    with pytest.raises(CheckpointError, match=r"must be cablecast.forward_model"):
-        ForwardModel.load(tmp_path)
-    save_file(
-        {"weight": np.ones(3)},
-        tmp_path / "model.safetensors",
-        metadata={"format": "cablecast.forward_model", "format_version": "2"},
+def corrected_model():
+    """A random model with a correction from ten casts."""
+    model, changes = random_model(), np.diag(DEVIATION)
+    places, _ = model.correction_inputs(some_actions(10), changes)
+    correction = LandingCorrection(
+        changes=changes,
+        inputs=places,
+        length_scales=np.full(6, 2.0),
+        size_weights=np.array([0.2, 0.0, -0.1, 0.3, 0.5]),
+        amplitude=0.1,
+        noise=0.02,
+        residuals=np.random.default_rng(2).normal(scale=0.1, size=(10, 2)),
     )
-    with pytest.raises(CheckpointError, match="of version 2"):
-        ForwardModel.load(tmp_path)
+    return dataclasses.replace(model, correction=correction)
 
 
-def test_a_failed_save_leaves_the_old_model(tmp_path):
-    old = random_model()
-    old.save(tmp_path)
-    broken = random_model(seed=1)
-    broken.info["metrics"]["held_out_median_pct"] = float("nan")
-    with pytest.raises(ValueError, match="JSON"):
-        broken.save(tmp_path)
-    assert ForwardModel.load(tmp_path).fingerprint == old.fingerprint
+def test_a_corrected_prediction_is_that_of_the_network_and_the_shift():
+    model, actions = corrected_model(), some_actions()
+    assert model.correction is not None
+    inputs = model.correction_inputs(actions, model.correction.changes)
+    shift = model.correction.shift(*inputs)
+    assert np.max(np.abs(shift)) > 0.01
+    np.testing.assert_array_equal(model.predict(actions), random_model().predict(actions) + shift)
+    np.testing.assert_array_equal(model.predict_spread(actions), model.correction.spread(*inputs))
+    assert random_model().predict_spread(actions) is None
+
+
+def test_a_correction_sees_features_landings_and_how_far_these_move():
+    model, actions, changes = corrected_model(), some_actions(), np.diag(DEVIATION)
+    places, sizes = model.correction_inputs(actions, changes)
+    features = model.normalize(actions)
+    landing = (random_model().predict(actions) - model.endpoint_mean) / model.endpoint_scale
+    np.testing.assert_allclose(places, np.hstack([features, landing]))
+    np.testing.assert_array_equal(sizes[:, :4], features)
+    moved = np.exp(sizes[:, 4]) * model.endpoint_scale
+    np.testing.assert_allclose(moved, random_model().sensitivity(actions, changes))
+
+
+def test_the_sensitivity_is_that_of_the_network_alone():
+    actions, changes = some_actions(), np.diag(DEVIATION)
+    np.testing.assert_array_equal(
+        corrected_model().sensitivity(actions, changes),
+        random_model().sensitivity(actions, changes),
+    )

@@ -10,7 +10,7 @@ from cablecast.models.correction import LandingCorrection
 from cablecast.models.forward import ForwardModel
 from cablecast.models.kernel import minimize, negative_log_likelihood
 from cablecast.models.rows import MIN_REAL_ROWS
-from cablecast.models.torch_ import import_torch
+from cablecast.models.torch_ import import_torch, one_thread
 
 # Prior standard deviation of the logarithm of a length scale and of a size weight. It is weak, but
 # with a few dozen casts it keeps the effect of an irrelevant variable from growing without bound.
@@ -105,7 +105,9 @@ def fit_process(
 
     start = np.zeros(sum(widths))
     start[-2:] = np.log(float(np.std(residuals)) or 1e-6), np.log(_NOISE_START)
-    found = torch.tensor(minimize(loss, start, _STEP_COUNT))
+    # A few hundred casts are too few to share among threads.
+    with one_thread():
+        found = torch.tensor(minimize(loss, start, _STEP_COUNT))
     log_scales, weights, log_amplitude, ratio = (part.numpy() for part in split(found))
     amplitude = float(np.exp(log_amplitude[0]))
     return ResidualProcess(

@@ -55,8 +55,9 @@ def check_device(device: str) -> None:
 def one_thread() -> Iterator[None]:
     """Limit torch to one thread inside the `with` block.
 
-    A batch of a few hundred rows through 256 units takes microseconds. Synchronising threads at
-    every layer costs more than they gain, and ten times as much on a busy machine.
+    A batch of a few hundred rows through 256 units takes microseconds, as does a covariance of as
+    many casts. Synchronising threads at every operation costs more than they gain, and ten times as
+    much on a busy machine.
     """
     torch = import_torch("training the forward model")
     thread_count = torch.get_num_threads()
