@@ -199,15 +199,12 @@ def joint_response(
     Returns:
         Joint angles at the same times [rad], shape [..., tick].
     """
-    from scipy.signal import lfilter
-
     start = q[..., :1]
     delayed = _delayed(q - start, delay / dt)
     # The filter is exact for set points joined by straight lines. A smooth curve differs from its
     # chords, on average by a twelfth of the second difference.
     delayed[..., 1:-1] -= np.diff(delayed, 2, axis=-1) / 12.0
-    numerator, denominator = _oscillator_filter(frequency, damping, dt)
-    return lfilter(numerator, denominator, delayed, axis=-1) + start
+    return _filtered(delayed, *_oscillator_filter(frequency, damping, dt)) + start
 
 
 def _oscillator_filter(
@@ -242,6 +239,33 @@ def _oscillator_filter(
     b0 = float(ramp.real) / dt
     b2 = gain * lag / dt + a1 + 2.0 * a2 - gain + b0
     return np.array([b0, gain - b0 - b2, b2]), np.array([1.0, a1, a2])
+
+
+def _filtered(
+    values: NDArray[np.float64], numerator: NDArray[np.float64], denominator: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Apply a digital filter of second order along the last axis, from rest.
+
+    Args:
+        values: Signal, shape [..., tick].
+        numerator: Coefficients of the signal, lowest delay first, shape [3].
+        denominator: Coefficients of the result, the first one 1, shape [3].
+
+    Returns:
+        Filtered signal, shape [..., tick].
+    """
+    from scipy.linalg import get_lapack_funcs
+
+    driven = numerator[0] * values
+    driven[..., 1:] += numerator[1] * values[..., :-1]
+    driven[..., 2:] += numerator[2] * values[..., :-2]
+    # The recursion is a triangular system with three diagonals, one right-hand side per signal.
+    # SciPy's lfilter would do as well, but its import takes longer than identifying a servo.
+    count = values.shape[-1]
+    diagonals = np.repeat(denominator[:, None], count, axis=1)
+    (solve,) = get_lapack_funcs(("tbtrs",), (driven,))
+    result, _ = solve(diagonals, driven.reshape(-1, count).T, uplo="L", diag="U", overwrite_b=1)
+    return result.T.reshape(values.shape)
 
 
 def _delayed(values: NDArray[np.float64], steps: float) -> NDArray[np.float64]:
