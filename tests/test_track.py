@@ -43,3 +43,28 @@ def test_an_unknown_status_is_refused_with_those_that_exist():
 def test_a_track_of_the_wrong_shape_is_refused(times, xy):
     with pytest.raises(InputError):
         EndpointTrack(times=times, endpoint_xy=xy, status=TrialStatus.OK)
+
+
+def test_lists_will_do_and_what_is_masked_or_none_was_not_seen():
+    masked = np.ma.array([[0.0, 1.0], [2.0, 3.0]], mask=[[True, True], [False, False]])
+    for xy in ([[None, None], [2, 3]], masked):
+        track = EndpointTrack(times=[0, 1], endpoint_xy=xy, status=TrialStatus.OK)
+        assert track.times.dtype == float
+        assert np.isnan(track.endpoint_xy[0]).all()
+        np.testing.assert_array_equal(track.final_xy, [2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"times": ["now", "later"]},
+        {"endpoint_xy": None},
+        {"nodes": np.zeros((2, 5, 2))},
+        {"nodes": np.zeros((3, 5, 3))},
+    ],
+    ids=str,
+)
+def test_a_track_that_is_no_array_of_numbers_is_refused(values):
+    good = {"times": [0.0, 1.0], "endpoint_xy": np.zeros((2, 2)), "status": TrialStatus.OK}
+    with pytest.raises(InputError):
+        EndpointTrack(**good | values)

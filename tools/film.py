@@ -98,8 +98,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Film a cast on the virtual rig."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("out", type=pathlib.Path, help="folder to write to")
-    parser.add_argument("--cable", help="preset or YAML file; that of the lab, or cable_1")
-    parser.add_argument("--lab", type=pathlib.Path, help="lab file; the paper's where missing")
+    parser.add_argument("--cable", help="preset or YAML file; that of --setup, or cable_1")
+    parser.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
     parser.add_argument("--seed", type=int, default=0, help="seed of all that is left to chance")
     parser.add_argument(
         "--action",
@@ -112,7 +112,7 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     theta1, theta2, r2, psi = args.action
     try:
-        setup = Setup() if args.lab is None else load_setup(args.lab)
+        setup = Setup() if args.setup is None else load_setup(args.setup)
         if args.cable is not None:
             setup = dataclasses.replace(setup, cable=args.cable)
         action = Action(np.radians(theta1), np.radians(theta2), r2, np.radians(psi))
@@ -122,10 +122,10 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     print(f"{film.frame_count} frames are in {video}; track them with")
-    print(
-        f"  cablecast track {video} --tags {args.out / 'tags.yaml'} "
-        f"--board {args.out / 'board'} --cable {setup.cable.name} --start {-film.start:.4f}"
-    )
+    words = [f"cablecast track {video} --tags {args.out / 'tags.yaml'}"]
+    words += [f"--board {args.out / 'board'} --start {-film.start:.4f}"]
+    words += [f"--{name} {getattr(args, name)}" for name in ("setup", "cable") if vars(args)[name]]
+    print("  " + " ".join(words))
 
 
 if __name__ == "__main__":

@@ -22,10 +22,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Write pictures of the tags on a table, to print, and their layout as a file to edit."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("out", type=pathlib.Path, help="folder to write to")
-    parser.add_argument("--lab", type=pathlib.Path, help="lab file; the paper's where missing")
+    parser.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
     args = parser.parse_args(arguments)
     try:
-        workspace = Workspace() if args.lab is None else load_setup(args.lab).workspace
+        workspace = Workspace() if args.setup is None else load_setup(args.setup).workspace
         cv2 = load_cv2()
     except CablecastError as error:
         print(f"error: {error}", file=sys.stderr)

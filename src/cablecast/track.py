@@ -89,7 +89,9 @@ class EndpointTrack:
 
 
 def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
-    """Return an array of real numbers; None for None as nodes."""
+    """Return an array of real numbers, NaN where masked; None for None as nodes."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = values.astype(float).filled(np.nan)
     if isinstance(values, np.ndarray) and np.issubdtype(values.dtype, np.floating):
         return values
     if values is None and name == "nodes":

@@ -160,3 +160,17 @@ def test_the_tags_of_any_table_lie_on_it_apart_and_clear_of_the_robot(workspace)
     apart = np.linalg.norm(centres[:, None] - centres, axis=-1)[~np.eye(len(tags), dtype=bool)]
     # A tag with its white rim is 1.25 times as wide as its square.
     assert apart.min() > 1.25 * tags[0].size
+
+
+def test_the_tags_to_print_are_those_of_the_layout_beside_them(tmp_path, capsys):
+    import cv2
+    from tools.make_tags import main
+
+    main([str(tmp_path)])
+    layout = TagLayout.load(tmp_path / "tags.yaml")
+    assert "measures 10 cm" in capsys.readouterr().out
+    for tag in layout.tags:
+        picture = cv2.imread(str(tmp_path / f"tag-{tag.id:02}.png"))
+        assert list(
+            detect_tags(np.pad(picture, ((9, 9), (9, 9), (0, 0)), constant_values=255))
+        ) == [tag.id]

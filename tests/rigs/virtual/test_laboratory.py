@@ -190,7 +190,7 @@ def test_a_cable_that_falls_off_the_edge_hangs_below_the_table(setup, workspace)
 
 
 def test_settings_out_of_bounds_are_refused_by_name(setup):
-    with pytest.raises(InputError, match=r"dt = 0\.01 is outside"):
+    with pytest.raises(InputError, match=r"dt = 0\.01 s is outside"):
         VirtualConfig(dt=0.01)
     with pytest.raises(InputError, match="segment_count = 1 "):
         VirtualConfig(segment_count=1)
