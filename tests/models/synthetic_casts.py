@@ -1,17 +1,15 @@
 """Casts whose landings follow a formula, and small models for the tests of this folder."""
 
-import dataclasses
 import itertools
 
 import numpy as np
 
-from cablecast.cable import load_cable
 from cablecast.datasets import Dataset
 from cablecast.models import ForwardModel
-from cablecast.motion.action import MotionConfig
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
-CABLE = load_cable("cable_1")
+SETUP = Setup()
+CABLE = SETUP.cable
 
 
 def random_actions(count, seed):
@@ -36,18 +34,13 @@ def dataset_of(actions, landing, kind="sim", fingerprint="f00d"):
     """A dataset of casts that reached no farther than where they landed."""
     reach = np.maximum(landing, [0.0, 1.22])
     extent = np.stack([0 * reach[:, 0], reach[:, 0], landing[:, 1], reach[:, 1]], axis=-1)
-    settings = {
-        "cable": CABLE.to_dict(),
-        "workspace": dataclasses.asdict(Workspace()),
-        "motion": dataclasses.asdict(MotionConfig()),
-    }
     return Dataset(
         actions=actions,
         endpoint_xy=landing,
-        status=np.where(Workspace().on_table(landing), "ok", "off_table"),
+        status=np.where(SETUP.workspace.on_table(landing), "ok", "off_table"),
         duration=np.ones(len(actions)),
         extent=extent,
-        info={"kind": kind, "fingerprint": fingerprint, "settings": settings},
+        info={"kind": kind, "fingerprint": fingerprint, "settings": SETUP.to_settings()},
     )
 
 

@@ -1,19 +1,12 @@
-import dataclasses
-
 import numpy as np
 import pytest
 from synthetic_casts import CABLE, network
 
 from cablecast.models.card import model_card
 from cablecast.models.gaussian_process import GaussianProcessModel
-from cablecast.motion.action import MotionConfig
-from cablecast.workspace import Workspace
+from cablecast.setup import Setup
 
-SETTINGS = {
-    "cable": CABLE.to_dict(),
-    "workspace": dataclasses.asdict(Workspace()),
-    "motion": dataclasses.asdict(MotionConfig(v_max=1.31, r0=0.62)),
-}
+SETTINGS = Setup().with_motion(v_max=1.31, r0=0.62).to_settings()
 SIMULATED = {"fingerprint": "f00d", "kind": "sim", "row_count": 36123, "settings": SETTINGS}
 REAL = {
     "fingerprint": "cafe",
@@ -68,7 +61,7 @@ def table(card, header):
 
 
 def errors(card):
-    return table(card, "| on | median | 90 % are below |")
+    return table(card, "| casts | median | 90th percentile |")
 
 
 def settings(card):
@@ -133,7 +126,7 @@ def test_only_a_model_of_simulated_casts_alone_says_that_its_error_on_a_rig_is_n
 
 def test_cable_and_motion_are_those_of_the_dataset():
     card = model_card(described())
-    assert card.startswith(f"# Where casts of {CABLE.name} land\n")
+    assert card.startswith(f"# Landing model of {CABLE.name}\n")
     assert f"in % of cable length ({CABLE.length:g} m)" in card
     assert "v_max = 1.31 m/s and r0 = 0.62 m" in card
 

@@ -6,13 +6,14 @@ import sys
 import numpy as np
 import pytest
 
-from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.models import ForwardModel
 from cablecast.models.correction import LandingCorrection
 from cablecast.models.features import DEVIATION
-from cablecast.motion.action import MotionConfig
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
+
+OTHER = Setup(cable="cable_2", workspace=Workspace(table_width=2.0)).with_motion(v_max=1.2)
 
 pytest.importorskip("safetensors")
 
@@ -30,8 +31,6 @@ def random_model(seed=0):
         )
         for a, b in itertools.pairwise(widths)
     )
-    cable = load_cable("cable_2").to_dict()
-    settings = {"cable": cable, "workspace": {"table_width": 2.0}, "motion": {"v_max": 1.2}}
     return ForwardModel(
         weights=layers,
         feature_mean=np.array([-0.7, 0.7, 0.5, 0.7]),
@@ -40,7 +39,10 @@ def random_model(seed=0):
         endpoint_scale=0.3,
         margin_features=generator.normal(size=(40, 4)).astype(np.float32),
         margins=generator.normal(size=40).astype(np.float32),
-        info={"metrics": {"held_out_median_pct": 0.5}, "dataset": {"settings": settings}},
+        info={
+            "metrics": {"held_out_median_pct": 0.5},
+            "dataset": {"settings": OTHER.to_settings()},
+        },
     )
 
 
@@ -62,9 +64,8 @@ def test_a_saved_model_is_loaded_with_the_same_predictions_and_description(tmp_p
     )
     assert loaded.info == model.info
     assert loaded.fingerprint == model.fingerprint
-    assert loaded.cable == load_cable("cable_2")
-    assert loaded.workspace == Workspace(table_width=2.0)
-    assert loaded.motion_config == MotionConfig(v_max=1.2)
+    assert loaded.cable == OTHER.cable
+    assert loaded.setup == OTHER
 
 
 def test_numpy_predicts_what_torch_computes():

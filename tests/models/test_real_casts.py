@@ -86,7 +86,7 @@ def test_too_few_real_casts_are_refused(real):
         real_rows(few, None)
 
 
-@pytest.mark.parametrize("name", ["cable", "motion", "workspace"])
+@pytest.mark.parametrize("name", ["cable", "workspace", "arm", "motion"])
 def test_real_casts_of_another_setup_are_refused(real, name):
     info = {"dataset": {"settings": dict(real.info["settings"])}}
     assert len(real_rows(real, network([4, 2], info=info))[0]) == COUNT
@@ -94,7 +94,7 @@ def test_real_casts_of_another_setup_are_refused(real, name):
     changed = next(key for key, value in settings.items() if isinstance(value, float))
     settings[changed] += 0.1
     info["dataset"]["settings"][name] = settings
-    with pytest.raises(InputError, match=rf"do not fit the model: {name}\..*{changed}"):
+    with pytest.raises(InputError, match=rf"do not match the model: {name}\..*{changed}"):
         real_rows(real, network([4, 2], info=info))
 
 
