@@ -28,7 +28,7 @@ def refusal(file):
     text = str(caught.value)
     assert "\n" not in text
     assert str(file) in text
-    assert "delete it to begin the search again" in text
+    assert "delete it to restart the search" in text
     return text
 
 

@@ -1,7 +1,7 @@
 """Learning from real casts.
 
 - `correct_model` keeps the network and adds a `LandingCorrection`. It also estimates the spread of
-  real landings, by which a policy can choose casts that are likely to succeed.
+  real landings, with which a policy can choose casts that are likely to succeed.
 - `fine_tune` continues the training of the network on D_real, as in the paper (section V-F).
 - `train_on_real` trains a network on D_real alone.
 
@@ -48,8 +48,8 @@ class FineTuningConfig:
         batch_size: Number of rows per step.
         weight_decay: Decoupled weight decay.
         real_fraction: Fraction of real casts among the training rows. At 1 there are no others, as
-            in the paper. Below 1, simulated casts are kept and the real ones repeated, as in its
-            sibling (arXiv 2111.04814), which took 0.3 to 0.4.
+            in the paper. Below 1, simulated casts are kept and the real ones repeated, as in the
+            sibling paper (arXiv 2111.04814), which used 0.3 to 0.4.
         real_weight: Weight of a real cast in the loss, relative to a simulated one.
     """
 
@@ -68,7 +68,7 @@ class FineTuningConfig:
         self.training()
 
     def training(self) -> TrainingConfig:
-        """Return the settings of the optimiser, which then runs to its last epoch."""
+        """Return the settings of the optimiser, which runs through all epochs."""
         return TrainingConfig(
             epochs=self.epochs,
             learning_rate=self.learning_rate,
@@ -94,7 +94,7 @@ def correct_model(
 
     Args:
         model: Model trained on simulated casts.
-        real: D_real.
+        real: Real casts, D_real.
         seed: Seed for the folds of the cross-validation.
         progress: Called with the number of completed fits.
 
@@ -140,9 +140,9 @@ def fine_tune(
     """Continue the training of a model on real casts.
 
     Args:
-        model: Model trained on simulated casts. A correction that it has is dropped.
-        real: D_real.
-        simulated: D_sim, needed if `real_fraction` is below 1.
+        model: Model trained on simulated casts. An existing correction is dropped.
+        real: Real casts, D_real.
+        simulated: Simulated casts, D_sim; needed if `real_fraction` is below 1.
         config: Settings of fine-tuning.
         seed: Seed for the folds of the cross-validation and the order of the rows.
         device: "cpu" or "cuda".
@@ -198,7 +198,7 @@ def train_on_real(
     """Train a network on real casts alone, the paper's f_forw with D_real.
 
     Args:
-        real: D_real.
+        real: Real casts, D_real.
         config: Settings of the training.
         seed: Seed for the initial weights, the order of the rows and the folds.
         device: "cpu" or "cuda".
@@ -252,14 +252,14 @@ def training_mixture(
 ) -> tuple[Casts, NDArray[np.float64] | None]:
     """Return the training rows of fine-tuning and their weights in the loss.
 
-    Real casts are repeated a whole number of times, so that their fraction is as near to
-    `real_fraction` as that allows.
+    Real casts are repeated a whole number of times, so their fraction only approximates
+    `real_fraction`.
 
     Args:
         model: Model that holds the means and scales.
         actions: Actions of the real casts, shape [cast, 4].
         endpoint_xy: Their endpoints [m], shape [cast, 2].
-        simulated: D_sim, used if `real_fraction` is below 1.
+        simulated: Simulated casts, D_sim; used if `real_fraction` is below 1.
         config: Settings of fine-tuning.
 
     Returns:

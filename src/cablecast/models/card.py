@@ -1,4 +1,4 @@
-"""Text of MODELCARD.md: what a model is, its training data, and its prediction errors."""
+"""Text of MODELCARD.md: description of a model, its training data, and its prediction errors."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,10 +8,10 @@ from cablecast.models.gaussian_process import GaussianProcessModel
 from cablecast.models.landing import LandingModel
 
 _KINDS = {
-    ForwardModel.FORMAT: "A neural network from an action to where the free end comes to rest "
+    ForwardModel.FORMAT: "A neural network from an action to the resting point of the free end "
     "(f_forw, arXiv 2405.09581, section V-F).",
-    GaussianProcessModel.FORMAT: "A Gaussian process from an action to where the free end comes "
-    "to rest, the learned baseline of arXiv 2405.09581, section VI-A.",
+    GaussianProcessModel.FORMAT: "A Gaussian process from an action to the resting point of the "
+    "free end, the learned baseline of arXiv 2405.09581, section VI-A.",
 }
 
 _ADAPTATIONS = {
@@ -38,7 +38,7 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
     """
     info = model.info
     lines = [
-        f"# Where casts of {model.cable.name} land",
+        f"# Landing model of {model.cable.name}",
         "",
         _KINDS[model.FORMAT],
         "",
@@ -87,7 +87,7 @@ def _dataset_line(dataset: Mapping[str, Any]) -> str:
 
 
 def _error_lines(metrics: Mapping[str, Any], cable_length: float) -> list[str]:
-    lines = ["| on | median | 90 % are below |", "|---|---|---|"]
+    lines = ["| casts | median | 90th percentile |", "|---|---|---|"]
     for name, count, words in _ERROR_ROWS:
         if f"{name}_median_pct" in metrics:
             median, p90 = metrics[f"{name}_median_pct"], metrics[f"{name}_p90_pct"]

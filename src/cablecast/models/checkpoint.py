@@ -1,7 +1,7 @@
 """Checkpoint files: arrays and a text header in safetensors, and a JSON copy of the header.
 
 `model.safetensors` holds everything, so that one rename replaces the whole checkpoint. `model.json`
-repeats the description for people.
+repeats the description for human readers.
 """
 
 import dataclasses

@@ -3,7 +3,7 @@
 The residual of an action is modelled as r(a) = s(a) (g(a) + e). g is a Gaussian process over the
 features of the action and the endpoint that the network predicts, and e is noise. The local size
 s(a) = exp(w . h(a)) varies with the action, because a wide fast sweep misses by ten times as much
-as a short one. The same fit yields the spread that is left about the corrected prediction.
+as a short one. The same fit yields the remaining spread about the corrected prediction.
 """
 
 import dataclasses
@@ -74,7 +74,7 @@ class LandingCorrection:
         return np.exp(sizes @ self.size_weights)
 
     def _kernel(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance of g between places and the real casts [m²], shape [action, cast]."""
+        """Return the covariance of g between places and real casts [m²], shape [action, cast]."""
         return self.amplitude**2 * matern(
             places / self.length_scales, self.inputs / self.length_scales
         )

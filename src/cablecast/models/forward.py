@@ -12,7 +12,7 @@ from cablecast.models.landing import LandingModel
 # Rows per pass through the network: enough for fast products, few enough for the cache.
 _CHUNK_ROWS = 4096
 
-# Least relative shift of which the logarithm is taken.
+# Lower bound of the relative shift, for its logarithm.
 _SHIFT_MIN = 1e-6
 
 Weights = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
@@ -105,7 +105,7 @@ class ForwardModel(LandingModel):
 
     @property
     def uncorrected(self) -> "ForwardModel":
-        """The network alone."""
+        """Model without the correction."""
         return dataclasses.replace(self, correction=None)
 
     def _own_tensors(self) -> dict[str, NDArray]:

@@ -33,9 +33,9 @@ def train_forward_model(
     """Train the forward model on a dataset.
 
     All rows with a known endpoint are used, including those off the table. The simulated plane has
-    no edge, so their endpoints are as physical as the others, and the map is smooth across the
-    edge. They support the network just inside it. `ForwardModel.predict_margin` tells whether an
-    action keeps the cable on the table; the network does not.
+    no edge, so these endpoints are equally physical and vary smoothly across the edge. They support
+    the network just inside it. `ForwardModel.predict_margin` predicts whether an action keeps the
+    cable on the table; the network does not.
 
     Args:
         dataset: Simulated casts.

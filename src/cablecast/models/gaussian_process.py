@@ -48,8 +48,8 @@ class GaussianProcessModel(LandingModel):
     ) -> NDArray[np.float64]:
         """Return the change of the endpoint for each change; see `LandingModel.landing_shifts`.
 
-        They come from the derivative of the kernel, which takes one pass over the casts for all
-        changes together: dk/dx = -3 exp(-u) (x - x_i).
+        The derivative of the kernel, dk/dx = -3 exp(-u) (x - x_i), gives all changes in one pass
+        over the casts.
         """
         points = self._points(actions)
         weights = self.coefficients.astype(np.float32)

@@ -1,7 +1,7 @@
 """Matern 3/2 kernel in NumPy and torch, and the fit of its parameters by marginal likelihood.
 
 With u = sqrt(3) d, where d is the distance of two points in units of the length scales, the kernel
-is k(u) = (1 + u) exp(-u). Predicting uses NumPy, so that it needs no torch.
+is k(u) = (1 + u) exp(-u). Prediction uses NumPy and does not need torch.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def scaled_distances(first: NDArray, second: NDArray) -> NDArray:
     Returns:
         Scaled distances in the type of the points, shape [first, second].
     """
-    # In place, because second may be 36,000 casts.
+    # In place, because `second` may hold 36,000 casts.
     u = first @ (-2.0 * second.T)
     u += np.sum(second**2, axis=1)
     u += np.sum(first**2, axis=1)[:, None]
@@ -105,7 +105,7 @@ def minimize(loss: Callable[[Any], Any], start: NDArray, step_count: int) -> NDA
         The vector with the least loss found.
 
     Raises:
-        InputError: The loss or the vector became infinite or not a number.
+        InputError: The loss or the vector became infinite or NaN.
     """
     torch = import_torch("the Gaussian process")
     unknowns = torch.tensor(start, dtype=torch.float64, requires_grad=True)

@@ -48,11 +48,11 @@ def solve_kernel_system(
         block_rows: Rows and columns of a block of the kernel matrix.
 
     Returns:
-        The weights w, shape [cast, output], and the greatest relative residual of any output after
+        The weights w, shape [cast, output], and the largest relative residual of any output after
         each iteration.
 
     Raises:
-        InputError: The residual became infinite or not a number.
+        InputError: The residual became infinite or NaN.
         MissingExtraError: torch is not installed.
     """
     torch = import_torch("the Gaussian process")

@@ -1,6 +1,6 @@
-"""Base of the models that predict where a cast lands.
+"""LandingModel: base class of the models that predict the landing of a cast.
 
-Prediction needs NumPy alone; torch is needed only for training, so that planning starts at once.
+Prediction needs only NumPy; torch is needed only for training, so planning starts at once.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Loading of a checkpoint whose kind is not known beforehand."""
+"""Loading of a checkpoint of any kind of model."""
 
 import pathlib
 
@@ -20,7 +20,7 @@ def load_model(folder: str | pathlib.Path) -> LandingModel:
         folder: Folder that the model was saved to.
 
     Raises:
-        CheckpointError: The file is missing, truncated, damaged, or no model.
+        CheckpointError: The file is missing, truncated, damaged, or not a model.
     """
     checkpoint = read_checkpoint(folder)
     if checkpoint.kind not in _KINDS:

@@ -1,4 +1,4 @@
-"""Real casts to learn from, cross-validation on them, and the record of what was learned."""
+"""Real casts to learn from, cross-validation on them, and the record of the adaptation."""
 
 import dataclasses
 from collections.abc import Callable, Iterator
@@ -30,8 +30,8 @@ def real_rows(
     """Return the real casts that came to rest on the table and were seen.
 
     Args:
-        real: D_real.
-        model: Model that will learn from them, if it has learned from other casts before.
+        real: Real casts, D_real.
+        model: Model that will learn from them; None if it has not learned from other casts before.
 
     Returns:
         Actions, shape [cast, 4], and endpoints [m], shape [cast, 2].
@@ -45,7 +45,7 @@ def real_rows(
         for name in SECTIONS:
             if differences := settings_differences(there.get(name, {}), here.get(name, {})):
                 raise InputError(
-                    f"the real casts do not fit the model: {name}.{'; '.join(differences)}"
+                    f"the real casts do not match the model: {name}.{'; '.join(differences)}"
                 )
     rows = np.flatnonzero(real.ok & real.finite)
     if len(rows) < MIN_REAL_ROWS:
@@ -109,7 +109,7 @@ def real_metrics(
     """Return the errors on real casts, each predicted by a model that has not seen it.
 
     Args:
-        real: D_real.
+        real: Real casts, D_real.
         model: Model before it learned from them; None if there was none.
         actions: Actions of the casts that were used, shape [cast, 4].
         endpoint_xy: Their endpoints [m], shape [cast, 2].
@@ -139,12 +139,12 @@ def with_adaptation(
     config: dict[str, Any] | None = None,
     curve: list[dict[str, float]] | None = None,
 ) -> ForwardModel:
-    """Return a model whose description tells how it learned from real casts.
+    """Return a model with a record of its adaptation to real casts.
 
     Args:
         model: Model after it learned from them.
         info: Description of the model before.
-        real: D_real.
+        real: Real casts, D_real.
         method: "correction", "fine-tuning" or "real only".
         seed: Seed of the adaptation.
         metrics: Metrics to add to those of the model before.

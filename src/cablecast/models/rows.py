@@ -12,10 +12,10 @@ MIN_ROWS = 50
 """Minimum number of simulated casts; fewer cannot be split into training and held-out rows."""
 
 MIN_REAL_ROWS = 15
-"""Minimum number of real casts; from fewer, trend and scatter cannot be told apart."""
+"""Minimum number of real casts; with fewer, trend and scatter cannot be separated."""
 
 LEFT_TABLE_MARGIN = -0.05
-"""Margin assigned to a cast that left the table out of the camera's view [m]."""
+"""Margin assigned to a cast that left the table outside the camera's view [m]."""
 
 
 def known_endpoint_rows(dataset: Dataset) -> NDArray[np.intp]:

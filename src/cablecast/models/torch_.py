@@ -35,7 +35,7 @@ def import_torch(purpose: str):
 
 
 def check_device(device: str) -> None:
-    """Refuse a device on which training cannot run.
+    """Check that training can run on a device.
 
     Args:
         device: "cpu" or "cuda".

@@ -183,7 +183,8 @@ class _TorchNetwork:
         for matrix, offset in self.layers[:-1]:
             hidden = torch.nn.functional.silu(torch.addmm(offset, hidden, matrix))
         predicted = torch.addmm(self.layers[-1][1], hidden, self.layers[-1][0])
-        # Equation 5 takes the norm, not its square, so outliers near folds of the map count less.
+        # Equation 5 takes the norm, not its square, so outliers count less. They occur where the
+        # endpoint folds back as the action changes.
         distance = torch.linalg.vector_norm(predicted - wanted, dim=1)
         if row_weights is None:
             return distance.mean()

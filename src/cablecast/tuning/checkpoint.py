@@ -1,10 +1,10 @@
 """Checkpoint: evaluated generations of a search, for bit-exact resume.
 
-Neither the population nor the state of the random numbers is stored. A search is a deterministic
-function of its seed and of the losses that it was told. The file keeps the losses of every
-generation beside the candidates that they belong to. A run that goes on asks its search again from
-the beginning, answers from the file while it can, and so arrives at the state in which it stopped.
-Candidates that differ from the stored ones are noticed: another library or machine drew them.
+Neither the population nor the state of the random generator is stored. A search is a deterministic
+function of its seed and of the losses that it receives. The file holds the candidates and losses of
+every generation. A resumed run replays its search from the beginning with the stored losses, which
+restores the state in which it stopped. Candidates that differ from the stored ones raise an error:
+another library or machine drew them.
 """
 
 import json
@@ -18,11 +18,11 @@ from cablecast.errors import InputError
 from cablecast.files import write_text
 from cablecast.reading import read_sealed, seal
 
-_GO_ON = "delete it to begin the search again"
+_GO_ON = "delete it to restart the search"
 
 
 class Checkpoint:
-    """Generations of a search on the disk.
+    """Evaluated generations of a search, stored in a file.
 
     Args:
         path: File of the generations; None keeps them in memory only.
@@ -49,15 +49,15 @@ class Checkpoint:
 
     @property
     def seconds(self) -> float:
-        """Time that the stored generations took [s]."""
+        """Total time of the stored generations [s]."""
         return sum(entry["seconds"] for entry in self.generations)
 
     def answer(self, stage: str, candidates: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the stored losses of the next generation; None where it was not yet simulated.
+        """Return the stored losses of the next generation; None if it was not simulated yet.
 
         Args:
             stage: Name of the loss function.
-            candidates: Candidates that the search asks for, shape [candidate, dimension].
+            candidates: Candidates of the generation, shape [candidate, dimension].
 
         Raises:
             InputError: Other candidates are stored.
@@ -68,7 +68,7 @@ class Checkpoint:
         if entry["stage"] != stage or not np.array_equal(entry["candidates"], candidates):
             raise InputError(
                 f"generation {self._answered} of {self.path} holds other candidates than this "
-                f"version or machine draws: give another folder, or {_GO_ON}"
+                f"version or machine draws: use another folder, or {_GO_ON}"
             )
         self._answered += 1
         return np.array(entry["losses"])
@@ -80,13 +80,13 @@ class Checkpoint:
         losses: NDArray[np.float64],
         seconds: float,
     ) -> None:
-        """Add a generation that was simulated, and write the file.
+        """Add a simulated generation and write the file.
 
         Args:
             stage: Name of the loss function.
             candidates: Candidates of the generation, shape [candidate, dimension].
             losses: Losses of the candidates, shape [candidate].
-            seconds: Time that they took [s].
+            seconds: Time of the simulation [s].
         """
         self.generations.append(
             {
@@ -98,12 +98,12 @@ class Checkpoint:
         )
         self._answered = len(self.generations)
         if self.path is not None:
-            # Python writes floats so that they are read back bit by bit.
+            # Python writes floats so that they are read back bit-exactly.
             write_text(self.path, json.dumps(seal({"generations": self.generations})) + "\n")
 
 
 def _generations(path: pathlib.Path, stored: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the generations of a file whose checksum matches."""
+    """Return the generations of a file with a valid checksum."""
     try:
         return [_generation(entry) for entry in stored["generations"]]
     except (ValueError, TypeError, KeyError, OverflowError):
@@ -111,7 +111,7 @@ def _generations(path: pathlib.Path, stored: dict[str, Any]) -> list[dict[str, A
 
 
 def _generation(entry: dict[str, Any]) -> dict[str, Any]:
-    """Return a stored generation, if it is one."""
+    """Check a stored generation and return it."""
     candidates = np.array(entry["candidates"], dtype=float)
     losses = np.array(entry["losses"], dtype=float)
     if candidates.ndim != 2 or losses.shape != (len(candidates),):

@@ -1,4 +1,4 @@
-"""TrackObjective: distance of simulated tracks from measured ones (paper, equation 4)."""
+"""TrackObjective: distance between simulated and measured tracks (paper, equation 4)."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.tuning.tracks import MeasuredTracks
 
 NON_FINITE_DISTANCE = 2.0
-"""Distance that a broken simulation counts as, in cable lengths: farther than any real one."""
+"""Distance assigned to a non-finite simulation, in cable lengths; larger than any real one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -21,9 +21,9 @@ class TrackDistances:
 
     Attributes:
         mean: Mean distance over the compared samples of a track [m], shape [candidate, trial]; NaN
-            where nothing could be compared.
-        final: Distance between the resting points [m], same shape; NaN where the rig's cable did
-            not come to rest on the table.
+            without compared samples.
+        final: Distance between the resting points [m], same shape; NaN if the rig's cable did not
+            come to rest on the table.
         finite: Whether the simulation stayed finite, same shape.
     """
 
@@ -38,12 +38,12 @@ class TrackDistances:
 
 
 class TrackObjective:
-    """Simulate measured motions with candidate parameters, all in one batch of an engine.
+    """Objective that simulates the measured motions with candidate parameters in one batch.
 
     Args:
         engine: Simulator.
         cable: Cable that was cast.
-        tracks: Tracks that a rig measured.
+        tracks: Tracks measured on a rig.
 
     Raises:
         InputError: No sample of any track can be compared.
@@ -69,8 +69,8 @@ class TrackObjective:
             params: One value per candidate, or shared for one candidate.
 
         Returns:
-            Endpoints [m], shape [candidate, trial, sample, 2], of which the last sample is the end
-            of the simulation; and whether each world stayed finite, shape [candidate, trial].
+            Endpoints [m], shape [candidate, trial, sample, 2]; the last sample is the end of the
+            simulation. Whether each world stayed finite, shape [candidate, trial].
         """
         values = np.atleast_2d(params.to_array())
         candidate_count, trial_count = len(values), len(self.tracks)
@@ -118,9 +118,9 @@ class TrackObjective:
     ) -> CableState:
         """Return the reset state of each world.
 
-        It is worked out once per candidate and turned to the start of each trial. All trials start
-        from the same place but for the noise of measured joints; one computation per world would
-        take longer than the simulation.
+        It is computed once per candidate and transformed to the start of each trial. The starts
+        differ only by the noise of measured joints. One computation per world would take longer
+        than the simulation.
         """
         paths = self.tracks.grip_path
         starts = paths.evaluate(paths.knots[:, :1])[:, 0]
@@ -148,7 +148,7 @@ def _interpolate(
     """Interpolate linearly on an even grid.
 
     Args:
-        grid: Rising times of the samples from 0 [s], shape [step].
+        grid: Ascending times of the samples from 0 [s], shape [step].
         values: Samples, shape [trial, candidate, step, 2].
         times: Wanted times [s], shape [trial, sample].
 
@@ -156,7 +156,7 @@ def _interpolate(
         Values at the wanted times, shape [trial, candidate, sample, 2].
     """
     interval = grid[1] - grid[0]
-    # A time on the grid but for rounding must not mix in its neighbour, which may be NaN.
+    # Round, so that a time on the grid does not mix in its neighbour, which may be NaN.
     place = np.clip(np.round(times / interval, 6), 0.0, len(grid) - 1)
     before = np.minimum(place.astype(int), len(grid) - 2)
     share = place - before

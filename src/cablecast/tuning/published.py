@@ -1,17 +1,17 @@
-"""Figures of the paper's tuning, to stand beside ours."""
+"""Tuning results of the paper, for comparison with ours."""
 
 import dataclasses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PublishedTuning:
-    """Column of the paper's table of tuning; values in % of cable length.
+    """Column of the paper's tuning table; values in % of cable length.
 
     Attributes:
         default_final_pct: Median final distance with PyBullet's default parameters.
-        default_mean_pct: Equation 4 with them.
+        default_mean_pct: Equation 4 with PyBullet's default parameters.
         tuned_final_pct: Median final distance after Differential Evolution.
-        tuned_mean_pct: Equation 4 after it.
+        tuned_mean_pct: Equation 4 after Differential Evolution.
     """
 
     default_final_pct: float
@@ -34,9 +34,9 @@ _PUBLISHED = {
 }
 
 PUBLISHED_SIMULATION_COUNT = 30_000
-"""Simulations of the paper's search per cable, roughly."""
+"""Approximate number of simulations of the paper's search per cable."""
 
 
 def published_tuning(cable_name: str) -> PublishedTuning | None:
-    """Return the paper's values for a cable; None for a cable that the paper does not have."""
+    """Return the paper's values for a cable; None for a cable that is not in the paper."""
     return _PUBLISHED.get(cable_name)

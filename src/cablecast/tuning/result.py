@@ -1,4 +1,4 @@
-"""params.json: the result of tuning, written with a checksum and read by other verbs."""
+"""params.json: result of tuning, with a checksum, which other commands read."""
 
 import pathlib
 from collections.abc import Callable, Mapping
@@ -19,9 +19,9 @@ from cablecast.tuning.tune import TuneResult
 
 PARAMS_FILE = "params.json"
 
-# A simulation depends on masses and stiffnesses by their ratios only, and on the frictions by their
-# product. Parameters that spread widely while these do not are not badly fitted, but of no
-# consequence.
+# A simulation depends only on the ratios of masses and stiffnesses, and on the product of the
+# frictions. If the parameters spread widely but these do not, the fit is good and the spread has no
+# effect.
 _DERIVED = {
     "friction": lambda p: p.friction,
     "bend_stiffness_per_mass": lambda p: p.bend_stiffness / p.mass,
@@ -38,7 +38,7 @@ def params_file(
     Args:
         result: Result of tuning.
         cable_length: Cable length r_c [m].
-        servo: Servo of the arm, where it was identified.
+        servo: Servo of the arm, if it was identified.
     """
     rows = {}
     for name, distances, status in (
@@ -65,10 +65,10 @@ def params_file(
 def distance_summary(
     distances: TrackDistances, candidate: int, cable_length: float
 ) -> dict[str, Any]:
-    """Return distances of one candidate in % of cable length, as the paper's table of tuning.
+    """Return distances of one candidate in % of cable length, as in the paper's tuning table.
 
     Args:
-        distances: Distances of some tracks.
+        distances: Distances between simulated and measured tracks.
         candidate: Row of the candidate.
         cable_length: Cable length r_c [m].
     """
@@ -88,7 +88,7 @@ def distance_summary(
 
 
 def status_counts(status: NDArray[np.str_]) -> dict[str, int]:
-    """Return the number of trials that ended in each way."""
+    """Return the number of trials by status."""
     codes, counts = np.unique(status, return_counts=True)
     return {str(code): int(count) for code, count in zip(codes, counts, strict=True)}
 
@@ -96,13 +96,13 @@ def status_counts(status: NDArray[np.str_]) -> dict[str, int]:
 def _reduced(
     reduce: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]
 ) -> float | None:
-    """Return a figure of the values that are known; None where none is."""
+    """Return a statistic of the finite values; None if there are none."""
     known = values[np.isfinite(values)]
     return finite_or_none(reduce(known)) if len(known) else None
 
 
 def _spread(population: CableParams) -> dict[str, list[float]]:
-    """Return least, median and greatest value in the final population, by name."""
+    """Return minimum, median and maximum of each value in the final population, by name."""
     values = {name: getattr(population, name) for name in CableParams.names()}
     values |= {name: value(population) for name, value in _DERIVED.items()}
     return {
@@ -115,26 +115,26 @@ def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
     """Write params.json with a checksum over its content.
 
     Args:
-        path: File, or the folder that shall hold it.
-        values: See `params_file`; also `cable`, the name of the cable that was tuned.
+        path: File, or its folder.
+        values: Content, see `params_file`; also `cable`, the name of the tuned cable.
     """
     file = path / PARAMS_FILE if path.is_dir() else path
     sealed = seal(dict(values))
-    # The first line, so that a person may delete it without breaking the commas.
+    # On the first line, so that a person may delete it without breaking the commas.
     write_json(file, {CHECKSUM_KEY: sealed.pop(CHECKSUM_KEY), **sealed})
 
 
 def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CableParams:
-    """Return the parameters that `cablecast tune` found, or that a person wrote.
+    """Read the parameters that `cablecast tune` found, or that a person wrote.
 
     Args:
-        path: A params.json, or the folder that holds it. Without a checksum it needs the key
-            `params` only, a mapping of the ten parameters.
-        cable: Cable that they are meant for; not checked where None.
+        path: params.json, or its folder. Without a checksum, only the key `params` is required, a
+            mapping of the ten parameters.
+        cable: Cable that the parameters must belong to; not checked if None.
 
     Raises:
-        InputError: There is no such file, it does not hold ten parameters or those of another
-            cable, or it was changed since it was written.
+        InputError: There is no such file, it does not hold the ten parameters, it belongs to
+            another cable, or it was changed since it was written.
         UnreadableFileError: The system refuses to read it.
     """
     file, values = _read(path)
@@ -156,10 +156,10 @@ def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CablePa
 
 
 def read_servo(path: str | pathlib.Path) -> ServoModel | None:
-    """Return the servo of the arm, where `cablecast tune` could identify it.
+    """Read the servo of the arm; None if `cablecast tune` could not identify it.
 
     Args:
-        path: A params.json, or the folder that holds it.
+        path: params.json, or its folder.
 
     Raises:
         InputError: There is no such file, or it is damaged.
@@ -176,7 +176,7 @@ def read_servo(path: str | pathlib.Path) -> ServoModel | None:
 
 
 def _read(path: str | pathlib.Path) -> tuple[pathlib.Path, dict[str, Any]]:
-    """Return the file and its content, whose checksum matches where it has one."""
+    """Return the file and its content; a checksum, if present, is verified."""
     file = pathlib.Path(path)
     file = file / PARAMS_FILE if file.is_dir() else file
     try:
@@ -193,7 +193,7 @@ def _read(path: str | pathlib.Path) -> tuple[pathlib.Path, dict[str, Any]]:
         except (DamagedFileError, RecursionError):
             raise InputError(
                 f"{file} was changed since it was written: delete its {CHECKSUM_KEY} line to use "
-                "it all the same"
+                "it anyway"
             ) from None
     if "params" not in values:
         raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
@@ -201,6 +201,6 @@ def _read(path: str | pathlib.Path) -> tuple[pathlib.Path, dict[str, Any]]:
 
 
 def _refusal(file: pathlib.Path, error: Exception) -> InputError:
-    """Return the error on one line that names the file."""
+    """Return a one-line error that names the file."""
     reason = " ".join(str(error).split())[:300].removeprefix(f"{file} is damaged: ")
     return InputError(f"{file} does not hold tuned parameters: {reason}")

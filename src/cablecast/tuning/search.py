@@ -1,7 +1,7 @@
-"""Search methods that ask for candidates and are told their losses, one batch per generation.
+"""Search methods over the unit cube, with one batch of candidates per generation.
 
-All of them work in the unit cube. A method is a deterministic function of its seed and of the
-losses that it was told, so that a search resumes by being told the stored losses again.
+`ask` returns candidates, and `tell` updates the search with their losses. A method is a
+deterministic function of its seed and these losses, so that stored losses suffice to resume it.
 """
 
 from typing import Protocol
@@ -19,7 +19,7 @@ MUTATION = (0.5, 1.0)
 """The paper's values, which are SciPy's defaults (arXiv source of the paper)."""
 
 POPULATION_MIN = 4
-"""The strategy best1bin needs a member, its best, and two others."""
+"""Minimum for the strategy best1bin: a member, the best, and two others."""
 POPULATION_MAX = 10_000
 
 _CMA_SIGMA = 0.25
@@ -29,7 +29,7 @@ class Search(Protocol):
     """A search over the unit cube.
 
     Attributes:
-        population: Best points so far that the search goes on from, shape [member, dimension].
+        population: Best points so far, from which the search continues, shape [member, dimension].
         losses: Their losses, shape [member].
     """
 
@@ -41,22 +41,22 @@ class Search(Protocol):
         ...
 
     def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
-        """Learn from the losses of the candidates that were asked for."""
+        """Update the search with the losses of its last candidates."""
         ...
 
     def shrink(self, population_size: int) -> None:
-        """Go on from the best members alone.
+        """Keep only the best members.
 
         Args:
-            population_size: Number of members to keep, at most as many as there are.
+            population_size: Number of members to keep, at most the present number.
         """
         ...
 
     def restart(self, losses: NDArray[np.float64]) -> None:
-        """Go on with another loss function.
+        """Continue with another loss function.
 
         Args:
-            losses: Losses of the members of the population under it.
+            losses: Losses of the population under the new function, shape [member].
         """
         ...
 
@@ -64,15 +64,15 @@ class Search(Protocol):
 class SearchDE:
     """Differential Evolution, strategy best1bin with dithered mutation, updated by generations.
 
-    Each member x of the population is challenged by best + F (x_a - x_b). Each coordinate of the
-    challenger is taken with the probability of recombination, and one always. F is drawn once a
-    generation from the range of mutation. Coordinates that leave the cube are drawn anew. The
-    better of both survives. SciPy's `differential_evolution(updating="deferred")` does the same.
+    Each member x is challenged by best + F (x_a - x_b). The challenger takes each coordinate of
+    this mutant with the recombination probability, and at least one. F is drawn from the mutation
+    range once per generation. Coordinates outside the cube are redrawn. The better of member and
+    challenger survives. SciPy's `differential_evolution(updating="deferred")` does the same.
 
     Args:
-        start: Point of the first population; the others are a Latin hypercube.
+        start: First member of the initial population; the others are a Latin hypercube.
         population_size: Number of members.
-        rng: Random numbers.
+        rng: Random generator.
         recombination: Crossover probability.
         mutation: Range of F.
     """
@@ -95,13 +95,13 @@ class SearchDE:
         self.losses = np.full(population_size, np.inf)
 
     def ask(self) -> NDArray[np.float64]:
-        """Return the first population, then one challenger for each member."""
+        """Return the initial population, then one challenger for each member."""
         if not np.isfinite(self.losses).any():
             return self.population.copy()
         rng, (size, dimension) = self._rng, self.population.shape
         best = self.population[np.argmin(self.losses)]
         factor = rng.uniform(*self._mutation)
-        # Two others for each member: the start of a random order of all but the member itself.
+        # Two others for each member: the first two of a random order of all but the member itself.
         order = np.argsort(rng.random((size, size - 1)), axis=1)[:, :2]
         others = order + (order >= np.arange(size)[:, None])
         mutant = best + factor * (self.population[others[:, 0]] - self.population[others[:, 1]])
@@ -113,7 +113,7 @@ class SearchDE:
         return challengers
 
     def tell(self, candidates: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
-        """Replace each member by its challenger where that is better."""
+        """Replace each member by its challenger if that is not worse."""
         better = losses <= self.losses
         self.population = np.where(better[:, None], candidates, self.population)
         self.losses = np.where(better, losses, self.losses)
@@ -124,19 +124,19 @@ class SearchDE:
         self.population, self.losses = self.population[best], self.losses[best]
 
     def restart(self, losses: NDArray[np.float64]) -> None:
-        """Keep the population under other losses."""
+        """Keep the population with new losses."""
         self.losses = np.array(losses, dtype=float)
 
 
 class SearchCMAES:
-    """Covariance matrix adaptation, from the `cma` library.
+    """Covariance matrix adaptation (CMA-ES), from the `cma` library.
 
-    Its population are the best points that were asked for since the loss function last changed.
+    The population holds the best candidates since the loss function last changed.
 
     Args:
         start: Mean of the first generation.
         population_size: Number of candidates of a generation.
-        rng: Random numbers.
+        rng: Random generator.
     """
 
     def __init__(self, start: NDArray[np.float64], population_size: int, rng: np.random.Generator):
@@ -148,7 +148,7 @@ class SearchCMAES:
         options = {
             "bounds": [0.0, 1.0],
             "popsize": population_size,
-            # The library would seed NumPy's global generator: give it ours instead.
+            # The library would seed NumPy's global generator; pass ours instead.
             "seed": np.nan,
             "randn": lambda *shape: rng.standard_normal(shape),
             "verbose": -9,
@@ -169,16 +169,16 @@ class SearchCMAES:
         self._keep(np.concatenate([self.population, candidates]), np.append(self.losses, losses))
 
     def shrink(self, population_size: int) -> None:
-        """Keep fewer of the best points.
+        """Keep only the best points.
 
-        A generation stays as large as before: the step of its mean depends on the size.
+        The size of a generation does not change, since the step of its mean depends on the size.
         """
         self._keep(self.population, self.losses)
         self.population = self.population[:population_size]
         self.losses = self.losses[:population_size]
 
     def restart(self, losses: NDArray[np.float64]) -> None:
-        """Keep the distribution and the best points under other losses."""
+        """Keep the distribution and the best points, with new losses."""
         self._keep(self.population, np.array(losses, dtype=float))
 
     def _keep(self, points: NDArray[np.float64], losses: NDArray[np.float64]) -> None:
@@ -192,7 +192,7 @@ def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDA
     Args:
         count: Number of points.
         dimension: Number of coordinates.
-        rng: Random numbers.
+        rng: Random generator.
 
     Returns:
         Points, shape [count, dimension].
@@ -202,18 +202,18 @@ def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDA
 
 
 def make_search(method: str, start: NDArray[np.float64], population_size: int, seed: int) -> Search:
-    """Return a search method by its name.
+    """Return a search by the name of its method.
 
     Args:
         method: One of `METHODS`.
-        start: Point that the search starts from, shape [dimension].
+        start: Starting point of the search, shape [dimension].
         population_size: Number of candidates of a generation.
-        seed: Seed of everything that the search draws.
+        seed: Seed of the search.
 
     Raises:
         UnknownNameError: There is no such method.
         InputError: The population size or the seed is out of bounds.
-        MissingExtraError: It needs a library that is not installed.
+        MissingExtraError: The method needs a library that is not installed.
     """
     rng = np.random.default_rng(check_seed(seed))
     if method == "de":

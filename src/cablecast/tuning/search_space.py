@@ -1,4 +1,4 @@
-"""SearchSpace: ranges of the ten parameters about what is believed of a cable."""
+"""SearchSpace: ranges of the ten parameters around the nominal values of a cable."""
 
 import dataclasses
 
@@ -9,30 +9,30 @@ from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.errors import InputError
 
 STIFFNESS_FACTOR = 30.0
-"""A rope's bend and twist stiffness are known to an order of magnitude at best: strands that slide
-freely and strands that stick differ by more than that."""
+"""Range factor of bend and twist stiffness, which are known to an order of magnitude at best: ropes
+with sliding and with sticking strands differ by more."""
 MASS_FACTOR = 2.0
-"""A cable can be weighed; yet its mass spans the same range as in the paper's search, 0.3 to 2."""
+"""Range factor of the mass. A cable can be weighed, but the paper's search also spans 0.3 to 2."""
 ENDPOINT_FACTOR = 4.0
-"""So can the attachment, but a lumped mass at the endpoint stands for an extended body."""
+"""Range factor of the endpoint mass, a point mass that stands for an extended body."""
 FRICTION_RANGE = (0.15, 1.4)
 """Friction factors of the cable and of the table; their product spans 0.02 to 2."""
 LEVER_ARM_MIN = 1e-6
-"""Lever arm of rolling and spinning friction [m] below which neither does anything."""
+"""Lever arm of rolling and spinning friction [m] below which neither has an effect."""
 LINEAR_DAMPING_RANGE = (1e-2, 5.0)
-"""A light cable in air decays at about 1/s; at 0.01/s a cast of 2 s feels nothing."""
+"""Linear damping [1/s]. A light cable in air has about 1/s; 0.01/s has no effect on a 2 s cast."""
 ANGULAR_DAMPING_RANGE = (0.1, 200.0)
-"""Stands for all that a cable loses in bending, of which nothing is known beforehand."""
+"""Angular damping [1/s]. It stands for all bending losses, which are unknown beforehand."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SearchSpace:
-    """Box of parameters that a search sees as the unit cube.
+    """Box of parameters, mapped to the unit cube for the search.
 
     Attributes:
         low: Lower bounds in the order of `CableParams.names`, shape [10].
         high: Upper bounds, shape [10].
-        logarithmic: Whether each is searched on a logarithmic scale, shape [10].
+        logarithmic: Whether each parameter is searched on a logarithmic scale, shape [10].
     """
 
     low: NDArray[np.float64]
@@ -46,7 +46,7 @@ class SearchSpace:
             least, most = PARAM_BOUNDS[name]
             if not (least <= low < high <= most) or (log and low <= 0.0):
                 raise InputError(
-                    f"search range of {name} [{low:g}, {high:g}] must rise within "
+                    f"search range of {name} [{low:g}, {high:g}] must ascend within "
                     f"[{least:g}, {most:g}]" + (" and be positive" if log else "")
                 )
 
@@ -58,7 +58,7 @@ class SearchSpace:
     def to_params(self, unit: NDArray[np.float64]) -> CableParams:
         """Return the parameters of points in the unit cube, shape [10] or [candidate, 10]."""
         unit = np.clip(unit, 0.0, 1.0)
-        # Where the range is not logarithmic, any positive numbers do.
+        # If the range is not logarithmic, any positive numbers will do.
         low = np.where(self.logarithmic, self.low, 1.0)
         high = np.where(self.logarithmic, self.high, 1.0)
         values = np.where(
@@ -66,11 +66,11 @@ class SearchSpace:
             low * (high / low) ** unit,
             self.low + (self.high - self.low) * unit,
         )
-        # Powers may leave the range by a rounding error.
+        # Powers may leave the range by rounding.
         return CableParams.from_array(np.clip(values, self.low, self.high))
 
     def to_unit(self, params: CableParams) -> NDArray[np.float64]:
-        """Return points of the unit cube; parameters outside the range move to its edge."""
+        """Return points of the unit cube; parameters outside the range are clipped."""
         values = np.clip(params.to_array(), self.low, self.high)
         low = np.where(self.logarithmic, self.low, 1.0)
         high = np.where(self.logarithmic, self.high, np.e)
@@ -89,12 +89,12 @@ class SearchSpace:
 
     @classmethod
     def for_cable(cls, cable: Cable) -> "SearchSpace":
-        """Return the ranges that suit a cable, from its size and what is believed of it.
+        """Return the search ranges for a cable, from its radius and its nominal parameters.
 
-        Stiffnesses and masses span factors about the believed values; friction lever arms end at
-        the cable's radius, beyond which the contact itself would lie outside the cable. A value
-        that is believed to be zero is searched up to what its neighbours make plausible: stiffness
-        up to that of bending or twisting, the endpoint mass up to half of the cable's.
+        Stiffnesses and masses span factors around the nominal values. Friction lever arms end at
+        the cable's radius, beyond which the contact would lie outside the cable. If a nominal value
+        is zero, a stiffness takes the range of the other stiffness, and the endpoint mass ranges up
+        to half of the cable's mass.
 
         Raises:
             InputError: The cable's parameters are given per world.

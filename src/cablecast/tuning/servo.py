@@ -17,7 +17,7 @@ TICK = 1 / 125
 """Interval between set points in the fit [s]: the control cycle of a UR5."""
 
 _STILL = 1e-3
-"""Range of set points [rad] below which a joint says nothing about its servo."""
+"""Range of set points [rad] below which the servo of a joint is not identified."""
 _BOUNDS = ((0.0, 10.0, 0.3), (0.2, 2000.0, 3.0))
 """Bounds of delay [s], frequency [rad/s] and damping [-]."""
 _LAG_MAX = 0.5
@@ -196,8 +196,8 @@ def _residuals(
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """Return a function of delay, frequency and damping that gives the residuals of one joint.
 
-    Its results [rad] have the shape [sample]. Their mean is removed, so that a constant offset of
-    the encoder is not taken for a lag.
+    Its results [rad] have the shape [sample]. Their mean is removed, so that a constant encoder
+    offset is not mistaken for a lag.
     """
     q = np.ascontiguousarray(motions.q[..., joint])
     measured = motions.measured[:, joint]
@@ -215,7 +215,7 @@ def _residuals(
 def _start_values(motions: _Motions, joint: int) -> NDArray[np.float64]:
     """Return delay [s], frequency [rad/s] and damping [-] close to their best values.
 
-    The three can largely stand in for one another: the misfit is a narrow, curved valley, and a
+    The three can largely replace one another: the misfit is a narrow, curved valley, and a
     search in delay, frequency and damping takes hundreds of steps along it. To second order in
     time, the response depends only on delay + filter_lag and on spread = filter_lag^2 -
     2 / frequency^2, where filter_lag = 2 damping / frequency. In delay, filter_lag and spread the

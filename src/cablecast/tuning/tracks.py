@@ -1,4 +1,4 @@
-"""Measured tracks of D_tune as arrays that a batch of simulations is compared with."""
+"""Measured tracks of D_tune, as arrays for comparison with a batch of simulations."""
 
 import dataclasses
 
@@ -23,16 +23,16 @@ _GRID_TOLERANCE = 1e-6
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MeasuredTracks:
-    """Tracks that a rig measured, and the motions that made them, one row per trial.
+    """Tracks measured on a rig and the motions that produced them, one row per trial.
 
     Attributes:
         grip_path: Motion of the gripper, one row per trial.
-        times: Times at which the endpoint was looked at [s], shape [trial, sample]; rows that are
-            shorter repeat their last time.
-        endpoint_xy: Its places [m], shape [trial, sample, 2]; NaN where it is not compared.
-        final_xy: Its resting places [m], shape [trial, 2]; NaN where it did not rest on the table
-            or was not seen there.
-        status: Codes of the trial statuses, shape [trial].
+        times: Sample times of the endpoint [s], shape [trial, sample]; shorter rows repeat their
+            last time.
+        endpoint_xy: Measured endpoints [m], shape [trial, sample, 2]; NaN where not compared.
+        final_xy: Resting points of the endpoint [m], shape [trial, 2]; NaN if it did not come to
+            rest on the table or was not seen there.
+        status: Status codes of the trials, shape [trial].
         actions: Actions of the trials, shape [trial, 4].
         path_source: Origin of the grip path, "commanded" or "measured".
     """
@@ -51,7 +51,7 @@ class MeasuredTracks:
         if self.times.shape != shape or self.endpoint_xy.shape != (*shape, 2):
             raise InputError(
                 f"{count} grip paths, times of shape {self.times.shape} and endpoints of shape "
-                f"{self.endpoint_xy.shape} do not belong together"
+                f"{self.endpoint_xy.shape} do not match"
             )
 
     def __len__(self) -> int:
@@ -73,10 +73,10 @@ class MeasuredTracks:
         return float(self.times.max())
 
     def sample_dt(self) -> float:
-        """Return the coarsest interval on whose grid all compared times lie [s].
+        """Return the coarsest sampling interval whose grid contains all compared times [s].
 
-        0.01 s where none does: linear interpolation at this interval is off by at most 1 to 2 mm
-        even where the endpoint's acceleration peaks at 100 m/s².
+        If there is none, return 0.01 s: linear interpolation at this interval is off by at most 1
+        to 2 mm even where the endpoint's acceleration peaks at 100 m/s².
         """
         times = self.times[self.compared]
         for interval in _GRIDS:
@@ -90,18 +90,18 @@ class MeasuredTracks:
     ) -> "MeasuredTracks":
         """Return the tracks of a dataset that a rig recorded.
 
-        A trial that left the table is compared up to the last sample before it fell, since the
-        simulated table has no edge. Samples without a seen endpoint are not compared, and neither
-        is the start, where both are in the reset state.
+        A trial that left the table is compared up to the last sample before the endpoint fell,
+        since the simulated table has no edge. Samples in which the endpoint was not seen are not
+        compared. Neither is the start, where simulation and rig are in the reset state.
 
         Args:
             dataset: Trials with the columns times, track_x and track_y.
-            path_source: "commanded", "measured", or "auto": measured where the dataset has it.
-            count: Number of trials to use, from the first on; all where None.
+            path_source: "commanded", "measured", or "auto": measured if the dataset has it.
+            count: Number of trials to use, from the first one; all if None.
 
         Raises:
-            DatasetError: The dataset holds no tracks, or not as many as asked for.
-            InputError: The path source is unknown, or the count no positive number.
+            DatasetError: The dataset holds no tracks, or fewer than requested.
+            InputError: The path source is unknown, or the count is not positive.
         """
         if path_source not in PATH_SOURCES:
             raise InputError(f"path source {path_source!r}: one of {', '.join(PATH_SOURCES)}")
@@ -144,7 +144,7 @@ def _fallen_from(track: NDArray[np.float64], workspace: Workspace) -> int:
         return int(np.argmax(outside))
     if not seen.any():
         return 0
-    # It was outside between two samples, near the one that is closest to an edge.
+    # It left between two samples, near the one closest to an edge.
     return int(np.argmin(np.where(seen, workspace.edge_distance(track), np.inf)))
 
 

@@ -22,7 +22,7 @@ COARSE, FINE = "coarse", "fine"
 
 GENERATION_MAX = 20_000
 CANDIDATE_MAX = 100_000
-"""Largest number of candidates of a search: its checkpoint, which is written anew after every
+"""Largest number of candidates of a search. Its checkpoint, which is rewritten after every
 generation, then has 25 MB."""
 
 
@@ -30,10 +30,10 @@ generation, then has 25 MB."""
 class TuneConfig:
     """Settings of the search.
 
-    Most generations are simulated coarsely, which is two to three times cheaper. The best of the
-    population then go on at the resolution at which the parameters will be used: a coarse cable
-    fits the same tracks with slightly different parameters. The coarser it is, the farther its best
-    parameters are from those at full resolution.
+    Most generations are simulated coarsely, which is two to three times cheaper. The best members
+    then continue at the resolution at which the parameters will be used, because a coarse cable
+    fits the same tracks with slightly different parameters. The coarser it is, the more its best
+    parameters differ from those at full resolution.
 
     Attributes:
         method: "de" (Differential Evolution, as in the paper) or "cmaes".
@@ -44,7 +44,7 @@ class TuneConfig:
         fine_generations: Number of generations at the fine resolution.
         coarse_segment_count: Number of segments of the coarse cable.
         coarse_dt: Step of the coarse simulation [s].
-        seed: Seed of everything that the search draws.
+        seed: Seed of the search.
     """
 
     method: str = "de"
@@ -58,7 +58,7 @@ class TuneConfig:
 
     def __post_init__(self):
         if self.method not in METHODS:
-            raise InputError(f"search method {self.method!r}: one of {', '.join(METHODS)}")
+            raise InputError(f"unknown search method {self.method!r}: one of {', '.join(METHODS)}")
         for name, low, high in (
             ("population_size", POPULATION_MIN, POPULATION_MAX),
             ("coarse_generations", 0, GENERATION_MAX),
@@ -103,7 +103,7 @@ class TuneProgress:
         best_pct: Loss of the best candidate so far in this stage [% of cable length].
         spread_pct: Standard deviation of the losses of the population [% of cable length].
         simulation_count: Number of rollouts so far.
-        seconds_left: Expected time to the end [s].
+        seconds_left: Expected time left [s].
     """
 
     stage: str
@@ -120,17 +120,17 @@ class TuneResult:
     """Result of tuning.
 
     Attributes:
-        params: Parameters of the least loss.
+        params: Parameters with the least loss.
         population: Final population, one value per member.
         population_losses: Their losses [m], shape [member].
         space: Ranges of the search.
         training: Distances of (default, tuned) parameters on the training tracks.
-        validation: Distances of both on tracks that the search never saw.
+        validation: Distances of (default, tuned) parameters on tracks that the search never saw.
         training_status: Trial statuses of the training tracks, shape [trial].
         validation_status: Trial statuses of the validation tracks, shape [trial].
         simulation_count: Number of rollouts of the search, coarse and fine.
         coarse_simulation_count: Number of those at the coarse resolution.
-        seconds: Duration of the search, over all runs that it was resumed in [s].
+        seconds: Duration of the search, summed over interrupted runs [s].
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
     """
 
@@ -151,17 +151,16 @@ class TuneResult:
 def split_tracks(
     tracks: MeasuredTracks, validation_count: int | None = None
 ) -> tuple[MeasuredTracks, MeasuredTracks]:
-    """Split tracks into training and validation tracks: the last ones validate.
+    """Split tracks into training and validation tracks; the last ones are for validation.
 
-    The actions of D_tune are drawn in no order, so the last are as good as any.
+    The actions of D_tune are in random order, so the last ones are a random sample.
 
     Args:
         tracks: All tracks.
-        validation_count: Number of tracks that validate; a quarter where None, which is the paper's
-            20 of 80.
+        validation_count: Number of validation tracks; a quarter if None, the paper's 20 of 80.
 
     Raises:
-        InputError: No track would be left on one side.
+        InputError: One side would be empty.
     """
     count = len(tracks)
     held = max(1, round(count / 4))
@@ -169,7 +168,7 @@ def split_tracks(
         held = check_count("validation_count", validation_count)
     if held >= count:
         raise InputError(
-            f"validation_count = {held} must be less than the {count} trials that there are"
+            f"validation_count = {held} must be less than the number of trials, {count}"
         )
     return tracks[: count - held], tracks[count - held :]
 
@@ -188,19 +187,19 @@ def tune_params(
     """Find the parameters whose simulated tracks are nearest to the measured ones.
 
     Args:
-        cable: Cable that was cast; its parameters are the first candidate, and the default that the
-            result is compared with.
-        training: Tracks that the loss is taken over.
-        validation: Tracks that only the result is measured on.
+        cable: Cable that was cast; its parameters are the first candidate, and the default for
+            comparison with the result.
+        training: Tracks for the loss.
+        validation: Tracks for validating the result.
         coarse_engine: Simulator of the coarse stage.
         engine: Simulator of the fine stage, at the resolution at which the result will be used.
         config: Settings of the search.
-        checkpoint: File that keeps every generation; a search that finds its own goes on from it.
-        progress: Told after every generation.
+        checkpoint: File of the evaluated generations; if it exists, the search resumes from it.
+        progress: Called after every generation.
 
     Raises:
         InputError: No sample of the training or the validation tracks can be compared, or the
-            checkpoint is damaged or of another search.
+            checkpoint is damaged or belongs to another search.
     """
     config = config or TuneConfig()
     space = SearchSpace.for_cable(cable)
@@ -210,7 +209,7 @@ def tune_params(
     run = _Run(config, space, cable.length, Checkpoint(checkpoint), progress)
     coarse = TrackObjective(coarse_engine, cable, training)
     fine = TrackObjective(engine, cable, training)
-    # Made here so that tracks which cannot validate are refused before the search, not after it.
+    # Created here so that unusable validation tracks are refused before the search, not after it.
     unseen = TrackObjective(engine, cable, validation)
     run.cost_ratio = (engine.segment_count / engine.dt) / (
         coarse_engine.segment_count / coarse_engine.dt
@@ -290,7 +289,7 @@ class _Run:
         return stored
 
     def report(self, losses: NDArray[np.float64]) -> None:
-        """Note a generation, and report it unless it came from the checkpoint."""
+        """Record a generation, and report it unless it came from the checkpoint."""
         self.history.append((self._stage, float(losses.min()), float(losses.std())))
         if self.progress is None or not self._live:
             return
@@ -311,7 +310,7 @@ class _Run:
         )
 
     def _rate(self, stage: str) -> float:
-        """Return the expected time of one candidate [s], at first from the other stage's."""
+        """Return the expected time per candidate [s], initially scaled from the other stage."""
         if self._worlds[stage]:
             return self._seconds[stage] / self._worlds[stage]
         other = FINE if stage == COARSE else COARSE
