@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class TrialStatus(enum.Enum):
-    """End of a trial; the value is a sentence that tells a person what to do about it."""
+    """End of a trial; the value is a sentence with advice for the user."""
 
     OK = "The endpoint came to rest on the table and was seen."
     OFF_TABLE = "The endpoint left the table: choose a slower or narrower motion."
@@ -48,14 +48,14 @@ class EndpointTrack:
     """Path of the cable's endpoint during one trial.
 
     Attributes:
-        times: Times since the motion began [s], shape [step].
+        times: Times since the start of the motion [s], shape [step].
         endpoint_xy: Endpoint on the table [m], shape [step, 2]; NaN where it was not seen.
         status: End of the trial.
         nodes: Cable shape at the same times for pictures, base frame [m], shape
-            [step, node, 3]; None where the executor cannot see it.
-        joint_path: Joints as they really moved, with the times at which the arm reported them;
-            None where the executor has no joints or does not report them. The commanded joints are
-            those of the trajectory.
+            [step, node, 3]; None if the executor cannot see it.
+        joint_path: Measured joints, with the times at which the arm reported them; None if the
+            executor has no joints or does not report them. The commanded joints are those of the
+            trajectory.
     """
 
     times: NDArray[np.float64]
@@ -79,7 +79,7 @@ class EndpointTrack:
             nodes.ndim != 3 or len(nodes) != len(self.times) or nodes.shape[2] != 3
         ):
             raise InputError(
-                f"nodes have shape {nodes.shape}: {len(self.times)} times ask for [step, node, 3]"
+                f"nodes have shape {nodes.shape}: {len(self.times)} times require [step, node, 3]"
             )
 
     @property
@@ -89,7 +89,7 @@ class EndpointTrack:
 
 
 def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
-    """Return an array of real numbers, NaN where masked; None for None as nodes."""
+    """Return an array of real numbers, NaN where masked; None if there are no nodes."""
     if isinstance(values, np.ma.MaskedArray):
         values = values.astype(float).filled(np.nan)
     if isinstance(values, np.ndarray) and np.issubdtype(values.dtype, np.floating):
