@@ -1,10 +1,10 @@
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
 from cablecast.errors import InputError
+from cablecast.runs.parts import Parts
 from cablecast.tuning.tune import CANDIDATE_MAX, TuneConfig, split_tracks, tune_params
 
 # Ten tracks and a few hundred candidates: enough to find what a track depends on most.
@@ -38,7 +38,7 @@ def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
     cable, good, engine, tmp_path
 ):
     whole = tune(cable, good, engine)
-    file = tmp_path / "generations.json"
+    parts = Parts(tmp_path / "generations")
     for stop in (1, 3, 5):
 
         def stopping(state, stop=stop):
@@ -46,9 +46,9 @@ def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
                 raise StoppedError
 
         with pytest.raises(StoppedError):
-            tune(cable, good, engine, checkpoint=file, progress=stopping)
-        assert len(json.loads(file.read_text())["generations"]) == stop
-    resumed = tune(cable, good, engine, checkpoint=file)
+            tune(cable, good, engine, checkpoint=parts, progress=stopping)
+        assert len(list(parts.folder.iterdir())) == stop
+    resumed = tune(cable, good, engine, checkpoint=parts)
     np.testing.assert_array_equal(resumed.population.to_array(), whole.population.to_array())
     np.testing.assert_array_equal(resumed.population_losses, whole.population_losses)
     assert resumed.history == whole.history
@@ -64,30 +64,30 @@ def test_cma_es_resumes_bit_by_bit_too(cable, good, engine, tmp_path):
         if state.generation == 4:
             raise StoppedError
 
-    file = tmp_path / "generations.json"
+    parts = Parts(tmp_path / "generations")
     with pytest.raises(StoppedError):
-        tune(cable, good, engine, config, checkpoint=file, progress=stopping)
-    resumed = tune(cable, good, engine, config, checkpoint=file)
+        tune(cable, good, engine, config, checkpoint=parts, progress=stopping)
+    resumed = tune(cable, good, engine, config, checkpoint=parts)
     np.testing.assert_array_equal(resumed.population.to_array(), whole.population.to_array())
 
 
 def test_a_finished_search_simulates_no_generation_again(cable, good, engine, tmp_path):
-    file = tmp_path / "generations.json"
-    tune(cable, good, engine, checkpoint=file)
+    parts = Parts(tmp_path / "generations")
+    tune(cable, good, engine, checkpoint=parts)
     calls = []
     rollout = engine.rollout
     engine.rollout = lambda *args, **kwargs: calls.append(1) or rollout(*args, **kwargs)
-    tune(cable, good, engine, checkpoint=file)
+    tune(cable, good, engine, checkpoint=parts)
     # Only the two rows of the result, on training and on validation tracks.
     assert len(calls) == 2
 
 
 def test_a_checkpoint_of_another_seed_is_refused(cable, good, engine, tmp_path):
-    file = tmp_path / "generations.json"
-    tune(cable, good, engine, checkpoint=file)
+    parts = Parts(tmp_path / "generations")
+    tune(cable, good, engine, checkpoint=parts)
     other = dataclasses.replace(SHORT, seed=1)
     with pytest.raises(InputError, match="other candidates"):
-        tune(cable, good, engine, other, checkpoint=file)
+        tune(cable, good, engine, other, checkpoint=parts)
 
 
 def test_tracks_that_cannot_validate_are_refused_before_the_search(cable, good, engine):

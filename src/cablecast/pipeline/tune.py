@@ -15,7 +15,7 @@ from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
-from cablecast.tuning.result import PARAMS_FILE, params_file, write_params
+from cablecast.tuning.result import params_file, write_params
 from cablecast.tuning.servo import ServoFit, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
 from cablecast.tuning.tune import TuneConfig, TuneProgress, split_tracks, tune_params
@@ -23,7 +23,7 @@ from cablecast.tuning.tune import TuneConfig, TuneProgress, split_tracks, tune_p
 if TYPE_CHECKING:
     from cablecast.tuning.tune import TuneResult
 
-CHECKPOINT_FILE = "generations.json"
+GENERATIONS_FOLDER = "generations"
 TRACKS_FILE = "tracks.png"
 
 PathSource = typing.Literal["auto", "commanded", "measured"]
@@ -125,7 +125,7 @@ def _search(
         validation,
         *engines,
         config,
-        checkpoint=run.path / CHECKPOINT_FILE if keep else None,
+        checkpoint=run.parts(GENERATIONS_FOLDER) if keep else None,
         progress=lambda state: report(_progress(task, state)),
     )
     values = {

@@ -1,51 +1,38 @@
 """Checkpoint: evaluated generations of a search, for bit-exact resume.
 
 Neither the population nor the state of the random generator is stored. A search is a deterministic
-function of its seed and of the losses that it receives. The file holds the candidates and losses of
-every generation. A resumed run replays its search from the beginning with the stored losses, which
-restores the state in which it stopped. Candidates that differ from the stored ones raise an error:
-another library or machine drew them.
+function of its seed and of the losses that it receives. Each generation is a part of the run: its
+candidates and their losses. A resumed run replays its search from the beginning with the stored
+losses, which restores the state in which it stopped. Candidates that differ from the stored ones
+raise an error: another library or machine drew them.
 """
 
-import json
-import pathlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.errors import InputError
-from cablecast.files import write_text
-from cablecast.reading import read_sealed, seal
-
-_GO_ON = "delete it to restart the search"
+from cablecast.errors import DamagedFileError, InputError
+from cablecast.runs.parts import Parts
 
 
 class Checkpoint:
-    """Evaluated generations of a search, stored in a file.
+    """Evaluated generations of a search.
 
     Args:
-        path: File of the generations; None keeps them in memory only.
+        parts: Folder of the generations; None keeps them in memory only.
 
     Raises:
-        InputError: The file is damaged.
+        DamagedFileError: A generation is not what was stored.
         UnreadableFileError: The system refuses to read it.
     """
 
-    def __init__(self, path: pathlib.Path | None):
-        self.path = path
+    def __init__(self, parts: Parts | None):
+        self.parts = parts
         self.generations: list[dict[str, Any]] = []
         self._answered = 0
-        if path is None:
-            return
-        try:
-            stored = read_sealed(path)
-        except FileNotFoundError:
-            return
-        except (InputError, RecursionError) as error:
-            reason = str(error) if isinstance(error, InputError) else f"{path} is damaged"
-            raise InputError(f"{reason}: {_GO_ON}") from None
-        self.generations = _generations(path, stored)
+        while parts is not None and (stored := parts.get(self._name())) is not None:
+            self.generations.append(_generation(stored, parts, self._name()))
 
     @property
     def seconds(self) -> float:
@@ -66,9 +53,10 @@ class Checkpoint:
             return None
         entry = self.generations[self._answered]
         if entry["stage"] != stage or not np.array_equal(entry["candidates"], candidates):
+            folder = None if self.parts is None else self.parts.folder
             raise InputError(
-                f"generation {self._answered} of {self.path} holds other candidates than this "
-                f"version or machine draws: use another folder, or {_GO_ON}"
+                f"generation {self._answered} in {folder} holds other candidates than this version "
+                "or machine draws: use another folder, or delete this one to restart the search"
             )
         self._answered += 1
         return np.array(entry["losses"])
@@ -80,7 +68,7 @@ class Checkpoint:
         losses: NDArray[np.float64],
         seconds: float,
     ) -> None:
-        """Add a simulated generation and write the file.
+        """Add a simulated generation.
 
         Args:
             stage: Name of the loss function.
@@ -88,37 +76,38 @@ class Checkpoint:
             losses: Losses of the candidates, shape [candidate].
             seconds: Time of the simulation [s].
         """
-        self.generations.append(
-            {
-                "stage": stage,
-                "candidates": candidates.tolist(),
-                "losses": losses.tolist(),
-                "seconds": seconds,
-            }
-        )
-        self._answered = len(self.generations)
-        if self.path is not None:
+        entry = {
+            "stage": stage,
+            "candidates": candidates.tolist(),
+            "losses": losses.tolist(),
+            "seconds": seconds,
+        }
+        if self.parts is not None:
             # Python writes floats so that they are read back bit-exactly.
-            write_text(self.path, json.dumps(seal({"generations": self.generations})) + "\n")
+            self.parts.put(self._name(), entry)
+        self.generations.append(entry)
+        self._answered = len(self.generations)
+
+    def _name(self) -> str:
+        """Return the name of the part of the generation after those at hand."""
+        return f"{len(self.generations):04d}"
 
 
-def _generations(path: pathlib.Path, stored: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the generations of a file with a valid checksum."""
+def _generation(stored: dict[str, Any], parts: Parts, name: str) -> dict[str, Any]:
+    """Return a stored generation, if it is one."""
     try:
-        return [_generation(entry) for entry in stored["generations"]]
+        candidates = np.array(stored["candidates"], dtype=float)
+        losses = np.array(stored["losses"], dtype=float)
+        if candidates.ndim != 2 or losses.shape != (len(candidates),):
+            raise ValueError
+        return {
+            "stage": str(stored["stage"]),
+            "candidates": candidates.tolist(),
+            "losses": losses.tolist(),
+            "seconds": float(stored["seconds"]),
+        }
     except (ValueError, TypeError, KeyError, OverflowError):
-        raise InputError(f"{path} holds no generations of a search: {_GO_ON}") from None
-
-
-def _generation(entry: dict[str, Any]) -> dict[str, Any]:
-    """Check a stored generation and return it."""
-    candidates = np.array(entry["candidates"], dtype=float)
-    losses = np.array(entry["losses"], dtype=float)
-    if candidates.ndim != 2 or losses.shape != (len(candidates),):
-        raise ValueError
-    return {
-        "stage": str(entry["stage"]),
-        "candidates": candidates.tolist(),
-        "losses": losses.tolist(),
-        "seconds": float(entry["seconds"]),
-    }
+        raise DamagedFileError(
+            f"{parts.file(name)} holds no generation of a search. Delete it, and the same command "
+            "makes it again"
+        ) from None

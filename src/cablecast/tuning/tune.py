@@ -1,7 +1,6 @@
 """Tuning: fits the ten parameters of a cable to measured tracks (paper, section V-D)."""
 
 import dataclasses
-import pathlib
 import time
 from collections.abc import Callable
 
@@ -12,6 +11,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_count, check_ranges, check_seed
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError
+from cablecast.runs.parts import Parts
 from cablecast.tuning.checkpoint import Checkpoint
 from cablecast.tuning.objective import TrackDistances, TrackObjective
 from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, make_search
@@ -22,8 +22,7 @@ COARSE, FINE = "coarse", "fine"
 
 GENERATION_MAX = 20_000
 CANDIDATE_MAX = 100_000
-"""Largest number of candidates of a search. Its checkpoint, which is rewritten after every
-generation, then has 25 MB."""
+"""Largest number of candidates of a search, whose checkpoint then has 25 MB."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -181,7 +180,7 @@ def tune_params(
     engine: Engine,
     config: TuneConfig | None = None,
     *,
-    checkpoint: pathlib.Path | None = None,
+    checkpoint: Parts | None = None,
     progress: Callable[[TuneProgress], None] | None = None,
 ) -> TuneResult:
     """Find the parameters whose simulated tracks are nearest to the measured ones.
@@ -194,7 +193,7 @@ def tune_params(
         coarse_engine: Simulator of the coarse stage.
         engine: Simulator of the fine stage, at the resolution at which the result will be used.
         config: Settings of the search.
-        checkpoint: File of the evaluated generations; if it exists, the search resumes from it.
+        checkpoint: Folder of the evaluated generations, from which the search resumes.
         progress: Called after every generation.
 
     Raises:
