@@ -91,7 +91,7 @@ class EndpointTrack:
 def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
     """Return an array of real numbers, NaN where masked; None if there are no nodes."""
     if isinstance(values, np.ma.MaskedArray):
-        values = values.astype(float).filled(np.nan)
+        values = np.ma.filled(values.astype(float), np.nan)
     if isinstance(values, np.ndarray) and np.issubdtype(values.dtype, np.floating):
         return values
     if values is None and name == "nodes":
