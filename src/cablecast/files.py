@@ -14,20 +14,27 @@ def write_bytes(path: pathlib.Path, content: bytes) -> None:
         path: Path of the file; its folder is created.
         content: Whole content of the file.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    temporary = ""
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
+        )
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # Only the owner may read a file of mkstemp, but results are shared.
+        # mkstemp makes files that only their owner may read; results are for sharing.
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
         os.replace(temporary, path)
-    except BaseException:
-        pathlib.Path(temporary).unlink(missing_ok=True)
+    except BaseException as error:
+        if temporary:
+            pathlib.Path(temporary).unlink(missing_ok=True)
+        # A person knows the file, not its temporary name; writing itself names none at all.
+        if isinstance(error, OSError) and error.errno is not None:
+            error.filename, error.filename2 = str(path), None
         raise
 
 

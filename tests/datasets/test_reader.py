@@ -15,6 +15,14 @@ from cablecast.reading import seal
 SHARD = "data/chunk-000/file-002.parquet"
 
 
+class MovedCameraRig(StickRig):
+    """Equal by its description, but its camera has moved."""
+
+    def _track(self, *arguments):
+        track = super()._track(*arguments)
+        return dataclasses.replace(track, endpoint_xy=track.endpoint_xy + 0.01)
+
+
 @pytest.fixture
 def copied(unbroken, tmp_path):
     return shutil.copytree(unbroken, tmp_path / "d")
@@ -106,8 +114,21 @@ def test_a_description_that_cannot_be_read_is_not_called_damaged(copied):
 
 def test_rows_that_were_changed_after_the_end_are_detected(copied):
     change_rows(copied / SHARD, "duration", lambda values: [2.0 * value for value in values])
-    with pytest.raises(DatasetError, match="were changed since it was finished"):
+    with pytest.raises(DatasetError, match=r"file-002.*its rows do not match their checksum"):
         read_dataset(copied)
+
+
+def test_a_shard_of_a_dataset_of_equal_settings_is_detected_and_can_be_made_again(tmp_path):
+    for name, rig in (("first", StickRig()), ("second", MovedCameraRig())):
+        collect(tmp_path / name, rig, count=2)
+    wanted = read_dataset(tmp_path / "first").endpoint_xy
+    shard = tmp_path / "first/data/chunk-000/file-001.parquet"
+    shutil.copy(tmp_path / "second/data/chunk-000/file-001.parquet", shard)
+    for look in (read_dataset, lambda path: collect(path, count=2)):
+        with pytest.raises(DatasetError, match=r"file-001.parquet is not the one"):
+            look(tmp_path / "first")
+    shard.unlink()
+    np.testing.assert_array_equal(collect(tmp_path / "first", count=2).endpoint_xy, wanted)
 
 
 def test_a_shard_of_a_dataset_of_other_settings_is_detected(copied, tmp_path):
@@ -129,15 +150,8 @@ def change_rows(file, name, change):
 
 
 def test_the_fingerprint_is_that_of_the_rows_not_of_the_settings_alone(unbroken, tmp_path):
-    class OtherRig(StickRig):
-        """Equal by its description, but its camera has moved."""
-
-        def _track(self, *arguments):
-            track = super()._track(*arguments)
-            return dataclasses.replace(track, endpoint_xy=track.endpoint_xy + 0.01)
-
     first = collect(tmp_path / "first", StickRig(), count=2)
-    second = collect(tmp_path / "second", OtherRig(), count=2)
+    second = collect(tmp_path / "second", MovedCameraRig(), count=2)
     assert first.info["settings"] == second.info["settings"]
     assert first.fingerprint != second.fingerprint
 

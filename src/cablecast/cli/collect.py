@@ -55,11 +55,19 @@ class Collect:
         """Collect, and print the number of casts."""
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
+        from cablecast.pipeline.checks import check_collect
         from cablecast.pipeline.collect import collect
         from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS[self.purpose]
+        check_collect(
+            purpose=self.purpose,
+            count=self.count,
+            sampling=self.sampling,
+            seed=self.seed,
+            out=out,
+        )
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,

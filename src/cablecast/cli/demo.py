@@ -47,14 +47,34 @@ class Demo:
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
         from cablecast.evaluation.published import published_rows
+        from cablecast.pipeline.checks import check_demo
         from cablecast.pipeline.demo import EVALUATION_FOLDER, demo
         from cablecast.pipeline.evaluate import REPORT_FILE
         from cablecast.pipeline.tuned import load_tuned
-        from cablecast.runs.places import RUNS_FOLDER, cable_folder
+        from cablecast.runs.places import (
+            CASTS_FOLDERS,
+            DATASET_FOLDER,
+            MODEL_FOLDER,
+            RUNS_FOLDER,
+            TUNE_FOLDER,
+            cable_folder,
+        )
 
         setup = load_lab(self.setup, self.cable)
         name = setup.cable.name
         out = self.out or RUNS_FOLDER / f"demo-{cable_folder(name).name}"
+        tuned = None if self.params is None else load_tuned(self.params, setup)
+        made = {CASTS_FOLDERS["tune"], TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER, EVALUATION_FOLDER}
+        check_demo(
+            tune_count=self.tune_count,
+            count=self.count,
+            epochs=self.epochs,
+            candidate_count=self.candidate_count,
+            seed=self.seed,
+            device=self.device,
+            out=out,
+            folders=made,
+        )
         with (
             open_rig(self.rig, setup, self.seed, out) as rig,
             console_progress() as progress,
@@ -62,7 +82,7 @@ class Demo:
             evaluation = demo(
                 rig,
                 out,
-                tuned=None if self.params is None else load_tuned(self.params, setup),
+                tuned=tuned,
                 tune_count=self.tune_count,
                 count=self.count,
                 epochs=self.epochs,

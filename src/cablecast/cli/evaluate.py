@@ -52,13 +52,17 @@ class Evaluate:
         """Evaluate, write the results, and print the table of errors."""
         from cablecast.cli.progress import console_progress
         from cablecast.evaluation.published import published_rows
+        from cablecast.pipeline.checks import check_evaluate
         from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE, evaluate
+        from cablecast.policies.forward_search import ForwardSearchPolicy
         from cablecast.runs.places import cable_folder, rig_folder
 
         policy = self._policy()
         cable = policy.setup.cable
         verb = "evaluate" if self.policy == "model" else f"evaluate-{self.policy}"
         out = self.out or cable_folder(cable.name) / rig_folder(verb, self.rig)
+        model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
+        check_evaluate(model, repeats=self.repeats, device=self.device, out=out)
         with self._rig(policy, out) as rig, console_progress() as progress:
             evaluation = evaluate(
                 policy,
@@ -112,19 +116,16 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
         metrics: Content of metrics.json.
         published: Rows of the paper's tables for the same cable.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
+    from cablecast.cli import tables
     from cablecast.report.text import five_cells, published_cells
 
-    table = Table(title="Distance from target to landing, in % of cable length", box=box.SIMPLE)
+    table = tables.make_table("Distance from target to landing, in % of cable length")
     if published:
         table.caption = "The paper's rows are casts of a real UR5."
     table.add_column("", no_wrap=True)
     for name in ("casts", "median", "q1", "q3", "min", "max"):
         table.add_column(name, justify="right", no_wrap=True)
-    rig = metrics["rig"].get("rig", "own")
+    rig = str(metrics["rig"].get("rig", "own"))
     for label, key, style in (
         (f"{rig} rig", "errors_pct", "bold"),
         (f"{rig} rig, in coverage", "errors_inside_coverage_pct", ""),
@@ -136,12 +137,9 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
         # Short, so that the table fits into 80 columns.
         method = row.method.replace("forward model", "model")
         table.add_row(f"paper: {method}", "", *published_cells(row), style="dim")
-    console = Console()
-    console.print(table)
     statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())
-    console.print(
+    tables.print_table(
+        table,
         f"{metrics['trial_count']} casts at {metrics['target_count']} targets: {statuses}. "
         f"{metrics['targets_inside_coverage']} targets lie inside the coverage.",
-        highlight=False,
-        soft_wrap=True,
     )

@@ -1,12 +1,11 @@
 """The entry point: which verb, and what a failure looks like."""
 
-import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any, Union
 
 import tyro
 
@@ -19,6 +18,7 @@ from cablecast.cli.repeat import Repeat
 from cablecast.cli.reproduce import Reproduce
 from cablecast.cli.select import Select
 from cablecast.cli.simulate import Simulate
+from cablecast.cli.streams import drain, prepare_streams, say
 from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
@@ -26,6 +26,7 @@ from cablecast.errors import CablecastError
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXIT_NOBODY_READS = 141
 
 _STOP_SIGNALS = ("SIGTERM", "SIGHUP")
 
@@ -51,33 +52,71 @@ simulate many more, train a model on those, plan a motion for a target, evaluate
 the paper.
 """
 
-_Command = (
-    Annotated[Collect, tyro.conf.subcommand("collect")]
-    | Annotated[Tune, tyro.conf.subcommand("tune")]
-    | Annotated[Repeat, tyro.conf.subcommand("repeat")]
-    | Annotated[Select, tyro.conf.subcommand("select")]
-    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[PlanVerb, tyro.conf.subcommand("plan")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Track, tyro.conf.subcommand("track")]
-    | Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
-)
+VERBS: dict[str, type] = {
+    "collect": Collect,
+    "tune": Tune,
+    "repeat": Repeat,
+    "select": Select,
+    "simulate": Simulate,
+    "train": Train,
+    "plan": PlanVerb,
+    "evaluate": Evaluate,
+    "track": Track,
+    "demo": Demo,
+    "reproduce": Reproduce,
+}
+"""Verbs of the command line, in the order in which data flows."""
+
+_Command: Any = Union[  # noqa: UP007
+    tuple(Annotated[kind, tyro.conf.subcommand(name)] for name, kind in VERBS.items())
+]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb.
 
     Args:
-        arguments: What follows `cablecast` on the command line.
+        arguments: Words after `cablecast` on the command line.
 
     Returns:
         0 if all went well, 2 for bad input, 3 for a plan that misses by too much, 128 and the
-        number of the signal where it was stopped (130 for Ctrl-C).
+        number of the signal where it was stopped (130 for Ctrl-C, 141 where nobody reads on).
     """
     _stop_on_signals()
+    prepare_streams()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        status = _run(arguments)
+        sys.stdout.flush()
+        return status
+    except CablecastError as error:
+        return _refuse(str(error))
+    except Stopped as stopped:
+        say(f"cablecast: stopped by {stopped}")
+        return 128 + stopped.number
+    except KeyboardInterrupt:
+        say("cablecast: interrupted")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # The reader, `head` for example, has seen enough.
+        drain(sys.stdout)
+        drain(sys.stderr)
+        return EXIT_NOBODY_READS
+    except OSError as error:
+        # A folder that cannot be written, a full disk: nothing that a traceback would explain.
+        drain(sys.stdout)
+        return _refuse(_os_error_text(error))
+    except UnicodeEncodeError as error:
+        return _refuse(
+            f"{error.object[:80]!r} cannot be written in the encoding {error.encoding} of this "
+            "system: set LC_ALL=C.UTF-8"
+        )
+    except MemoryError:
+        return _refuse("there is not enough memory: ask for less at once")
+
+
+def _run(arguments: list[str]) -> int:
+    """Run the verb of a command line, and return its exit status."""
     if arguments == ["--version"]:
         print(f"cablecast {cablecast.__version__}")
         return 0
@@ -93,27 +132,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 tyro.conf.FlagCreatePairsOff,
             ),
         )
-        status = command.run()
+    except SystemExit:
+        # Help that cannot be written is an error like any other.
         sys.stdout.flush()
-        return status or 0
-    except CablecastError as error:
-        # One line, whatever a library put into the message.
-        print(f"cablecast: {' '.join(str(error).split())}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except Stopped as stopped:
-        print(f"cablecast: stopped by {stopped}", file=sys.stderr)
-        return 128 + stopped.number
-    except KeyboardInterrupt:
-        print("cablecast: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # The reader, `head` for example, has seen enough. Python would complain again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except OSError as error:
-        # A folder that cannot be written, a full disk: nothing that a traceback would explain.
-        print(f"cablecast: {' '.join(str(error).split())}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        raise
+    return command.run() or 0
+
+
+def _refuse(text: str) -> int:
+    """Say why in one line, whatever a library put into the message."""
+    say(f"cablecast: {' '.join(text.split())}")
+    return EXIT_BAD_INPUT
+
+
+def _os_error_text(error: OSError) -> str:
+    """Return what the system refused, and for which file."""
+    reason = error.strerror or str(error) or type(error).__name__
+    if error.filename:
+        return f"{error.filename}: {reason}"
+    # Files say their name; the streams of the process have none.
+    return f"standard output cannot be written: {reason}"
 
 
 def _stop_on_signals() -> None:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Device = typing.Literal["cpu", "cuda"]
 
+TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
+
 
 def argument(metavar: str, default: str | None = None) -> Any:
     """Return how `--help` shows an argument: its value, and what happens without it.
@@ -95,9 +97,12 @@ def open_rig(
         out: Folder of results: two processes must not drive one robot for it.
         time_limit: Longest time that a reset or a cast may take [s].
     """
+    from cablecast.checks import check_number, check_seed
     from cablecast.rigs.make import make_rig
     from cablecast.runs.claim import hold_folder
 
+    check_seed(seed)
+    check_number("time_limit", time_limit, TIME_LIMIT_MIN, TIME_LIMIT_MAX, "s")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: --out needs a folder")
     with (

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from cablecast.cli.streams import drain
 from cablecast.runs.progress import Progress, ProgressCallback, duration_text
 
 # A log gets a line for the first and the last unit, and at most one in this time between [s].
@@ -96,7 +97,13 @@ class _Lines:
         )
 
     def _write(self, line: str) -> None:
-        print(line, file=self._file, flush=True)
+        try:
+            print(line, file=self._file, flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError:
+            # Progress that cannot be shown, on a full disk for example, is no reason to stop.
+            drain(self._file)
 
 
 def _headline(progress: Progress) -> str:

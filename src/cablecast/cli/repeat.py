@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cablecast.cli.options import argument
 
-# The names of pipeline.repeat.COMBINATIONS, which would take NumPy to import.
+# The names of pipeline.checks.COMBINATIONS, which would take NumPy to import.
 Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
 
 
@@ -51,12 +51,21 @@ class Repeat:
         """Repeat, and print the table."""
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
+        from cablecast.pipeline.checks import check_repeat
         from cablecast.pipeline.repeat import ACTIONS_FILE, FIGURE_FILE, read_actions, repeat
         from cablecast.runs.places import cable_folder, rig_folder
 
         setup = load_lab(self.setup, self.cable, r0=self.r0)
         chosen = None if self.actions is None else read_actions(self.actions)
         out = self.out or cable_folder(setup.cable.name) / rig_folder("repeat", self.rig)
+        check_repeat(
+            combinations=self.combinations,
+            repeats=self.repeats,
+            action_count=self.action_count,
+            actions=chosen,
+            seed=self.seed,
+            out=out,
+        )
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,
@@ -84,14 +93,11 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
         combinations: Entry of each in metrics.json.
         rig: Name of the rig.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
+    from cablecast.cli import tables
     from cablecast.evaluation.published import published_repeatability
     from cablecast.report.text import pct, share_pct
 
-    table = Table(title="Scatter of equal casts, in % of cable length", box=box.SIMPLE)
+    table = tables.make_table("Scatter of equal casts, in % of cable length")
     table.caption = "The paper's figures are those of cable 1 on a real UR5."
     table.add_column("v_max", no_wrap=True)
     for name in ("casts", "scatter", "paper", "off table", "paper", "along arc"):
@@ -108,13 +114,10 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
             share_pct(off_table),
             share_pct(values["along_arc_share"]),
         )
-    console = Console()
-    console.print(table)
-    console.print(
+    tables.print_table(
+        table,
         f"Casts on the {rig} rig. Scatter: standard deviation about the mean landing of an action, "
         "averaged over actions, with the standard error of that average; casts off the table are "
         "left out. Along arc: its share across the direction from the robot, 50 % where it is "
         "round.",
-        highlight=False,
-        soft_wrap=True,
     )

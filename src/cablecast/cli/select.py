@@ -71,14 +71,11 @@ def print_choice(metrics: dict[str, Any]) -> None:
     Args:
         metrics: Content of metrics.json.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
+    from cablecast.cli import tables
     from cablecast.report.text import pct
 
     ratio = metrics["coverage"][0]["hull_ratio"]
-    table = Table(title="Share of the reachable half disc", box=box.SIMPLE)
+    table = tables.make_table("Share of the reachable half disc")
     table.caption = f"Concave hulls of ratio {ratio:g}; scatter in % of cable length."
     for name in ("r0 [m]", "v_max [m/s]", "psi", "casts", "coverage [%]", "scatter [%]"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -96,7 +93,4 @@ def print_choice(metrics: dict[str, Any]) -> None:
         )
     table.add_section()
     table.add_row("polar casting", "", "", "", pct(100 * metrics["polar_casting"]["share"]), "")
-    console = Console()
-    console.print(table)
-    for reason in chosen["reasons"]:
-        console.print(reason, highlight=False, soft_wrap=True)
+    tables.print_table(table, *chosen["reasons"])

@@ -95,17 +95,12 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
         metrics: Content of metrics.json.
         cable_name: Name of the cable, which the paper may have, too.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
+    from cablecast.cli import tables
     from cablecast.report.text import pct
     from cablecast.tuning.published import PUBLISHED_SIMULATION_COUNT, published_tuning
 
     validation = metrics["validation"]
-    table = Table(
-        title="Distance from simulated to measured endpoint, in % of cable length", box=box.SIMPLE
-    )
+    table = tables.make_table("Distance from simulated to measured endpoint, in % of cable length")
     table.add_column("validation casts", no_wrap=True)
     for name in ("at rest, median", "q1", "q3", "on the way, mean", "simulations"):
         table.add_column(name, justify="right")
@@ -130,13 +125,10 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
         ):
             cells = (pct(final), "", "", pct(mean), count)
             table.add_row(f"paper: {row}", *cells, style="dim")
-    console = Console()
-    console.print(table)
     statuses = ", ".join(f"{count} {code}" for code, count in validation["trials"].items())
     coarse = metrics["coarse_simulation_count"]
-    console.print(
+    tables.print_table(
+        table,
         f"Validation casts: {statuses}; only ok has a resting point. {coarse:,} of the simulations "
         f"were coarse; the search took {metrics['seconds']:.0f} s.",
-        highlight=False,
-        soft_wrap=True,
     )

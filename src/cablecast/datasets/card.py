@@ -26,11 +26,11 @@ _ON_A_RIG = (
 
 
 def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
-    """The card of a finished dataset.
+    """Return the card of a finished dataset.
 
     Args:
-        info: What `meta/info.json` holds.
-        stats: What `meta/stats.json` holds.
+        info: Content of `meta/info.json`.
+        stats: Content of `meta/stats.json`.
     """
     settings = info["settings"]
     cable = settings.get("cable", {})

@@ -20,6 +20,7 @@ _KINDS: dict[str, type] = {
     "shard_rows": int,
     "shard_count": int,
     "fingerprint": str,
+    "shard_digests": list,
     "settings": dict,
 }
 
@@ -71,6 +72,8 @@ def check_info(info: dict[str, Any], path: pathlib.Path) -> None:
         raise DatasetError(
             f"{path / INFO_PATH} is damaged: {info['shard_count']} shards for {rows} rows"
         )
+    if len(info["shard_digests"]) != (info["shard_count"] if info["complete"] else 0):
+        raise DatasetError(f"{path / INFO_PATH} is damaged: it lacks digests of shards")
 
 
 def _version_without_checksum(file: pathlib.Path) -> Any:

@@ -206,13 +206,13 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
     for shard in shards:
         start = shard * shard_rows
         rows = range(start, min(start + shard_rows, row_count))
-        table, digest = read_shard(path / shard_path(shard), rows, settings)
+        known = info["shard_digests"][shard]
+        table, digest = read_shard(path / shard_path(shard), rows, settings, known)
         tables.append(table)
         digests.append(digest)
     if content_fingerprint(settings, digests) != info["fingerprint"]:
         raise DatasetError(
-            f"shards of {path} were changed since it was finished: delete {path / INFO_PATH} and "
-            "all shards, and make the dataset anew"
+            f"{path / INFO_PATH} is damaged: its fingerprint is not that of the rows"
         )
     try:
         table = pa.concat_tables(tables)

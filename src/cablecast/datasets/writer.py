@@ -7,9 +7,8 @@ into place. A shard that is missing from a finished dataset is made again.
 """
 
 import contextlib
-import io
 import pathlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from cablecast.datasets.schema import (
     arrow_schema,
     check_columns,
 )
-from cablecast.datasets.shards import content_fingerprint, read_shard
+from cablecast.datasets.shards import content_fingerprint, read_shard, shard_bytes
 from cablecast.errors import DatasetError
 from cablecast.files import write_bytes, write_json, write_text
 from cablecast.runs.claim import Claim
@@ -95,7 +94,7 @@ class DatasetWriter:
             if stored is None:
                 self._claim.write(self._info(complete=False))
             else:
-                is_whole = stored["complete"] and not self.missing_shards()
+                is_whole = stored["complete"] and not self.missing_shards(stored["shard_digests"])
                 self.was_complete = is_whole
                 if stored["complete"] and not is_whole:
                     # Readers must not take a dataset that is being mended for a whole one.
@@ -108,8 +107,11 @@ class DatasetWriter:
     def __exit__(self, *_) -> None:
         self._hold.close()
 
-    def missing_shards(self) -> list[int]:
+    def missing_shards(self, digests: Sequence[str] = ()) -> list[int]:
         """Return the shards that are still to be written.
+
+        Args:
+            digests: Digests of the shards of a dataset that was finished before.
 
         Raises:
             DatasetError: A shard that exists is damaged, or of another dataset.
@@ -118,7 +120,8 @@ class DatasetWriter:
         for shard in range(self.shard_count):
             file = self.path / shard_path(shard)
             if file.exists():
-                read_shard(file, self.rows_of(shard), self._settings_fingerprint)
+                digest = digests[shard] if digests else None
+                read_shard(file, self.rows_of(shard), self._settings_fingerprint, digest)
             else:
                 missing.append(shard)
         return missing
@@ -131,17 +134,14 @@ class DatasetWriter:
             columns: Values by column name, each of shape [row].
         """
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
         rows = self.rows_of(shard)
         if check_columns(columns) != len(rows):
             raise DatasetError(f"shard {shard} needs {len(rows)} rows, not {len(columns['index'])}")
         schema = arrow_schema(tuple(columns))
-        schema = schema.with_metadata({"settings": self._settings_fingerprint})
         table = pa.table({name: columns[name] for name in schema.names}, schema=schema)
-        buffer = io.BytesIO()
-        pq.write_table(table, buffer, compression="zstd", write_page_checksum=True)
-        write_bytes(self.path / shard_path(shard), buffer.getvalue())
+        content = shard_bytes(table, self._settings_fingerprint)
+        write_bytes(self.path / shard_path(shard), content)
 
     def finish(self) -> None:
         """Write statistics and card, and mark the dataset as complete."""
@@ -162,6 +162,7 @@ class DatasetWriter:
         info = self._info(complete=True) | {
             "status_counts": dict(sorted(counts.items())),
             "fingerprint": content_fingerprint(self._settings_fingerprint, digests),
+            "shard_digests": digests,
         }
         info["features"] |= _features(
             column for column in OPTIONAL_COLUMNS if column.name in table.column_names
@@ -190,6 +191,7 @@ class DatasetWriter:
             "splits": {"train": f"0:{self.row_count}"},
             "features": _features(COLUMNS),
             "fingerprint": "",
+            "shard_digests": [],
             "settings": self.settings,
         }
 

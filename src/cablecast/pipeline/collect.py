@@ -2,10 +2,10 @@
 
 import os
 
-from cablecast.datasets.collect import TRIAL_COUNTS, Purpose, Sampling, collect_dataset
+from cablecast.datasets.collect import Purpose, Sampling, collect_dataset
 from cablecast.datasets.reader import Dataset
-from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges
+from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
@@ -50,8 +50,7 @@ def collect(
         DatasetError: The folder holds something else. Casts that are finished are kept.
         InputError: A count or seed out of bounds.
     """
-    if purpose not in TRIAL_COUNTS:
-        raise InputError(f"purpose {str(purpose)[:40]!r} must be one of {', '.join(TRIAL_COUNTS)}")
+    check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_count, check_number, check_seed
+from cablecast.checks import check_number
 from cablecast.conventions import Array
 from cablecast.errors import InputError
 from cablecast.evaluation.repeatability import (
@@ -21,7 +21,8 @@ from cablecast.evaluation.repeatability import (
 )
 from cablecast.files import write_bytes
 from cablecast.motion.action import check_action_values
-from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.pipeline.checks import COMBINATIONS, check_repeat
+from cablecast.pipeline.places import folder_or_temporary
 from cablecast.reading import read_csv
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
@@ -30,14 +31,6 @@ from cablecast.runs.progress import Progress, ProgressCallback, counter, ignore
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
 
-# Combinations that the paper repeated (section V-E): speed, and whether the wrist turns.
-COMBINATIONS = {
-    "1.2": (1.2, False),
-    "1.5": (1.5, False),
-    "1.5-psi": (1.5, True),
-    "1.8": (1.8, False),
-    "1.8-psi": (1.8, True),
-}
 Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
 
 _ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
@@ -87,15 +80,15 @@ def repeat(
         MissingExtraError: A picture is to be drawn, and matplotlib is missing.
     """
     report = progress or ignore
-    check_seed(seed)
-    check_count("repeats", repeats, 2, 100_000)
-    if not combinations or any(name not in COMBINATIONS for name in combinations):
-        raise InputError(
-            f"combinations {list(combinations)} must be some of {', '.join(COMBINATIONS)}"
-        )
+    check_repeat(
+        combinations=combinations,
+        repeats=repeats,
+        action_count=action_count,
+        actions=actions,
+        seed=seed,
+        out=out,
+    )
     chosen = None if actions is None else check_action_values(actions)
-    if out is not None:
-        require("drawing the landings", "matplotlib")
     settings = {
         **rig.setup.to_settings(),
         "rig": dict(rig.description),
@@ -106,18 +99,19 @@ def repeat(
     }
     # Each combination has a speed of its own, and further ones may be added to a folder.
     del settings["motion"]["v_max"]
+    plans = {}
+    for name in combinations:
+        v_max, with_psi = COMBINATIONS[name]
+        setup = rig.setup.with_motion(v_max=v_max)
+        made = chosen
+        if made is None:
+            made = repeat_actions(setup, with_psi=with_psi, action_count=action_count, seed=seed)
+        plans[name] = setup, made
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "repeat", settings)
         results = {}
         with run.begun():
-            for name in combinations:
-                v_max, with_psi = COMBINATIONS[name]
-                setup = rig.setup.with_motion(v_max=v_max)
-                made = chosen
-                if made is None:
-                    made = repeat_actions(
-                        setup, with_psi=with_psi, action_count=action_count, seed=seed
-                    )
+            for name, (setup, made) in plans.items():
                 task = f"Repeating {len(made)} casts, v_max {name}"
                 results[name] = measure_repeatability(
                     run.path / name / "casts",

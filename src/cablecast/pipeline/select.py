@@ -90,6 +90,7 @@ def select(
     check_count("grid_psi", grid_psi, 1, 40)
     require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))
     tuned = Tuned.of(tuned, setup)
+    make_engine(device=device)
     rows = _scatter_rows(repeated, setup.cable)
     settings = {
         **setup.to_settings(),

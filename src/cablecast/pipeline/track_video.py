@@ -1,4 +1,4 @@
-"""track_video: find the endpoint's track in a recorded video."""
+"""track_video: the track of the endpoint in a recorded video."""
 
 import dataclasses
 import hashlib
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from cablecast.checks import check_number
-from cablecast.errors import InputError
+from cablecast.errors import DamagedFileError, InputError
 from cablecast.files import write_bytes, write_text
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.runs.folder import RunFolder
+from cablecast.reading import read_csv
+from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
@@ -110,6 +111,8 @@ def track_video(
     config, video, report = config or TrackConfig(), pathlib.Path(video), progress or ignore
     if not video.is_file():
         raise InputError(f"there is no video {video}")
+    if config.board is not None and not config.board.is_dir():
+        raise InputError(f"board folder {config.board}: there is no such folder")
     settings = {
         **setup.to_settings(),
         "video": str(video),
@@ -124,14 +127,16 @@ def track_video(
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "track", settings)
-        if run.metrics is not None:
+        done = run.metrics
+        if done is not None:
             report(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
-            return VideoTrack(track=_read_track(run), metrics=run.metrics)
+            return VideoTrack(track=_read_track(run, done), metrics=done)
         tracker, calibration, image = _track(video, setup, config, report)
         with run.begun():
             track, metrics = tracker.track(), _metrics(tracker, calibration)
             if out is not None:
                 _write_files(run, tracker, calibration, image)
+                metrics["track_sha256"] = _digest(run.path / TRACK_FILE)
                 run.finish(metrics)
         return VideoTrack(track=track, metrics=metrics)
 
@@ -140,21 +145,20 @@ def _digest(path: pathlib.Path | None) -> str | None:
     """Return the checksum of a file, or of all files of a folder."""
     if path is None:
         return None
+    if not (path.is_dir() or path.is_file()):
+        # A device would be read without end.
+        raise InputError(f"there is no file {path}")
     digest = hashlib.sha256()
-    files = sorted(f for f in path.iterdir() if f.is_file()) if path.is_dir() else [path]
-    for file in files:
-        try:
-            with file.open("rb") as stream:
-                digest.update(hashlib.file_digest(stream, "sha256").digest())
-        except FileNotFoundError:
-            raise InputError(f"there is no file {file}") from None
+    for file in sorted(f for f in path.iterdir() if f.is_file()) if path.is_dir() else [path]:
+        with file.open("rb") as stream:
+            digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()[:16]
 
 
 def _track(
     video: pathlib.Path, setup: Setup, config: TrackConfig, report: ProgressCallback
 ) -> tuple[EndpointTracker, Calibration, Any]:
-    calibration = _calibrate(video, config, report)
+    calibration = _calibrate(video, setup, config, report)
     info, frames = read_video(video)
     lens = calibration.view.lens
     if (info.width, info.height) != (lens.width, lens.height):
@@ -183,11 +187,13 @@ def _track(
     return tracker, calibration, image
 
 
-def _calibrate(video: pathlib.Path, config: TrackConfig, report: ProgressCallback) -> Calibration:
+def _calibrate(
+    video: pathlib.Path, setup: Setup, config: TrackConfig, report: ProgressCallback
+) -> Calibration:
     """Return the calibration that was given, or one from the tags in the video."""
     if config.calibration is not None:
         return Calibration.load(config.calibration)
-    layout = default_layout() if config.tags is None else TagLayout.load(config.tags)
+    layout = default_layout(setup.workspace) if config.tags is None else TagLayout.load(config.tags)
     report(Progress(task="Looking for tags in the video"))
     _, frames = read_video(video)
     pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
@@ -199,8 +205,6 @@ def _calibrate(video: pathlib.Path, config: TrackConfig, report: ProgressCallbac
 def _lens_from_board(folder: pathlib.Path, report: ProgressCallback) -> Any:
     """Return the intrinsics from a folder of pictures of the default board."""
     cv2 = load_cv2()
-    if not folder.is_dir():
-        raise InputError(f"board folder {folder}: there is no such folder")
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in _BOARD_SUFFIXES)
     images = [image for image in (cv2.imread(str(file)) for file in files) if image is not None]
     if not images:
@@ -249,19 +253,23 @@ def _csv(index_name: str, times: Any, xy: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _read_track(run: RunFolder) -> EndpointTrack:
-    from cablecast.reading import read_csv
+def _read_track(run: RunFolder, metrics: dict[str, Any]) -> EndpointTrack:
+    """Return the track of a run that is done.
 
-    rows = read_csv(run.path / TRACK_FILE, ("time_s", "x_m", "y_m"))
-    cells = [
-        [float(row[n]) if row[n] else math.nan for n in ("time_s", "x_m", "y_m")] for row in rows
-    ]
-    values = np.array(cells).reshape(-1, 3)
-    return EndpointTrack(
-        times=values[:, 0],
-        endpoint_xy=values[:, 1:],
-        status=TrialStatus.from_code((run.metrics or {})["status"]),
-    )
+    Raises:
+        DamagedFileError: Its table is not what was written.
+    """
+    file = run.path / TRACK_FILE
+    if not file.is_file() or _digest(file) != metrics["track_sha256"]:
+        raise DamagedFileError(
+            f"{file} is not what was written: delete {run.path / METRICS_FILE}, and the same "
+            "command tracks the video again"
+        )
+    names = ("time_s", "x_m", "y_m")
+    rows = [[float(row[n]) if row[n] else math.nan for n in names] for row in read_csv(file, names)]
+    values = np.array(rows).reshape(-1, 3)
+    status = TrialStatus.from_code(metrics["status"])
+    return EndpointTrack(times=values[:, 0], endpoint_xy=values[:, 1:], status=status)
 
 
 def _draw(path: pathlib.Path, image: Any, tracker: EndpointTracker) -> None:

@@ -113,6 +113,25 @@ class RunFolder:
         return Parts(self.path / name)
 
 
+def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
+    """Refuse a folder that holds anything else than a run of a verb, whatever its settings.
+
+    Args:
+        path: Folder of the results.
+        command: Verb that shall write there.
+
+    Raises:
+        InputError: It is a file, or holds other files or a run of another verb.
+    """
+    config = RunFolder.read_config(path)
+    if config is None:
+        _claim(path).refuse_foreign_files()
+    elif config["command"] != command:
+        raise InputError(
+            f"{path} holds a run of `cablecast {config['command']}`: give another folder"
+        )
+
+
 def record_run(
     path: str | os.PathLike[str],
     command: str,
