@@ -56,8 +56,9 @@ class Tune:
         from cablecast.cli.options import cable_name, check_same_setup
         from cablecast.cli.progress import console_progress
         from cablecast.datasets.reader import read_dataset
-        from cablecast.pipeline.tune import PARAMS_FILE, TRACKS_FILE, tune
+        from cablecast.pipeline.tune import TRACKS_FILE, tune
         from cablecast.runs.places import TUNE_FOLDER, cable_folder, find_casts
+        from cablecast.tuning.result import PARAMS_FILE
         from cablecast.tuning.tune import TuneConfig
 
         folder = find_casts(self.dataset, cable_name(self.setup, self.cable), "tune")
