@@ -12,6 +12,7 @@ import numpy as np
 from stick_engine import kill_at_rename
 
 from cablecast.conventions import tangent
+from cablecast.datasets import record
 from cablecast.datasets.collect import collect_dataset
 from cablecast.errors import RigError
 from cablecast.motion.joint_path import JointPath
@@ -115,6 +116,7 @@ def collect(path, rig=None, **options):
 if __name__ == "__main__":
     moment, folder = sys.argv[1], pathlib.Path(sys.argv[2])
     kind = ManyStickRig if "many" in sys.argv else StickRig
+    record._CASTS_PER_CORE = 1
     if moment.startswith("trial"):
         rig = kind(troubles=[(int(moment[5:]), "kill")])
     else:

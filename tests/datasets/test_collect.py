@@ -105,6 +105,7 @@ def test_a_killed_batch_loses_no_earlier_batch(unbroken, tmp_path, monkeypatch):
     run_and_kill("trial5", tmp_path / "d", "many")
     kept = len(list((tmp_path / "d/data").rglob("file-*.parquet")))
     monkeypatch.setattr(record_module, "core_count", lambda: 1)
+    monkeypatch.setattr(record_module, "_CASTS_PER_CORE", 2)
     rig = ManyStickRig()
     collect(tmp_path / "d", rig)
     assert contents(tmp_path / "d") == contents(unbroken)
@@ -187,6 +188,7 @@ def test_a_full_disk_loses_no_finished_trial(unbroken, tmp_path, monkeypatch, ki
 
     monkeypatch.setattr(writer, "write_bytes", write_bytes)
     monkeypatch.setattr(record_module, "core_count", lambda: 1)
+    monkeypatch.setattr(record_module, "_CASTS_PER_CORE", 2)
     size = 2 if kind is ManyStickRig else 1
     # Enough for what is set aside and for one row and a half.
     row = (unbroken / "data/chunk-000/file-000.parquet").stat().st_size

@@ -221,6 +221,7 @@ class _Epochs:
             [parameter for layer in network.layers for parameter in layer],
             lr=config.learning_rate,
             weight_decay=config.weight_decay,
+            foreach=True,
         )
         self.schedule = optim.lr_scheduler.OneCycleLR(
             self.optimizer,
