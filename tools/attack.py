@@ -202,13 +202,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=800, help="number of bad inputs")
     parser.add_argument("--seed", type=int, default=0, help="seed of the inputs")
     parser.add_argument("--only", default="", help="run the cases whose name holds this text")
+    parser.add_argument("--group", help="run the cases of one group: options, files and so on")
     parser.add_argument("--base", type=pathlib.Path, help="folder that keeps the small results")
     options = parser.parse_args(arguments)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with small_results(options.base) as base:
         rng = random.Random(options.seed)
-        cases = all_cases(base, rng, options.count, options.only)
-        cases = [case for case in cases if options.only in case.name]
+        cases = [
+            case
+            for case in all_cases(base, rng, options.count, options.only)
+            if options.only in case.name and options.group in (None, case.group)
+        ]
         # Imported once, before the fork: a case then takes its own time only.
         for module in ("cablecast.pipeline.track_video", "cablecast.cli", "pyarrow.parquet"):
             __import__(module)

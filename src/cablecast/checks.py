@@ -1,4 +1,4 @@
-"""Checks of values where they enter: ranges, counts, seeds and names.
+"""Checks of input values: ranges, counts, seeds and names.
 
 Every check raises InputError with one line that names the value and its bound.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from cablecast.errors import InputError
 
 COUNT_MAX = 10_000_000
-"""Largest number of casts, motions or steps that is taken for meant: more fill any disk."""
+"""Largest number of casts, motions or steps; more would fill any disk."""
 
 SEED_MAX = 2**32 - 1
 
@@ -24,7 +24,7 @@ Ranges = Mapping[str, tuple[float, float, str]]
 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str = "") -> float:
-    """Return a number within its bounds.
+    """Return a number if it is within its bounds.
 
     Args:
         name: Name of the value in the error.
@@ -68,7 +68,7 @@ def check_ranges(owner: Any, ranges: Ranges, what: str = "") -> None:
 
 
 def check_count(name: str, value: Any, low: int = 1, high: int = COUNT_MAX) -> int:
-    """Return a whole number within its bounds.
+    """Return a whole number if it is within its bounds.
 
     Args:
         name: Name of the value in the error.
@@ -91,20 +91,20 @@ def check_count(name: str, value: Any, low: int = 1, high: int = COUNT_MAX) -> i
 
 
 def check_seed(seed: Any) -> int:
-    """Return a seed, a whole number from 0 to 2**32 - 1.
+    """Return a seed if it is a whole number from 0 to 2**32 - 1.
 
     Raises:
-        InputError: It is something else.
+        InputError: It is not.
     """
     return check_count("seed", seed, 0, SEED_MAX)
 
 
 def check_name(name: Any, what: str) -> str:
-    """Return a name that fits on a line.
+    """Return a name if it fits on one line.
 
     Args:
         name: Value to check.
-        what: What it names, in the error.
+        what: Kind of thing that it names, for the error.
 
     Raises:
         InputError: The name is no text, empty, too long, or holds control characters.
@@ -123,13 +123,13 @@ def check_name(name: Any, what: str) -> str:
 def check_keys(
     values: Any, known: set[str], what: str, *, required: set[str] | None = None
 ) -> dict[str, Any]:
-    """Return a mapping as a dictionary, if it has the right keys.
+    """Return a mapping as a dictionary if it has the right keys.
 
     Args:
         values: Value to check.
-        known: All allowed keys.
+        known: Allowed keys.
         what: Name of the mapping in the error.
-        required: Keys that must be there.
+        required: Required keys.
 
     Raises:
         InputError: The value is no mapping, or a key is unknown or missing.

@@ -1,7 +1,7 @@
-"""Reading files that people and programs wrote: text, YAML, JSON and CSV, each with its bounds.
+"""Readers of text, YAML, JSON and CSV files, with bounds on their size.
 
-A file that cannot be read (missing, no permission, a failing disk) and a file whose content is
-wrong are told apart: only the second is damaged.
+A file that cannot be read (missing, no permission, a failing disk) is told apart from a file with
+wrong content: only the second is damaged.
 """
 
 import csv
@@ -16,10 +16,10 @@ import yaml
 from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
 
 SIZE_MAX = 2**20
-"""Largest file that a person is taken to have written [byte]."""
+"""Largest size of a file written by a person [byte]."""
 
 JSON_SIZE_MAX = 2**28
-"""Largest JSON file of a run [byte]."""
+"""Largest size of a JSON file of a run [byte]."""
 
 CHECKSUM_KEY = "sha256"
 
@@ -34,7 +34,7 @@ def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
     Raises:
         FileNotFoundError: There is no such file.
         UnreadableFileError: The system refuses to read it.
-        InputError: The file is too large, or no UTF-8.
+        InputError: The file is too large, or not UTF-8.
     """
     path = pathlib.Path(path)
     content = read_bytes(path, size_max)
@@ -70,7 +70,7 @@ def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads plain YAML: no aliases, no repeated keys, numbers such as 5e-2 as numbers."""
+    """Loader of plain YAML: no aliases, no repeated keys, and 5e-2 is a number."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -89,7 +89,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-# YAML 1.1 takes 5e-2 and 1.e5 for text; every person means the number.
+# YAML 1.1 reads 5e-2 and 1.e5 as text, but every person means the number.
 _Loader.yaml_implicit_resolvers = {
     first: [(tag, regexp) for tag, regexp in resolvers if tag != "tag:yaml.org,2002:float"]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
@@ -115,7 +115,7 @@ def read_yaml(path: str | pathlib.Path) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: There is no such file.
-        InputError: The file is no YAML, holds aliases or repeated keys, or no mapping.
+        InputError: The file is not YAML, holds aliases or repeated keys, or is no mapping.
     """
     path = pathlib.Path(path)
     text = read_text(path)
@@ -156,18 +156,18 @@ def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[st
 
 
 def seal(values: dict[str, Any]) -> dict[str, Any]:
-    """Return plain values with a checksum over them."""
+    """Return plain values with their checksum added."""
     plain = json.loads(json.dumps(values, allow_nan=False))
     return {**plain, CHECKSUM_KEY: _checksum(plain)}
 
 
 def read_sealed(path: str | pathlib.Path) -> dict[str, Any]:
-    """Return what `seal` was given, from a JSON file.
+    """Return the values of a sealed JSON file; see `seal`.
 
     Raises:
         FileNotFoundError: There is no such file.
         UnreadableFileError: The system refuses to read it.
-        DamagedFileError: It is no JSON, no mapping, or its checksum does not match.
+        DamagedFileError: It is not JSON or no mapping, or its checksum does not match.
     """
     values = read_json(path)
     stored = values.pop(CHECKSUM_KEY, None)
@@ -186,7 +186,7 @@ def read_json(path: str | pathlib.Path) -> dict[str, Any]:
     Raises:
         FileNotFoundError: There is no such file.
         UnreadableFileError: The system refuses to read it.
-        DamagedFileError: It is no JSON, or no mapping.
+        DamagedFileError: It is not JSON, or no mapping.
     """
     path = pathlib.Path(path)
     try:

@@ -43,7 +43,7 @@ def test_stages_run_in_order_and_each_only_once(make_stages, tmp_path):
     assert ran == ["a", "b", "c"]
     assert set(log.seconds) == {"a", "b", "c"}
     assert reports[0].task == reports[3].task == "[1/3] stage a"
-    assert reports[0].note.startswith("all of it: about")
+    assert reports[0].note.startswith("the whole: about")
     assert reports[3].note.startswith("done in")
 
 

@@ -10,46 +10,44 @@ from cablecast.cli.options import argument
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Collect:
-    """Make casts on a robot, real or virtual, and record each one.
+    """Make casts on a real or virtual robot and record each one.
 
-    Each cast begins with a reset and becomes one row: the action, the joints as commanded and as
-    they moved, the track of the cable's free end, and how the cast ended. A cast on a robot takes
-    about 20 s, 80 casts on the virtual rig about a minute. A run that was stopped, in whatever way,
-    goes on when it is started again; finished casts are neither lost nor repeated.
+    Each cast begins with a reset and becomes one row: the action, the commanded and the measured
+    joints, the track of the cable's free end, and the status. A cast takes about 20 s on a robot;
+    80 casts on the virtual rig take about a minute. The same command resumes an interrupted run;
+    finished casts are neither lost nor repeated.
     """
 
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that carries out the casts: virtual (a laboratory in software), engine (the simulator),
-    or your own robot as package.module:factory."""
+    """Rig that makes the casts: virtual (a laboratory in software), engine (the simulator), or
+    your own robot as package.module:factory."""
     purpose: typing.Literal["tune", "real"] = "tune"
     """Purpose of the casts: to tune the simulator, or to fine-tune the model."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
     """Lab file that describes cable, table, arm and motion."""
     cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
     """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
-    count: Annotated[int | None, argument("INT", "80 to tune, of which 20 validate; 200 real")] = (
-        None
-    )
+    count: Annotated[int | None, argument("INT", "80 to tune, 200 real")] = None
     """Number of casts."""
     sampling: Annotated[
         typing.Literal["uniform", "grid"] | None,
         argument("{uniform,grid}", "uniform to tune, grid for real, as in the paper"),
     ] = None
-    """Choice of actions among those that the arm can make."""
+    """Sampling of the actions that the arm can make."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data or runs/CABLE/real-data")
     ] = None
     """Folder of the dataset."""
     seed: int = 0
-    """Seed of the actions, and of all that the virtual rig draws by chance."""
+    """Seed of the actions and of the virtual rig."""
     v_max: Annotated[float | None, argument("M/S", "that of --setup, or 1.5")] = None
     """Largest speed of the gripper [m/s]."""
     r0: Annotated[float | None, argument("M", "that of --setup, or 0.6")] = None
     """Radius of the arcs that the gripper sweeps, at their start [m]."""
     psi: bool = True
-    """Whether the wrist turns; if not, the actions are of the set A1 of the paper."""
+    """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
     time_limit: Annotated[float, argument("S")] = 120.0
-    """Longest time that a reset or a cast may take [s]."""
+    """Time limit of a reset or a cast [s]."""
 
     def run(self) -> None:
         """Collect, and print the number of casts."""

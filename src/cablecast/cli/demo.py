@@ -1,4 +1,4 @@
-"""`cablecast demo`: the whole way from a cable to a report."""
+"""`cablecast demo`: every step from a cable to a report."""
 
 import dataclasses
 import pathlib
@@ -12,10 +12,10 @@ from cablecast.cli.options import Device, argument
 class Demo:
     """Cast, tune, simulate, train and evaluate with one cable, and write a report.
 
-    The rig makes some casts, a simulator is tuned to them, a model learns from many casts in the
-    simulator, and the rig casts at the paper's 32 targets. Takes about two minutes on two processor
-    cores. A demo that was interrupted goes on where it was when it is started again; one that is
-    done shows its results again. `cablecast reproduce` does more of everything.
+    The rig makes some casts, the simulator is tuned to them, a model is trained on many simulated
+    casts, and the rig casts at the paper's 32 targets. Takes a few minutes on two cores. The same
+    command resumes an interrupted demo, and shows the results of a finished one. `cablecast
+    reproduce` does more of everything.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
@@ -25,11 +25,11 @@ class Demo:
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/demo-CABLE")] = None
     """Folder of all results."""
     seed: int = 0
-    """Seed of everything that is drawn by chance."""
+    """Seed of all random numbers."""
     device: Device = "cpu"
     """Simulate and train on the processor or on an NVIDIA graphics card."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "what the demo finds itself")] = None
-    """Parameters that `cablecast tune` found (params.json); the demo then casts and tunes none."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "those that the demo finds")] = None
+    """Parameters that `cablecast tune` found (params.json); casts and tuning are skipped."""
     tune_count: int = 40
     """Number of casts to tune the simulator with."""
     count: int = 16_000
@@ -37,10 +37,9 @@ class Demo:
     epochs: int = 60
     """Largest number of passes of the training over them."""
     candidate_count: int = 50_000
-    """Number of motions to choose from when planning."""
+    """Number of candidate motions that planning searches."""
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that carries out the casts: virtual, engine, or your own robot as
-    package.module:factory."""
+    """Rig that makes the casts: virtual, engine, or your own robot as package.module:factory."""
 
     def run(self) -> None:
         """Run the steps one after the other, and print the table of errors."""

@@ -1,4 +1,4 @@
-"""`cablecast evaluate`: cast at the 32 targets and report how near the cable landed."""
+"""`cablecast evaluate`: cast at the 32 targets and report the errors."""
 
 import contextlib
 import dataclasses
@@ -16,37 +16,38 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Evaluate:
-    """Cast at the paper's 32 targets and measure how far from them the cable lands.
+    """Cast at the paper's 32 targets and measure the distance from target to landing.
 
     Writes metrics.json, a table of every cast (trials.csv), a map of the landings (landings.png)
-    and a report to open in a browser (report.html). Every cast is kept in the folder casts when it
-    is done, so an evaluation that was stopped goes on when it is started again. Needs a trained
-    model: see `cablecast train`.
+    and a report to open in a browser (report.html). One cast at each target takes about half a
+    minute on the virtual rig and ten minutes on a robot. Each cast is stored when it is done; the
+    same command resumes an interrupted evaluation. Needs a trained model: see `cablecast train`.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of --model")] = None
-    """Lab file that the model must have been made for; with --policy polar that of the casts."""
+    """Lab file that the model must have been trained for; with --policy polar, of the casts."""
     cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None
     """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     model: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
     """Folder that `cablecast train` wrote."""
     policy: typing.Literal["model", "polar"] = "model"
-    """Policy that chooses the motions: the model, or polar casting, a swing straight out and a slow
-    pull, which needs no model."""
+    """Policy that plans the motions: the model, or polar casting (a swing straight out and a slow
+    pull), which needs no model."""
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that carries out the casts: virtual (a laboratory in software, whose cable differs from
-    the model's), engine (the simulator that the model learned from), or your own robot as
+    """Rig that makes the casts: virtual (a laboratory in software, whose cable differs from the
+    model's), engine (the simulator that the model learned from), or your own robot as
     package.module:factory."""
     repeats: int = 1
     """Casts at each target; the paper makes 5."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/evaluate-RIG")] = None
     """Folder of the results; with --policy polar by default runs/CABLE/evaluate-polar-RIG."""
     seed: int = 0
-    """Seed of all that the virtual rig draws by chance."""
+    """Seed of the virtual rig."""
     device: Device = "cpu"
-    """Device of the simulator, which splits the errors and is the rig with --rig engine."""
+    """Device of the simulator, which separates the causes of the errors and is the rig with --rig
+    engine."""
     time_limit: Annotated[float, argument("S")] = 120.0
-    """Longest time that a reset or a cast may take [s]."""
+    """Time limit of a reset or a cast [s]."""
 
     def run(self) -> None:
         """Evaluate, write the results, and print the table of errors."""
@@ -110,7 +111,7 @@ class Evaluate:
 
 
 def print_table(metrics: dict[str, Any], published: Any) -> None:
-    """Print our errors beside the paper's.
+    """Print the errors beside the paper's.
 
     Args:
         metrics: Content of metrics.json.

@@ -1,4 +1,4 @@
-"""The entry point: which verb, and what a failure looks like."""
+"""Entry point of the command line: choice of the verb, and its exit status."""
 
 import signal
 import sys
@@ -32,7 +32,7 @@ _STOP_SIGNALS = ("SIGTERM", "SIGHUP")
 
 
 class Stopped(KeyboardInterrupt):
-    """The process was told to stop by a signal other than Ctrl-C.
+    """Request to stop by a signal other than Ctrl-C.
 
     Args:
         number: Number of the signal.
@@ -46,10 +46,10 @@ class Stopped(KeyboardInterrupt):
 _DESCRIPTION = """\
 Teach a robot arm to throw the free end of a cable onto a target on a table.
 
-The verbs follow one another: collect casts on a robot (real or virtual), tune a simulator to them,
+The verbs follow one another: collect casts on a real or virtual robot, tune a simulator to them,
 simulate many more, train a model on those, plan a motion for a target, evaluate on the robot.
-`cablecast demo` does all of it for one cable in minutes, `cablecast reproduce` every experiment of
-the paper.
+`cablecast demo` does all of this for one cable in minutes; `cablecast reproduce` repeats every
+experiment of the paper.
 """
 
 VERBS: dict[str, type] = {
@@ -155,7 +155,7 @@ def _os_error_text(error: OSError) -> str:
 
 
 def _stop_on_signals() -> None:
-    """Let a kill or a closed terminal end the work as Ctrl-C does, so that a rig is closed."""
+    """Let SIGTERM and SIGHUP end the work as Ctrl-C does, so that the rig is closed."""
     if threading.current_thread() is not threading.main_thread():
         return
 

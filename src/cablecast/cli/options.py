@@ -1,4 +1,4 @@
-"""Options that several verbs share, and how values are shown."""
+"""Options that several verbs share, and the format of values."""
 
 import contextlib
 import math
@@ -21,11 +21,11 @@ TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
 
 
 def argument(metavar: str, default: str | None = None) -> Any:
-    """Return how `--help` shows an argument: its value, and what happens without it.
+    """Return the entry of an argument in `--help`.
 
     Args:
-        metavar: Stands for the value.
-        default: Words for a default that the code knows as None.
+        metavar: Placeholder for the value.
+        default: Description of a default that is None in the code.
     """
     hint = None if default is None else f"(default: {default})"
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
@@ -37,7 +37,7 @@ def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float |
     Args:
         lab_file: Lab file of --setup; the paper's set-up where None.
         cable: Cable of --cable; that of the lab file where None.
-        **motion: Motion settings that were given as options; None where not.
+        **motion: Motion settings that were given as options; None for those that were not.
     """
     from cablecast.cable import load_cable
     from cablecast.setup import Setup, load_setup
@@ -52,14 +52,14 @@ def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float |
 
 
 def cable_name(lab_file: pathlib.Path | None, cable: str | None) -> str:
-    """Return the name of the cable of a command line, which default folders are called by."""
+    """Return the name of a command line's cable, after which default folders are named."""
     return load_lab(lab_file, cable).cable.name
 
 
 def check_same_setup(
     lab_file: pathlib.Path | None, cable: str | None, stored: "Setup", where: pathlib.Path
 ) -> None:
-    """Refuse a --setup or --cable that is not what a dataset or model was made for.
+    """Refuse a --setup or --cable that differs from that of a dataset or model.
 
     Args:
         lab_file: Lab file of --setup; not checked where None.
@@ -88,14 +88,14 @@ def check_same_setup(
 def open_rig(
     spec: str, setup: "Setup", seed: int, out: pathlib.Path, time_limit: float = 120.0
 ) -> "Iterator[CheckedRig]":
-    """Yield a rig whose folder of results is held before the rig is connected.
+    """Lock the folder of results, connect a rig, and yield it.
 
     Args:
         spec: Rig of --rig.
         setup: Set-up of the rig.
-        seed: Seed of all that a virtual rig draws by chance.
-        out: Folder of results: two processes must not drive one robot for it.
-        time_limit: Longest time that a reset or a cast may take [s].
+        seed: Seed of a virtual rig.
+        out: Folder of results, locked first: two processes must not drive one robot for it.
+        time_limit: Time limit of a reset or a cast [s].
     """
     from cablecast.checks import check_number, check_seed
     from cablecast.rigs.make import make_rig
@@ -113,7 +113,7 @@ def open_rig(
 
 
 def polar_text(xy: Any) -> str:
-    """Return a point on the table as a person reads it."""
+    """Return a point on the table in polar and Cartesian coordinates."""
     x, y = float(xy[0]), float(xy[1])
     theta_deg = math.degrees(math.atan2(x, y))
     r = math.hypot(x, y)

@@ -15,27 +15,27 @@ EXIT_FAR_OFF = 3
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlanVerb:
-    """Find the motion that lands the cable's free end on a target.
+    """Plan the motion that lands the cable's free end on a target.
 
-    Prints the motion, where the model expects the free end to come to rest, how long the motion
-    takes and how fast the joints turn. Needs a trained model: see `cablecast train`. The exit
-    status is 3 where the best motion is predicted to land too far from the target.
+    Prints the action, the predicted landing, the duration of the motion and the peak speeds of the
+    joints. Takes about a second. Needs a trained model: see `cablecast train`. The exit status is 3
+    if the best motion is predicted to miss the target by more than --miss-max.
     """
 
     target: Annotated[tuple[float, float], argument("R THETA")]
     """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
     the robot's right."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of --model")] = None
-    """Lab file that the model must have been made for. --save needs one whose arm was measured."""
+    """Lab file that the model must have been trained for; --save needs one with a measured arm."""
     cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None
     """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     model: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
     """Folder that `cablecast train` wrote."""
     miss_max: Annotated[float, argument("PCT")] = 25.0
-    """Largest predicted distance from the target, in % of cable length, for the exit status 0."""
+    """Largest predicted miss in % of cable length that still gives exit status 0."""
     save: Annotated[pathlib.Path | None, argument("FILE", "not saved")] = None
-    """Also write the motion for a robot, as CSV: time t [s], joint angles q1 to q6 [rad] and speeds
-    qd1 to qd6 [rad/s], 125 rows a second, for the arm of --setup."""
+    """Write the motion as CSV for a robot with the arm of --setup: time t [s], joint angles q1 to
+    q6 [rad] and joint speeds qd1 to qd6 [rad/s], 125 rows a second."""
     force: bool = False
     """Overwrite the file of --save if it exists."""
 
@@ -97,6 +97,6 @@ def print_plan(plan: "MotionPlan") -> None:
     print(f"peak joint speeds [deg/s]  {speeds}")
     if not plan.inside_coverage:
         print(
-            "note: no simulated cast of this cable lands near this target; the action is the one "
-            "predicted to land nearest to it"
+            "note: no simulated cast of this cable lands near this target; this is the action with "
+            "the nearest predicted landing"
         )

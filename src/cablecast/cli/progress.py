@@ -1,4 +1,4 @@
-"""Showing progress on standard error: bars on a terminal, plain lines elsewhere."""
+"""Progress on standard error: bars on a terminal, plain lines elsewhere."""
 
 import contextlib
 import datetime
@@ -43,7 +43,7 @@ def console_progress() -> Iterator[ProgressCallback]:
 
 
 class _Bars:
-    """A bar for each task that counts, a line for each that is only announced."""
+    """Bars for tasks with a count, lines for tasks that are only announced."""
 
     def __init__(self, bars: Any):
         self._bars = bars
@@ -63,7 +63,7 @@ class _Bars:
 
 
 class _Lines:
-    """Lines with the expected end, not more than one in a while."""
+    """Lines with the expected end, at most one every few seconds."""
 
     def __init__(self, file: Any):
         self._file = file
@@ -71,13 +71,13 @@ class _Lines:
         self._last = -_LINE_EVERY
 
     def show(self, progress: Progress) -> None:
-        """Write a line for a report, unless one was written just now."""
+        """Write a line for a report, unless one was written a moment ago."""
         now = time.monotonic()
         if not progress.total:
             self._write(_headline(progress))
             return
         is_first = progress.task not in self._begun
-        # What a resumed run finds done took it no time.
+        # Units that a resumed run found done took it no time.
         begun, first_done = self._begun.setdefault(progress.task, (now, progress.done))
         is_last = progress.done == progress.total
         if not (is_first or is_last) and now - self._last < _LINE_EVERY:

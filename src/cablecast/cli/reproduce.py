@@ -1,4 +1,4 @@
-"""`cablecast reproduce`: every experiment of the paper, and one report of them all."""
+"""`cablecast reproduce`: every experiment of the paper in one report."""
 
 import dataclasses
 import pathlib
@@ -9,12 +9,11 @@ from cablecast.cli.options import Device, argument
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Reproduce:
-    """Repeat every experiment of the paper on the virtual rig, and write one report.
+    """Repeat every experiment of the paper and write one report.
 
     For each cable: cast on the rig, tune the simulator, choose the system parameters, simulate,
     cast again, train, and evaluate every method at the 32 targets. Takes about an hour on two
-    processor cores, with --quick less than ten minutes. Start it again after any interruption, and
-    it goes on where it was.
+    cores, with --quick less than ten minutes. The same command resumes an interrupted run.
     """
 
     quick: bool = False
@@ -26,15 +25,14 @@ class Reproduce:
     )
     """Folder of all results."""
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that carries out the casts: virtual, engine, or your own robot as
-    package.module:factory."""
+    """Rig that makes the casts: virtual, engine, or your own robot as package.module:factory."""
     seed: int = 0
-    """Seed of everything that is drawn by chance."""
+    """Seed of all random numbers."""
     device: Device = "cpu"
     """Simulate and train on the processor or on an NVIDIA graphics card."""
 
     def run(self) -> None:
-        """Run every stage that is not done, and print where the report is."""
+        """Run every stage that is not done, and print the path of the report."""
         from cablecast.cli.options import load_lab
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.reproduce import reproduce

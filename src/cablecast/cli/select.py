@@ -1,4 +1,4 @@
-"""`cablecast select`: choose r0, v_max and whether the wrist turns."""
+"""`cablecast select`: choose r0, v_max and the use of the wrist."""
 
 import dataclasses
 import pathlib
@@ -9,19 +9,20 @@ from cablecast.cli.options import Device, argument
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Select:
-    """Compare what grids of casts cover for several r0 and v_max, and choose among them.
+    """Compare the coverage of several r0 and v_max, and choose the best.
 
-    Nine combinations of r0 and v_max are simulated without a turn of the wrist, and the three
-    speeds of the best r0 with one. With --repeat, what `cablecast repeat` measured is weighed
-    against coverage. A run that was stopped goes on where it was.
+    Simulates nine combinations of r0 and v_max without a turn of the wrist, and the three speeds of
+    the best r0 with one. With --repeat, the scatter that `cablecast repeat` measured is weighed
+    against coverage. Takes about a minute on two cores. The same command resumes an interrupted
+    run.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
     """Lab file that describes cable, table, arm and motion."""
     cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
     """Cable to simulate: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
-    """Parameters of the cable, and lag of the arm, that `cablecast tune` found (params.json)."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "those of the cable's file")] = None
+    """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder)."""
     repeat: Annotated[pathlib.Path | None, argument("DIR", "coverage alone decides")] = None
     """Folder that `cablecast repeat` wrote, with the combinations to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
@@ -29,9 +30,9 @@ class Select:
     scatter_max: Annotated[float, argument("PCT")] = 3.0
     """Largest acceptable scatter of repeated casts, in % of cable length."""
     grid: int = 15
-    """Values of each action variable without a turn of the wrist; the paper has 15 x 15 x 15."""
+    """Values of each action variable without a turn of the wrist; the paper used 15."""
     grid_psi: int = 10
-    """Values of each with one; the paper has 10 x 10 x 10 and half as many turns."""
+    """Values of each action variable with one; the paper used 10, and 5 for the turn itself."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
 
@@ -66,7 +67,7 @@ def _key(result: dict[str, Any]) -> tuple[float, float, bool]:
 
 
 def print_choice(metrics: dict[str, Any]) -> None:
-    """Print what every combination covers, and which was chosen.
+    """Print the coverage of every combination, and the choice.
 
     Args:
         metrics: Content of metrics.json.

@@ -11,9 +11,9 @@ from cablecast.cli.options import Device, argument
 class Simulate:
     """Simulate many casts of a cable and record where each one lands.
 
-    The actions are spread evenly over what the arm can do. The result is a folder of Parquet files
-    with a README. 36,000 casts take about half a minute on two cores. A run that was interrupted,
-    in whatever way, goes on when it is started again.
+    The actions cover what the arm can do evenly. The result is a folder of Parquet files with a
+    README. 36,000 casts take about half a minute on two cores. The same command resumes an
+    interrupted run.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
@@ -28,17 +28,17 @@ class Simulate:
     """Seed of the actions. The same seed gives the same dataset."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable says of itself")] = None
-    """Parameters of the cable, and lag of the arm, that `cablecast tune` found (params.json)."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "those of the cable's file")] = None
+    """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder)."""
     v_max: Annotated[float | None, argument("M/S", "that of --setup, or 1.5")] = None
     """Largest speed of the gripper [m/s]. Faster casts reach farther and scatter more."""
     r0: Annotated[float | None, argument("M", "that of --setup, or 0.6")] = None
     """Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter."""
     psi: bool = True
-    """Whether the wrist turns; if not, the actions are of the set A1 of the paper."""
-    segment_count: Annotated[int | None, argument("INT", "what the convergence study chose")] = None
+    """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
+    segment_count: Annotated[int | None, argument("INT", "that of the convergence study")] = None
     """Segments of the simulated cable."""
-    dt: Annotated[float | None, argument("S", "what the convergence study chose")] = None
+    dt: Annotated[float | None, argument("S", "that of the convergence study")] = None
     """Time step of the simulation [s]."""
 
     def run(self) -> None:

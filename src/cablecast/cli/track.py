@@ -1,4 +1,4 @@
-"""`cablecast track`: find the endpoint's track in a recorded video."""
+"""`cablecast track`: track the endpoint in a recorded video."""
 
 import dataclasses
 import pathlib
@@ -12,42 +12,43 @@ from cablecast.cli.options import argument
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Track:
-    """Find the green marker in a video from above and write where the endpoint went.
+    """Track the green marker at the cable's end in a video from above.
 
-    Writes the track every 100 ms (track.csv), the endpoint in every frame (frames.csv), how the
-    trial ended (metrics.json), the calibration, and a picture of the track. Where the marker was
-    not seen the tables are empty: nothing is guessed. docs/camera.md tells how to set up a camera.
+    Writes the track every 100 ms (track.csv), the endpoint in every frame (frames.csv), the status
+    of the trial (metrics.json), the calibration, and a picture of the track. Cells are empty where
+    the marker was not seen; nothing is guessed. A video of some seconds takes about a minute.
+    docs/camera.md explains how to set up a camera.
     """
 
     video: Annotated[tyro.conf.Positional[pathlib.Path], argument("VIDEO")]
-    """The video: any that FFmpeg reads, from a camera that did not move."""
+    """Video in any format that FFmpeg reads, from a camera that did not move."""
     calibration: Annotated[
         pathlib.Path | None, argument("FILE", "computed from the tags in the video")
     ] = None
-    """A calibration.json of the same camera at the same place, as this command writes it."""
+    """Calibration of the same camera at the same place (calibration.json of an earlier run)."""
     tags: Annotated[pathlib.Path | None, argument("FILE", "11 tags along the table's edges")] = None
-    """Without a calibration: a YAML file that says where the tags lie on the table."""
-    board: Annotated[pathlib.Path | None, argument("DIR", "the lens is found from the tags")] = None
-    """Without a calibration: a folder of pictures of a calibration board, which tell the lens."""
+    """YAML file with the places of the tags on the table; not with --calibration."""
+    board: Annotated[pathlib.Path | None, argument("DIR", "the lens is fitted to the tags")] = None
+    """Folder of pictures of a calibration board, to fit the lens; not with --calibration."""
     view_deg: Annotated[float, argument("DEG")] = 78.0
-    """Without a calibration and a board: the camera's angle of view over the diagonal [deg]."""
+    """Angle of view over the image's diagonal [deg], without --calibration and --board."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
     """Lab file that describes cable and table."""
     cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable in the video: tells how high the marker lies, and where the endpoint begins."""
+    """Cable in the video, which gives the height of the marker and the start of the endpoint."""
     begin: Annotated[
         tuple[float, float] | None, argument("X Y", "straight ahead, at the end of the cable")
     ] = None
-    """Point near the endpoint when the video begins [m]."""
+    """Point near the endpoint at the beginning of the video [m]."""
     start: Annotated[float, argument("S")] = 0.0
-    """Time at which the motion begins, from the first frame on [s]: time 0 of the track."""
+    """Time of the first frame of the motion, which is time 0 of the track [s]."""
     marker: Annotated[tuple[float, float], argument("LENGTH WIDTH")] = (0.038, 0.016)
     """Size of the marker along and across the cable [m]."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/track-VIDEO")] = None
     """Folder of the results."""
 
     def run(self) -> None:
-        """Track, write the results, and print how the trial ended."""
+        """Track, write the results, and print the status of the trial."""
         from cablecast.cli.options import load_lab
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.track_video import TrackConfig, track_video

@@ -1,4 +1,4 @@
-"""`cablecast train`: learn where casts land, and prepare the search for the best one."""
+"""`cablecast train`: train the model of landings, and prepare the search for the best cast."""
 
 import dataclasses
 import pathlib
@@ -13,12 +13,13 @@ Method = typing.Literal["correction", "fine-tuning", "network", "gaussian-proces
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Train:
-    """Train the model that predicts where a cast lands, from simulated and real casts.
+    """Train the model that predicts where a cast lands, on simulated and real casts.
 
-    Also predicts 50,000 candidate motions, among which `plan` and `evaluate` search. Part of the
-    casts is held out to measure the model's error, and a model card is written beside the model.
-    With --real, the casts of a robot teach it what the simulator does not know. 36,000 casts take
-    one to two minutes on two cores, the Gaussian process up to five.
+    Also predicts the landings of 50,000 candidate motions, which `plan` and `evaluate` search. Part
+    of the casts is held out to measure the model's error, and a model card is written beside the
+    model. With --real, the model also learns the sim-to-real residual from casts of a robot. 36,000
+    casts take one to two minutes on two cores, the Gaussian process up to five. Training that was
+    interrupted begins again.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of the casts")] = None
@@ -34,29 +35,29 @@ class Train:
     mode: Annotated[Mode | None, argument("{sim,real,both}", "both with --real, otherwise sim")] = (
         None
     )
-    """Casts to learn from: simulated ones, real ones, or first the former and then the latter."""
+    """Casts to learn from: simulated, real, or both, first simulated and then real."""
     method: Annotated[
         Method | None,
         argument("METHOD", "correction where both are learned from, otherwise network"),
     ] = None
     """Learning method: network (simulated or real casts alone), gaussian-process (the paper's
     baseline on simulated casts), and for both: correction (a Gaussian process on the sim-to-real
-    residual, with its standard deviation) or fine-tuning (the network goes on training, as in the
+    residual, with its standard deviation) or fine-tuning (the network continues to train, as in the
     paper)."""
-    start: Annotated[pathlib.Path | None, argument("DIR", "train one first")] = None
-    """Model of the simulated casts to begin with, where both are learned from."""
+    start: Annotated[pathlib.Path | None, argument("DIR", "a new one is trained")] = None
+    """Model of the simulated casts to start from, for --mode both."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/CABLE/model, or model-METHOD with real casts")
     ] = None
     """Folder of the model."""
     seed: int = 0
-    """Seed of the held-out casts, the first weights and the candidates."""
+    """Seed of the held-out casts, the initial weights and the candidates."""
     device: Device = "cpu"
     """Train on the processor or on an NVIDIA graphics card."""
     epochs: int = 100
     """Largest number of passes over the dataset."""
     candidate_count: int = 50_000
-    """Number of motions to choose from when planning."""
+    """Number of candidate motions that planning searches."""
 
     def run(self) -> None:
         """Train, and print the error of the model."""
@@ -110,7 +111,7 @@ class Train:
         if mode == "sim" and self.real:
             raise InputError(f"--mode sim uses no real casts, but --real {self.real} was given")
         if mode != "both" and self.start:
-            raise InputError(f"--mode {mode} starts from nothing, but --start was given")
+            raise InputError(f"--mode {mode} takes no --start, but {self.start} was given")
         return mode, method
 
 
@@ -123,13 +124,13 @@ def _folder_name(mode: Mode, method: Method) -> str:
 
 
 def _errors(metrics: dict[str, Any]) -> str:
-    """Return the errors that tell how good a model is, as a sentence."""
+    """Return the errors of a model as a sentence."""
     if "real_median_pct" in metrics:
         before = metrics.get("real_before_median_pct")
         was = "" if before is None else f", before {before:.2f} %"
         return (
-            f"on {metrics['real_used_count']} real casts, each predicted without having been seen, "
-            f"its median error is {metrics['real_median_pct']:.2f} % of cable length{was}"
+            f"on {metrics['real_used_count']} real casts, each held out in turn, its median error "
+            f"is {metrics['real_median_pct']:.2f} % of cable length{was}"
         )
     return (
         f"on {metrics['held_out_count']} held-out casts its median error is "

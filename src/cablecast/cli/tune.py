@@ -1,4 +1,4 @@
-"""`cablecast tune`: make the simulator move its cable as the real one moved."""
+"""`cablecast tune`: fit the simulated cable to measured casts."""
 
 import dataclasses
 import pathlib
@@ -10,13 +10,13 @@ from cablecast.cli.options import Device, argument
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tune:
-    """Find the ten parameters of a cable with which the simulator follows measured casts.
+    """Fit the ten parameters of a cable to measured casts.
 
-    Searches with Differential Evolution for the parameters whose simulated endpoints are nearest to
-    the measured ones, and learns from the same casts how the arm lags behind its set points. A
-    quarter of the casts is held out to measure the result. 80 casts take about three minutes on two
-    cores. A search that was interrupted, in whatever way, goes on when it is started again. Give
-    the resulting params.json to `cablecast simulate --params`.
+    Searches with Differential Evolution for the parameters that bring the simulated endpoints
+    nearest to the measured ones, and identifies from the same casts how the arm lags behind its set
+    points. A quarter of the casts is held out to measure the result. 80 casts take about three
+    minutes on two cores. The same command resumes an interrupted search. Give the resulting
+    params.json to `cablecast simulate --params`.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of --dataset")] = None
@@ -32,24 +32,24 @@ class Tune:
     method: typing.Literal["de", "cmaes"] = "de"
     """Search method: Differential Evolution as in the paper, or CMA-ES."""
     population_size: int = 48
-    """Parameter sets of a generation."""
+    """Candidates of a generation."""
     coarse_generations: int = 60
-    """Generations on a coarse cable."""
+    """Generations at a coarse resolution."""
     fine_population_size: int = 24
-    """Parameter sets that go on at full resolution (Differential Evolution only)."""
+    """Candidates of a generation at full resolution (Differential Evolution only)."""
     fine_generations: int = 25
     """Generations at full resolution."""
     validation_count: Annotated[int | None, argument("INT", "a quarter of the casts")] = None
-    """Number of casts that are held out; the paper held out 20 of 80."""
+    """Number of held-out casts; the paper held out 20 of 80."""
     path: typing.Literal["auto", "commanded", "measured"] = "auto"
-    """Motion of the gripper to simulate: the commanded one, or what the arm reported; auto takes
-    the reported one where there is one."""
+    """Motion of the gripper to simulate: the commanded or the measured one; auto takes the measured
+    one if the rig reported it."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
-    segment_count: Annotated[int | None, argument("INT", "what the convergence study chose")] = None
-    """Segments of the simulated cable in the end."""
-    dt: Annotated[float | None, argument("S", "what the convergence study chose")] = None
-    """Time step of the simulation in the end [s]."""
+    segment_count: Annotated[int | None, argument("INT", "that of the convergence study")] = None
+    """Segments of the simulated cable at full resolution."""
+    dt: Annotated[float | None, argument("S", "that of the convergence study")] = None
+    """Time step of the simulation at full resolution [s]."""
 
     def run(self) -> None:
         """Tune, and print the table of distances."""
@@ -90,11 +90,11 @@ class Tune:
 
 
 def print_table(metrics: dict[str, Any], cable_name: str) -> None:
-    """Print our distances on the validation tracks beside the paper's.
+    """Print the distances on the validation tracks beside the paper's.
 
     Args:
         metrics: Content of metrics.json.
-        cable_name: Name of the cable, which the paper may have, too.
+        cable_name: Name of the cable; the paper's rows are those of the same name.
     """
     from cablecast.cli import tables
     from cablecast.report.text import pct

@@ -1,4 +1,4 @@
-"""The README.md of a dataset: a card that people read and dataset viewers parse."""
+"""README.md of a dataset: a card for people and for dataset viewers."""
 
 import json
 from collections.abc import Mapping
@@ -15,13 +15,13 @@ _TITLES = {
 }
 
 _SIMULATED = (
-    "In simulated rows the plane has no edge: a row whose free end left the table at any time has "
-    "the status `off_table` and keeps the resting point on the plane. A row of status `non_finite` "
-    "has no resting point."
+    "The simulated plane has no edge: a row whose free end left the table at any time has the "
+    "status `off_table` and keeps its resting point on the plane. A row of status `non_finite` has "
+    "no resting point."
 )
 _ON_A_RIG = (
     "Only a row of status `ok` has a resting point. The track holds NaN where the free end was not "
-    "seen. Trials that were aborted were made again and are not in here."
+    "seen. Aborted trials were repeated and are not included."
 )
 
 

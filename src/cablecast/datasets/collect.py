@@ -1,4 +1,4 @@
-"""Collecting D_tune and D_real: which actions to make on a rig, and making them (section V-C)."""
+"""Collection of D_tune and D_real: choice of actions, and casts on a rig (section V-C)."""
 
 import dataclasses
 import pathlib
@@ -23,7 +23,7 @@ Purpose = typing.Literal["tune", "real", "repeat"]
 Sampling = typing.Literal["uniform", "grid"]
 
 TRIAL_COUNTS: dict[str, int] = {"tune": 80, "real": 200}
-"""Trials that the paper made: 60 to tune on and 20 to validate with (section V-D), and D_real
+"""Number of trials in the paper: 60 to tune and 20 to validate (section V-D), and D_real
 (section V-F)."""
 
 
@@ -42,23 +42,23 @@ def collect_dataset(
     attempts: int = ATTEMPT_COUNT,
     progress: CountCallback | None = None,
 ) -> Dataset:
-    """Make casts on a rig, or go on where an earlier run of the same settings was stopped.
+    """Make casts on a rig, or resume an earlier collection of the same settings.
 
     See `record_trials`, which this calls with casting motions.
 
     Args:
-        path: Folder of the dataset; new, empty, or begun with the same settings.
+        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
         rig: Carries out the casts; its description is one of the settings.
         setup: Cable, workspace, arm and motion settings.
         purpose: Purpose of the casts: "tune" (D_tune), "real" (D_real) or "repeat".
         count: Number of actions, where none are given; the paper's by default.
         sampling: Choice of actions: "uniform" over the ranges, or on a "grid".
-        actions: Actions to make instead, shape [action, 4].
+        actions: Actions to make instead of sampled ones, shape [action, 4].
         repeats: Casts of each action, one after the other.
         seed: Seed of the actions and of their order.
         ranges: Ranges of the actions; those that suit the set-up where None.
-        attempts: Times that a cast is tried before the collection stops.
-        progress: Told the number of casts done and of all, at the start and after each.
+        attempts: Number of attempts at a cast before the collection stops.
+        progress: Callback for the number of casts done and the total, at the start and after each.
 
     Returns:
         The finished dataset.
@@ -101,14 +101,17 @@ def sample_actions(
     seed: int = 0,
     ranges: ActionRanges | None = None,
 ) -> NDArray[np.float64]:
-    """Return feasible actions in the order in which a rig should make them, shape [count, 4].
+    """Sample feasible actions, in the order in which a rig should make them.
 
     Args:
         sampling: "uniform" over the ranges, or on a "grid".
         count: Number of actions.
-        setup: Gives the arm, the reset position and the system parameters.
+        setup: Cable, workspace, arm and motion settings.
         seed: Seed of the choice and of the order.
         ranges: Ranges of the actions; those that suit the set-up where None.
+
+    Returns:
+        Actions, shape [count, 4].
     """
     check_seed(seed)
     if sampling == "uniform":

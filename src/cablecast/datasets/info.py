@@ -47,7 +47,7 @@ def read_info(path: pathlib.Path) -> dict[str, Any]:
         if version is not None and version != SCHEMA_VERSION:
             raise DatasetError(_other_version(path, version)) from None
         raise DatasetError(
-            f"{error}. It says what the dataset holds: restore it, or make the dataset anew"
+            f"{error}. It describes the dataset: restore it, or make the dataset anew"
         ) from None
     check_info(info, path)
     return info
@@ -77,7 +77,7 @@ def check_info(info: dict[str, Any], path: pathlib.Path) -> None:
 
 
 def _version_without_checksum(file: pathlib.Path) -> Any:
-    """Return the schema version of a file that may be older than checksums."""
+    """Return the schema version of a description without a checksum, as older versions wrote it."""
     from cablecast.reading import read_json
 
     try:

@@ -1,4 +1,4 @@
-"""Reading a dataset into arrays, with every shard checked."""
+"""Reader of datasets: every shard is checked."""
 
 import dataclasses
 import functools
@@ -28,19 +28,19 @@ T = TypeVar("T")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Dataset:
-    """Trials: actions and what came of them.
+    """Trials: actions and their outcomes.
 
     Attributes:
         actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [row, 4].
-        endpoint_xy: Where the free end came to rest [m], shape [row, 2]; NaN where unknown. A
-            simulated row that went off the table keeps its resting point on the endless plane.
+        endpoint_xy: Resting point of the free end [m], shape [row, 2]; NaN where unknown. A
+            simulated row that left the table keeps its resting point on the endless plane.
         status: Codes of the trial statuses, shape [row].
-        duration: How long the gripper moved [s], shape [row].
-        extent: Smallest x, largest x, smallest y and largest y of the free end on its way [m],
+        duration: Duration of the gripper's motion [s], shape [row].
+        extent: Smallest x, largest x, smallest y and largest y of the free end during the cast [m],
             shape [row, 4].
         extra: Other columns by name, each of length row.
-        info: What `meta/info.json` holds: settings, fingerprint and so on.
-        path: Where it was read from, if it was.
+        info: Content of `meta/info.json`: settings, fingerprint and so on.
+        path: Folder that it was read from; None for a dataset in memory.
     """
 
     actions: NDArray[np.float64]
@@ -84,7 +84,7 @@ class Dataset:
 
     @property
     def fingerprint(self) -> str:
-        """Short name of the content: of the settings and of all rows."""
+        """Fingerprint of the settings and of all rows."""
         return self.info.get("fingerprint", "")
 
     @functools.cached_property
@@ -112,9 +112,11 @@ class Dataset:
         return settings_object(ServoModel.from_dict, self.info, "servo", self._name)
 
     def table_margin(self) -> NDArray[np.float64]:
-        """Return how far the free end stayed within the table's edges on its way [m], shape [row].
+        """Return the least distance of the free end from the table's edges during each cast.
 
-        Negative where it left the table; minus infinity where its way is unknown.
+        Returns:
+            Distance [m], shape [row]; negative where the free end left the table, minus infinity
+            where its path is unknown.
         """
         x_min, x_max, y_min, y_max = self.extent.T
         corners = np.stack(
@@ -129,18 +131,18 @@ class Dataset:
 
 
 def settings_setup(info: Mapping[str, Any], owner: str) -> Setup:
-    """Return the set-up that some stored settings describe.
+    """Return the set-up that stored settings describe.
 
     Args:
-        info: Holds the settings of a dataset.
-        owner: Name of their owner in an error.
+        info: Description of a dataset, with its settings.
+        owner: Name of the dataset or model, for errors.
 
     Raises:
-        DatasetError: A section is missing, or of a version that had other settings.
+        DatasetError: A section is missing, or was written by a version with other settings.
     """
     settings = info.get("settings", {})
     if missing := [name for name in SECTIONS if name not in settings]:
-        raise DatasetError(f"{owner} says nothing of its {', '.join(missing)}")
+        raise DatasetError(f"the settings of {owner} lack {', '.join(missing)}")
     try:
         return Setup.from_dict({name: settings[name] for name in SECTIONS})
     except CablecastError as error:
@@ -150,20 +152,20 @@ def settings_setup(info: Mapping[str, Any], owner: str) -> Setup:
 def settings_object(
     make: Callable[[dict[str, Any]], T], info: Mapping[str, Any], name: str, owner: str
 ) -> T:
-    """Return the object that some stored settings describe.
+    """Return an object that stored settings describe.
 
     Args:
-        make: Makes it from the settings.
-        info: Holds the settings of the dataset.
-        name: Name of the settings.
-        owner: Name of their owner in an error.
+        make: Function that makes it from the settings.
+        info: Description of a dataset, with its settings.
+        name: Key of the object in the settings.
+        owner: Name of the dataset or model, for errors.
 
     Raises:
-        DatasetError: They are missing, or of a version that had other settings.
+        DatasetError: The key is missing, or was written by a version with other settings.
     """
     values = info.get("settings", {}).get(name)
     if values is None:
-        raise DatasetError(f"{owner} says nothing of its {name}")
+        raise DatasetError(f"the settings of {owner} lack {name}")
     try:
         return make(values)
     except (TypeError, AttributeError, InputError) as error:
@@ -184,10 +186,11 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
     """Read a finished dataset.
 
     Args:
-        path: Its folder.
+        path: Folder of the dataset.
 
     Raises:
-        DatasetError: It is missing, unfinished, or a shard is truncated or damaged.
+        DatasetError: It is missing or unfinished, or a shard is damaged.
+        UnreadableFileError: The system refuses to read a file.
     """
     import pyarrow as pa
 
@@ -198,8 +201,8 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
     if not info["complete"]:
         present = sum((path / shard_path(shard)).exists() for shard in shards)
         raise DatasetError(
-            f"{path} is unfinished: {present} of {len(shards)} shards are there. "
-            "Run the command that made it again to complete it"
+            f"{path} is unfinished: {present} of {len(shards)} shards exist. Run the command that "
+            "made it again to complete it"
         )
     settings = fingerprint(info["settings"])
     tables, digests = [], []

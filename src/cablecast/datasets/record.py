@@ -1,7 +1,7 @@
-"""The one loop that makes trials on a rig and stores them: D_tune, D_real, repeats, evaluations.
+"""The loop that makes trials on a rig and stores them: D_tune, D_real, repeats, evaluations.
 
-A trial on a robot takes about 20 s, so nothing that is finished may be lost: each trial is a file
-of its own, written before the next begins, and space for it is set aside beforehand.
+A trial on a robot takes about 20 s, so no finished trial may be lost: each becomes a file of its
+own before the next one begins, and disk space for it is reserved beforehand.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ from cablecast.track import EndpointTrack, TrialStatus
 Kind = typing.Literal["tune", "real", "repeat", "evaluate"]
 
 ATTEMPT_COUNT = 3
-"""Times that a trial is tried before the work stops."""
+"""Number of attempts at a trial before the work stops."""
 
 # More than a row of a long trial takes: 5 s of six joints at 500 Hz are 140 kB.
 _ROW_BYTES_MAX = 2**20
@@ -50,16 +50,16 @@ _CASTS_PER_CORE = 8
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrialPlan:
-    """The trials that are to be made.
+    """Trials to make.
 
     Attributes:
         setup: Cable, workspace, arm and motion settings.
-        kind: Purpose of the trials, which also tells the rig which chances to draw.
+        kind: Purpose of the trials, which also selects the random numbers of the rig.
         count: Number of motions.
-        motion: Returns the motion of a number from 0.
-        repeats: Trials of each motion, one after the other.
-        attempts: Times that a trial is tried before the work stops.
-        keep_nodes: Whether to store the cable's nodes, where the rig knows them.
+        motion: Function that returns the motion of an index from 0.
+        repeats: Consecutive trials of each motion.
+        attempts: Number of attempts at a trial before the work stops.
+        keep_nodes: True to store the cable's nodes, if the rig knows them.
     """
 
     setup: Setup
@@ -87,17 +87,17 @@ def record_trials(
     settings: Mapping[str, Any],
     progress: CountCallback | None = None,
 ) -> Dataset:
-    """Make trials on a rig, or go on where an earlier run of the same settings was stopped.
+    """Make trials on a rig, or resume an earlier run of the same settings.
 
-    Each trial begins with a reset. One in which the rig raises, or which it reports as aborted, is
-    made again. The rig is not closed.
+    Each trial begins with a reset. A trial in which the rig raises, or which it reports as aborted,
+    is repeated. The rig is not closed.
 
     Args:
-        path: Folder of the dataset; new, empty, or begun with the same settings.
-        rig: Carries out the trials; its description is one of the settings.
+        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
+        rig: Rig that makes the trials; its description is one of the settings.
         plan: Trials to make.
-        settings: What else decides the trials, as plain values.
-        progress: Told the number of trials done and of all, at the start and after each.
+        settings: Further plain values that decide the trials.
+        progress: Callback for the number of trials done and the total, at the start and after each.
 
     Returns:
         The finished dataset.
@@ -133,7 +133,7 @@ def record_trials(
 
 
 class _Recording:
-    """The trials that are still to be made."""
+    """Trials that are still missing."""
 
     def __init__(
         self,
@@ -147,8 +147,8 @@ class _Recording:
         self.plan = plan
         self.progress = progress
         self._planned: tuple[int, Trajectory] | None = None
-        # A rig that makes many at once returns no track before the last is done, so that a batch is
-        # small: it is what a kill can lose.
+        # A rig that makes many trials at once returns no track before the last is done. A batch is
+        # small, because a kill loses it.
         self.batch_size = _CASTS_PER_CORE * core_count() if hasattr(rig, "execute_many") else 1
 
     def run(self) -> None:
@@ -163,7 +163,7 @@ class _Recording:
                     try:
                         self.writer.write_shard(index, columns)
                     except OSError as error:
-                        # The trial is done and must not be lost: use the space set aside.
+                        # The trial is done and must not be lost: use the reserved space.
                         full = error
                         release()
                         self.writer.write_shard(index, columns)
@@ -172,7 +172,7 @@ class _Recording:
                 if full is not None:
                     raise DatasetError(
                         f"{self.writer.path} takes no more trials ({full.strerror}): the last one "
-                        "is stored. Make room, and the same command goes on"
+                        "is stored. Free some space, and the same command resumes"
                     ) from full
 
     def _report(self, done: int) -> None:
@@ -180,12 +180,12 @@ class _Recording:
             self.progress(done, self.writer.row_count)
 
     def _make(self, batch: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Make the trials of some consecutive indices, and yield the row of each."""
+        """Make the trials of consecutive indices, and yield the row of each."""
         motions = [self._motion(index) for index in batch]
         tracks: Sequence[EndpointTrack | None] = [None] * len(batch)
         if len(batch) > 1:
             self._seek(batch[0])
-            # Where one trial of many fails, each is tried on its own, so that the others are kept.
+            # If one trial of a batch fails, each is tried on its own, so that the others are kept.
             with contextlib.suppress(Exception):
                 tracks = self.rig.execute_many(motions)
         failed = []
@@ -198,7 +198,7 @@ class _Recording:
             yield index, self._attempt(index, motion)
 
     def _attempt(self, index: int, motion: Trajectory) -> dict[str, Any]:
-        """Return the row of one trial, tried until it comes to an end."""
+        """Return the row of one trial, repeated until it succeeds."""
         reason = ""
         for failures in range(self.plan.attempts):
             try:
@@ -209,25 +209,25 @@ class _Recording:
                     reason = "the rig reported it as aborted"
                 else:
                     return self._row(index, motion, track, failures)
-            # A rig is somebody else's code: whatever it raises, the trial has failed.
+            # A rig is foreign code: whatever it raises, the trial has failed.
             except Exception as error:
                 reason = str(error) if isinstance(error, RigError) else error_line(error)
         kept = self.writer.row_count - len(self.writer.missing_shards())
         raise RigError(
             f"trial {index} failed {self.plan.attempts} times, the last time because: {reason}. "
             f"{kept} of {self.writer.row_count} trials are kept in {self.writer.path}: clear the "
-            "cause, and the same command goes on with this trial"
+            "cause, and the same command resumes with this trial"
         )
 
     def _seek(self, index: int) -> None:
         seek = getattr(self.rig, "seek", None)
         if callable(seek):
-            # An evaluation draws what the rig draws by itself.
+            # An evaluation uses the rig's own random numbers.
             seek(index, "" if self.plan.kind == "evaluate" else self.plan.kind)
 
     def _motion(self, index: int) -> Trajectory:
         number = index // self.plan.repeats
-        # Repeats of a motion follow one another.
+        # Repeats of a motion are consecutive.
         if self._planned is None or self._planned[0] != number:
             self._planned = number, self.plan.motion(number)
         return self._planned[1]
@@ -262,7 +262,7 @@ class _Recording:
 
 
 def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
-    """Yield runs of indices that follow one another, each at most some size."""
+    """Yield runs of consecutive indices, each of at most some size."""
     run: list[int] = []
     for index in indices:
         if run and (index != run[-1] + 1 or len(run) == size):
@@ -275,14 +275,14 @@ def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def _reserved_space(folder: pathlib.Path, size: int) -> Iterator[Callable[[], None]]:
-    """Set space on the disk aside, and yield what gives it back.
+    """Reserve disk space, and yield the function that releases it.
 
     Args:
         folder: Folder on the disk.
         size: Space [byte].
 
     Raises:
-        DatasetError: There is not as much.
+        DatasetError: There is not enough space.
     """
     file = folder / _RESERVE_NAME
 
@@ -298,8 +298,8 @@ def _reserved_space(folder: pathlib.Path, size: int) -> Iterator[Callable[[], No
                 os.fsync(stream.fileno())
         except OSError as error:
             raise DatasetError(
-                f"{folder} has no room for another trial ({error.strerror}): make room, and the "
-                "same command goes on"
+                f"{folder} has no room for another trial ({error.strerror}): free some space, and "
+                "the same command resumes"
             ) from error
         yield release
     finally:

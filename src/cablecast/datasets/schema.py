@@ -1,7 +1,7 @@
-"""The schema that D_tune, D_sim and D_real share: one row is one trial.
+"""Schema of D_tune, D_sim and D_real: one row is one trial.
 
-The columns from `index` to `y_max` are in every dataset. Trials on a rig add some of
-`OPTIONAL_COLUMNS`. A column that this version does not know is kept as it is when read.
+Every dataset has the columns from `index` to `y_max`. Trials on a rig add some of
+`OPTIONAL_COLUMNS`. Unknown columns are read as they are.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cablecast.errors import DatasetError
 
 SCHEMA_VERSION = 2
-"""Counts the changes after which older datasets are refused."""
+"""Version of the schema; datasets of other versions are refused."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -22,10 +22,10 @@ class Column:
     """One column of a dataset.
 
     Attributes:
-        name: Its name.
-        kind: Its type in Arrow's words.
-        unit: Its unit, "-" where it has none.
-        meaning: One phrase for the dataset card.
+        name: Name of the column.
+        kind: Arrow type.
+        unit: Unit, "-" for none.
+        meaning: Phrase for the dataset card.
     """
 
     name: str
@@ -36,33 +36,49 @@ class Column:
 
 COLUMNS = (
     Column(name="index", kind="int64", unit="-", meaning="number of the trial, from 0"),
-    Column(name="theta1", kind="float64", unit="rad", meaning="angle where the motion turns back"),
-    Column(name="theta2", kind="float64", unit="rad", meaning="angle where the motion ends"),
-    Column(name="r2", kind="float64", unit="m", meaning="radius where the motion ends"),
+    Column(
+        name="theta1", kind="float64", unit="rad", meaning="angle at which the motion turns back"
+    ),
+    Column(name="theta2", kind="float64", unit="rad", meaning="angle at which the motion ends"),
+    Column(name="r2", kind="float64", unit="m", meaning="radius at which the motion ends"),
     Column(name="psi", kind="float64", unit="rad", meaning="heading of the gripper at the end"),
     Column(
         name="endpoint_x",
         kind="float64",
         unit="m",
-        meaning="where the cable's free end came to rest, to the right of the robot",
+        meaning="resting point of the cable's free end, to the right of the robot",
     ),
     Column(
         name="endpoint_y",
         kind="float64",
         unit="m",
-        meaning="where the cable's free end came to rest, away from the robot",
+        meaning="resting point of the cable's free end, away from the robot",
     ),
-    Column(name="status", kind="string", unit="-", meaning="how the trial ended"),
-    Column(name="duration", kind="float64", unit="s", meaning="how long the gripper moved"),
-    Column(name="x_min", kind="float64", unit="m", meaning="smallest x of the free end on its way"),
-    Column(name="x_max", kind="float64", unit="m", meaning="largest x of the free end on its way"),
-    Column(name="y_min", kind="float64", unit="m", meaning="smallest y of the free end on its way"),
-    Column(name="y_max", kind="float64", unit="m", meaning="largest y of the free end on its way"),
+    Column(name="status", kind="string", unit="-", meaning="end of the trial"),
+    Column(name="duration", kind="float64", unit="s", meaning="duration of the gripper's motion"),
+    Column(
+        name="x_min",
+        kind="float64",
+        unit="m",
+        meaning="smallest x of the free end during the trial",
+    ),
+    Column(
+        name="x_max", kind="float64", unit="m", meaning="largest x of the free end during the trial"
+    ),
+    Column(
+        name="y_min",
+        kind="float64",
+        unit="m",
+        meaning="smallest y of the free end during the trial",
+    ),
+    Column(
+        name="y_max", kind="float64", unit="m", meaning="largest y of the free end during the trial"
+    ),
 )
 
 OPTIONAL_COLUMNS = (
     Column(name="repeat", kind="int64", unit="-", meaning="repeat of the same action, from 0"),
-    Column(name="times", kind="list", unit="s", meaning="when the free end was seen"),
+    Column(name="times", kind="list", unit="s", meaning="times of the track"),
     Column(name="track_x", kind="list", unit="m", meaning="x of the free end at these times"),
     Column(name="track_y", kind="list", unit="m", meaning="y of the free end at these times"),
     Column(name="joint_times", kind="list", unit="s", meaning="times of the commanded joints"),
@@ -72,7 +88,7 @@ OPTIONAL_COLUMNS = (
         unit="rad",
         meaning="commanded joint angles, six after six, one group per time",
     ),
-    Column(name="actual_times", kind="list", unit="s", meaning="when the arm reported its joints"),
+    Column(name="actual_times", kind="list", unit="s", meaning="times of the reported joints"),
     Column(
         name="actual_q",
         kind="list",
@@ -86,7 +102,7 @@ OPTIONAL_COLUMNS = (
         meaning="x, y and z of the cable's nodes from the grip to the free end, time by time",
     ),
     Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
-    Column(name="rig", kind="string", unit="-", meaning="what the rig says of itself, as JSON"),
+    Column(name="rig", kind="string", unit="-", meaning="description of the rig, as JSON"),
 )
 
 ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")
@@ -95,7 +111,7 @@ EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
 
 
 def arrow_schema(column_names: tuple[str, ...] = ()):
-    """Return the schema of a shard as pyarrow wants it.
+    """Return the Arrow schema of a shard.
 
     Args:
         column_names: Names of the optional columns that the dataset has.
@@ -118,7 +134,7 @@ def arrow_schema(column_names: tuple[str, ...] = ()):
 
 
 def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the box that the free end kept within on its way.
+    """Return the bounding box of the free end's path.
 
     Args:
         endpoint_xy: Path of the free end [m], shape [row, step, 2]; NaN where it was not seen.
@@ -135,7 +151,7 @@ def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def check_columns(columns: Mapping[str, Any]) -> int:
-    """Return how many rows some columns have.
+    """Return the number of rows of some columns.
 
     Raises:
         DatasetError: A column is missing, or two differ in length.

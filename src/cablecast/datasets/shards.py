@@ -49,7 +49,7 @@ def read_shard(
         digest: Digest that its bytes must have; not checked where None.
 
     Raises:
-        DatasetError: It is missing, truncated, corrupt, of another dataset, or holds other rows.
+        DatasetError: It is missing, damaged, of another dataset, or holds other rows.
         UnreadableFileError: The system refuses to read it.
     """
     import pyarrow as pa
@@ -117,7 +117,7 @@ def _rows_digest(table: Any) -> str:
 
 
 def content_fingerprint(settings_fingerprint: str, digests: Sequence[str]) -> str:
-    """Return a short name for the content of a dataset: its settings and all its rows.
+    """Return the fingerprint of a dataset's content: its settings and all its rows.
 
     Args:
         settings_fingerprint: Fingerprint of the settings.

@@ -1,4 +1,4 @@
-"""Simulating D_sim: many grid-sampled feasible actions and where each lands (section V-F)."""
+"""Simulation of D_sim: feasible actions of a grid and their landings (section V-F)."""
 
 import dataclasses
 import hashlib
@@ -29,16 +29,17 @@ from cablecast.setup import Setup
 from cablecast.track import TrialStatus
 
 SIMULATED_COUNT = 36_000
-"""Actions in D_sim (section V-F)."""
+"""Number of actions in D_sim (section V-F)."""
 
 SHARD_ROWS = 3000
-"""A shard is the unit of progress and of loss when killed: a few seconds on two cores."""
+"""Number of rows of a shard, which is the unit of progress and what a kill loses: a few seconds on
+two cores."""
 
-# The free end moves at several metres a second. Between samples it could swing over the table's
-# edge and back unseen, so the track is sampled five times as often as a camera would.
+# The free end moves at several metres a second and could swing over the table's edge and back
+# between samples, so the track is sampled five times as often as a camera would.
 SAMPLE_DT = 0.02
 
-# Settings of an engine that say how it uses the machine, not what it computes.
+# Settings of an engine that affect its use of the machine, not its results.
 _MACHINE_FIELDS = {"thread_count"}
 
 
@@ -55,10 +56,10 @@ def simulate_dataset(
     shard_rows: int = SHARD_ROWS,
     progress: CountCallback | None = None,
 ) -> Dataset:
-    """Simulate a dataset, or go on where an earlier run of the same settings was stopped.
+    """Simulate a dataset, or resume an earlier run of the same settings.
 
     Args:
-        path: Folder of the dataset; new, empty, or begun with the same settings.
+        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
         setup: Cable, workspace, arm and motion settings.
         params: Parameters of the cable, shared by all rows; the cable's own where None.
         engine: Simulator.
@@ -67,7 +68,7 @@ def simulate_dataset(
         ranges: Ranges of the actions; those that suit the set-up where None.
         servo: Servo of the simulated arm; it follows its set points exactly where None.
         shard_rows: Rows of each shard.
-        progress: Told after every shard how many rows are done.
+        progress: Callback for the number of rows done and the total, after every shard.
 
     Returns:
         The finished dataset.
@@ -118,7 +119,7 @@ def simulate_dataset(
 
 
 def actions_digest(actions: NDArray[np.float64]) -> str:
-    """Return a short name for some actions, shape [action, 4]."""
+    """Return a fingerprint of actions, shape [action, 4]."""
     # Rounded, so that the last bits of another machine's mathematics do not matter.
     return hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16]
 
@@ -130,7 +131,7 @@ def simulate_actions(
     engine: Engine,
     servo: ServoModel | None = None,
 ) -> dict[str, Any]:
-    """Simulate some actions, and return the columns of a dataset but `index`.
+    """Simulate actions, and return all columns of a dataset but `index`.
 
     Args:
         actions: Feasible actions, shape [row, 4].
@@ -164,9 +165,9 @@ def simulate_actions(
 
 
 def engine_settings(engine: Engine) -> dict[str, Any]:
-    """Return what decides the results of an engine: its class and its public attributes.
+    """Return the settings of an engine that decide its results: its class and public attributes.
 
-    Only plain values count, and the device by its name.
+    Only plain values are included, and the device by its name.
     """
     settings: dict[str, Any] = {"class": type(engine).__name__}
     for name, value in vars(engine).items():

@@ -1,4 +1,4 @@
-"""The trials of a dataset as what a rig was given and what it answered."""
+"""Trials of a dataset as motions and tracks."""
 
 import json
 from typing import Any
@@ -13,7 +13,7 @@ from cablecast.track import EndpointTrack, TrialStatus
 
 
 def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
-    """Return what the rig reported of one trial.
+    """Return the track that the rig reported for one trial.
 
     Args:
         dataset: Trials on a rig.
@@ -35,7 +35,7 @@ def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
 
 
 def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
-    """Return the joints of one trial as the arm reported them; None where it did not.
+    """Return the measured joints of one trial; None if the rig reported none.
 
     Args:
         dataset: Trials on a rig.
@@ -45,7 +45,7 @@ def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
 
 
 def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:
-    """Return the joints of one trial as commanded; None where the motion had none.
+    """Return the commanded joints of one trial; None if the motion had none.
 
     Args:
         dataset: Trials on a rig.
@@ -100,6 +100,6 @@ def _joint_path(dataset: Dataset, times_name: str, q_name: str, row: int) -> Joi
             f"{len(times)} times: they must be six for each"
         )
     q = q.reshape(-1, JOINT_COUNT)
-    # Rates are not stored: differences of the angles are what any reader could know.
+    # Rates are not stored; any reader can take differences of the angles.
     qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
     return JointPath(times=times, q=q, qd=qd)

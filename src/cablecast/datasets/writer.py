@@ -1,9 +1,9 @@
-"""Writing a dataset shard by shard, so that it survives a kill at any moment and can be resumed.
+"""Writer of datasets, shard by shard: a kill at any moment loses at most the shard under way.
 
-A folder is laid out as LeRobot v3 does: `data/chunk-000/file-000.parquet` and so on,
+The layout of the folder is that of LeRobot v3: `data/chunk-000/file-000.parquet` and so on,
 `meta/info.json`, `meta/stats.json` and a README.md card. `meta/info.json` is written first, with
-`complete` false, and again at the very end; a shard that exists is whole, because it was renamed
-into place. A shard that is missing from a finished dataset is made again.
+`complete` false, and again at the very end. A shard that exists is whole, because it was renamed
+into place. A missing shard of a finished dataset is made again.
 """
 
 import contextlib
@@ -32,14 +32,14 @@ from cablecast.runs.settings import fingerprint, plain_settings
 
 
 class DatasetWriter:
-    """Writes one dataset; a context manager that holds the folder against a second writer.
+    """Writer of one dataset; a context manager that locks the folder against a second writer.
 
     Attributes:
         path: Folder.
         kind: Kind of the casts: "sim", "real", "tune", "repeat" or "evaluate".
         row_count: Rows of the finished dataset.
         shard_rows: Rows of each shard but the last.
-        was_complete: Whether the dataset was finished before and nothing was missing.
+        was_complete: True if the dataset was finished before and no shard is missing.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class DatasetWriter:
         """Prepare to write or resume.
 
         Args:
-            path: Folder; new, empty, or holding a dataset of the same settings.
+            path: Folder: new, empty, or with a dataset of the same settings.
             kind: Kind of the casts.
-            settings: Everything that decides the rows, as plain values. Written as they are.
+            settings: All plain values that decide the rows.
             row_count: Rows of the finished dataset.
             shard_rows: Rows of each shard but the last.
 
@@ -83,10 +83,10 @@ class DatasetWriter:
         return range(start, min(start + self.shard_rows, self.row_count))
 
     def __enter__(self) -> "DatasetWriter":
-        """Create the folder, or check that it holds the beginning of the same dataset.
+        """Create the folder, or check that it holds the same dataset.
 
         Raises:
-            DatasetError: The folder holds something else or another process writes to it.
+            DatasetError: The folder holds something else, or another process writes to it.
         """
         stored = self._check_stored()
         self._hold.enter_context(self._claim.held())
@@ -97,7 +97,7 @@ class DatasetWriter:
                 is_whole = stored["complete"] and not self.missing_shards(stored["shard_digests"])
                 self.was_complete = is_whole
                 if stored["complete"] and not is_whole:
-                    # Readers must not take a dataset that is being mended for a whole one.
+                    # Readers must not take a dataset under repair for a whole one.
                     self._claim.write(self._info(complete=False))
         except BaseException:
             self._hold.close()
@@ -127,7 +127,7 @@ class DatasetWriter:
         return missing
 
     def write_shard(self, shard: int, columns: Mapping[str, Any]) -> None:
-        """Write one shard; it exists whole or not at all.
+        """Write one shard, whole or not at all.
 
         Args:
             shard: Number of the shard.
@@ -144,7 +144,7 @@ class DatasetWriter:
         write_bytes(self.path / shard_path(shard), content)
 
     def finish(self) -> None:
-        """Write statistics and card, and mark the dataset as complete."""
+        """Write the statistics and the card, and mark the dataset as complete."""
         import pyarrow as pa
 
         tables, digests = [], []
@@ -209,7 +209,7 @@ class DatasetWriter:
 
 
 def _features(columns: Iterable[Column]) -> dict[str, dict[str, Any]]:
-    """Return the description of some columns; a list has its own length in each row."""
+    """Return the description of columns; the length of a list may differ from row to row."""
     return {
         column.name: {
             "dtype": column.kind,
@@ -221,7 +221,7 @@ def _features(columns: Iterable[Column]) -> dict[str, dict[str, Any]]:
 
 
 def _statistics(table) -> dict[str, dict[str, Any]]:
-    """Return extremes, mean and deviation of the finite values of each column of numbers."""
+    """Return minimum, maximum, mean and standard deviation of the finite values of each column."""
     stats = {}
     for column in (*COLUMNS, *OPTIONAL_COLUMNS):
         if column.kind not in ("int64", "float64") or column.name not in table.column_names:

@@ -1,1 +1,1 @@
-"""Run folders: what was asked for, what came out, and how stopped work goes on."""
+"""Run folders: settings, results, and how interrupted work resumes."""

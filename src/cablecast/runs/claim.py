@@ -1,9 +1,9 @@
 """Claiming a folder for one run: no foreign files, the same settings, one process at a time.
 
 Run folders and datasets both claim their folder here. A description file (config.json or
-meta/info.json) is written first and names the settings; parts of the work follow, each a file that
-exists whole or not at all. Work that was stopped goes on by the same command: what exists is kept,
-what is missing is made.
+meta/info.json) is written first and records the settings. Parts of the work follow, each a file
+that exists whole or not at all. The same command resumes interrupted work: it keeps the parts that
+exist and makes those that are missing.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ _HELD_LOCK = threading.Lock()
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A folder that one kind of work may fill.
+    """Folder that one kind of work may fill.
 
     Attributes:
         path: Folder.
@@ -52,8 +52,8 @@ class Claim:
             return None
         except DamagedFileError as error:
             raise DamagedFileError(
-                f"{error}. It says what the {self.noun} is, so that nothing can be added: give "
-                "another folder, or restore the file"
+                f"{error}. Without it the {self.noun} cannot be resumed: restore the file, or give "
+                "another folder"
             ) from None
 
     def write(self, description: Mapping[str, Any]) -> None:
@@ -64,7 +64,7 @@ class Claim:
         """Refuse a folder whose work has other settings.
 
         Raises:
-            CablecastError: Of the class `error`; names each setting with both values.
+            CablecastError: A setting differs; an instance of `error` that names both values.
         """
         if differences := settings_differences(stored, wanted):
             raise self.error(
@@ -76,7 +76,7 @@ class Claim:
         """Refuse a path that is neither new nor an empty folder.
 
         Raises:
-            CablecastError: Of the class `error`; names a file that is in the way.
+            CablecastError: A file is in the way; an instance of `error` that names it.
         """
         if self.path.exists() and not self.path.is_dir():
             raise self.error(f"{self.path} is a file: a {self.noun} needs a folder")
@@ -88,10 +88,10 @@ class Claim:
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Hold the folder against other processes, and clear the leftovers of killed writes.
+        """Lock the folder against other processes, and delete the leftovers of killed writes.
 
         Raises:
-            CablecastError: Of the class `error`, where another process holds it.
+            CablecastError: Another process holds the lock; an instance of `error`.
         """
         with hold_folder(self.path, self.error, "work"):
             yield
@@ -109,19 +109,19 @@ def visible_files(path: pathlib.Path) -> list[str]:
 def hold_folder(
     path: pathlib.Path, error: type[CablecastError], role: str = "rig"
 ) -> Iterator[None]:
-    """Hold a folder against other processes, and clear the leftovers of killed writes.
+    """Lock a folder against other processes, and delete the leftovers of killed writes.
 
-    The system lets go when the process dies, however it dies. Windows has no such lock: there, one
-    process at a time is assumed.
+    The system releases the lock when the process dies, however it dies. Windows has no such lock;
+    one process at a time is assumed there.
 
     Args:
-        path: Folder; it is made if it is not there.
+        path: Folder; it is created if it does not exist.
         error: Class of the error.
-        role: Purpose of the hold. This process may hold a folder once for each: a rig is connected
-            while its folder is held, and then work begins in the folder.
+        role: Purpose of the lock. A process may lock a folder once for each purpose: it does so
+            before it connects a rig, and again when work in the folder begins.
 
     Raises:
-        CablecastError: Of the class `error`, where the folder is held already.
+        CablecastError: The folder is locked already; an instance of `error`.
     """
     new = [folder for folder in (path, *path.parents) if not folder.exists()]
     path.mkdir(parents=True, exist_ok=True)
@@ -144,7 +144,7 @@ def hold_folder(
                 del _HELD[key]
         if handle is not None:
             os.close(handle)
-        # Work that was refused leaves no empty folders behind.
+        # Refused work leaves no empty folders behind.
         with contextlib.suppress(OSError):
             for folder in new:
                 folder.rmdir()

@@ -1,4 +1,4 @@
-"""Facts about a run for the record: versions, commit, machine and time. They are not compared."""
+"""Facts about a run for the record: versions, commit, machine, time. They are never compared."""
 
 import datetime
 import os
@@ -36,7 +36,7 @@ def source_commit() -> str | None:
         return answer.stdout.strip()
 
     try:
-        # An installed package may lie in somebody else's repository: ask whether git tracks it.
+        # An installed package may lie inside another repository: ask whether git tracks it.
         ask("ls-files", "--error-unmatch", "errors.py")
         commit = ask("rev-parse", "HEAD")
         return commit + "+changes" * bool(ask("status", "--porcelain", "-uno", "."))

@@ -1,8 +1,8 @@
-"""The folder of one run: what was asked for (config.json), and what came out (metrics.json).
+"""The folder of one run: its settings (config.json) and its results (metrics.json).
 
-config.json is written when the run begins and metrics.json when it is done, so that a folder
-without metrics.json holds a run that was stopped and goes on by the same command. A folder that
-holds a run of other settings is refused, and nothing in it is touched.
+config.json is written when the run begins, metrics.json when it is done. A folder without
+metrics.json holds an interrupted run, which the same command resumes. A folder with a run of other
+settings is refused, and nothing in it is touched.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ class RunFolder:
     def open(
         cls, path: str | os.PathLike[str], command: str, settings: Mapping[str, Any]
     ) -> "RunFolder":
-        """Check that a run may be written to a folder; nothing is written yet.
+        """Check that a run may be written to a folder; write nothing yet.
 
         Args:
             path: A new or empty folder, or one of an earlier run of the same settings.
@@ -58,7 +58,7 @@ class RunFolder:
             there = {"command": stored["command"], **stored["settings"]}
             if there == wanted:
                 return cls(path=claim.path, config=stored)
-            # A run that was stopped before its first result leaves nothing worth keeping.
+            # A run that was interrupted before its first result has nothing worth keeping.
             if visible_files(claim.path) != [CONFIG_FILE]:
                 claim.refuse_differences(there, wanted)
         return cls(
@@ -67,10 +67,10 @@ class RunFolder:
 
     @contextlib.contextmanager
     def begun(self) -> Iterator["RunFolder"]:
-        """Hold the folder against other processes, and write config.json if it is not there.
+        """Lock the folder against other processes, and write config.json if it is missing.
 
         Raises:
-            InputError: Another process holds the folder.
+            InputError: Another process has locked the folder.
         """
         claim = _claim(self.path)
         with claim.held():
@@ -109,7 +109,7 @@ class RunFolder:
         Parts(self.path).put("metrics", metrics)
 
     def parts(self, name: str) -> Parts:
-        """Return the finished pieces of this run that lie in a folder of a name."""
+        """Return the parts of this run in a subfolder."""
         return Parts(self.path / name)
 
 
@@ -118,7 +118,7 @@ def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
 
     Args:
         path: Folder of the results.
-        command: Verb that shall write there.
+        command: Verb that is to write there.
 
     Raises:
         InputError: It is a file, or holds other files or a run of another verb.
@@ -138,13 +138,13 @@ def record_run(
     settings: Mapping[str, Any],
     metrics: dict[str, Any],
 ) -> None:
-    """Leave config.json and metrics.json beside results that guard their own settings.
+    """Write config.json and metrics.json beside a dataset, which checks its own settings.
 
     Args:
         path: Folder of the results.
         command: Verb that wrote them.
-        settings: Settings that they were made with.
-        metrics: Figures that came out.
+        settings: Settings of the results.
+        metrics: Figures of the results.
     """
     run = RunFolder(
         path=pathlib.Path(path),
@@ -152,7 +152,7 @@ def record_run(
     )
     if not (run.path / CONFIG_FILE).exists():
         _claim(path).write(run.config)
-    # A collection that was healed or taken up again has other figures than before.
+    # A collection that was repaired or resumed has other figures than before.
     if not (run.path / METRICS_FILE).exists() or run.metrics != metrics:
         run.finish(metrics)
 

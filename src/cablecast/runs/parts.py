@@ -1,4 +1,4 @@
-"""Parts of a run: JSON files that exist whole or not at all, each with a checksum."""
+"""Parts of a run: JSON files with a checksum, which exist whole or not at all."""
 
 import dataclasses
 import pathlib
@@ -12,19 +12,19 @@ from cablecast.reading import read_sealed, seal
 
 @dataclasses.dataclass(frozen=True)
 class Parts:
-    """A folder of finished pieces of work.
+    """Folder of finished parts.
 
     Attributes:
-        folder: Folder; it is made when the first part is stored.
+        folder: Folder; it is created when the first part is stored.
     """
 
     folder: pathlib.Path
 
     def get(self, name: str) -> dict[str, Any] | None:
-        """Return a part; None where it is still to be made.
+        """Return a part; None where it does not exist yet.
 
         Raises:
-            DamagedFileError: It is not what was written; says how to go on.
+            DamagedFileError: It is not what was written; says how to resume.
             UnreadableFileError: The system refuses to read it.
         """
         file = self.file(name)

@@ -1,4 +1,4 @@
-"""Where results lie by default, below the folder in which a command runs."""
+"""Default folders of results, below the folder in which a command runs."""
 
 import pathlib
 import re
@@ -36,7 +36,7 @@ def find_casts(folder: pathlib.Path | None, cable_name: str, purpose: str) -> pa
     """Return the casts that were named, or those that `cablecast collect` writes by default.
 
     Raises:
-        DatasetError: Neither were named and there are none; says how to make some.
+        DatasetError: None were named and there are none by default; says how to make some.
     """
     command = f"cablecast collect --purpose {purpose} --cable {cable_name}"
     option = "--dataset" if purpose == "tune" else "--real"
@@ -48,7 +48,7 @@ def find_dataset(folder: pathlib.Path | None, cable_name: str) -> pathlib.Path:
     """Return the dataset that was named, or the one that `cablecast simulate` writes by default.
 
     Raises:
-        DatasetError: Neither was named and there is none; says how to make one.
+        DatasetError: None was named and there is none by default; says how to make one.
     """
     command = f"cablecast simulate --cable {cable_name}"
     default = cable_folder(cable_name) / DATASET_FOLDER

@@ -1,4 +1,4 @@
-"""Progress of long work: one event, and one kind of callback that every verb reports to."""
+"""Progress of long work: one event, and one kind of callback for every verb."""
 
 import dataclasses
 from collections.abc import Callable
@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Progress:
-    """One report of how far some work is.
+    """One report on the progress of some work.
 
     Attributes:
         task: Name of the work, e.g. "Simulating cable_1".
         done: Units done.
-        total: Units in all; 0 for work that is only announced.
+        total: Units in total; 0 for work that is only announced.
         unit: Name of a unit, e.g. "casts".
         note: State of the work in a few words, e.g. the best loss so far.
-        seconds_left: Expected time left [s]; None where the rate of the reports tells it.
+        seconds_left: Expected time left [s]; None to estimate it from the rate of the reports.
     """
 
     task: str
@@ -26,16 +26,16 @@ class Progress:
 
 
 ProgressCallback = Callable[[Progress], None]
-"""Told about the progress of some work."""
+"""Callback that receives the progress of some work."""
 
 CountCallback = Callable[[int, int], None]
-"""Told how many units are done, and how many there are."""
+"""Callback that receives the number of units done and the total."""
 
 DONE_NOTE = "already done, nothing changed"
 
 
 def ignore(progress: Progress) -> None:
-    """Ignore a report: the default where no callback is given."""
+    """Ignore a report; the default where no callback is given."""
     del progress
 
 
@@ -43,7 +43,7 @@ def counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallb
     """Return a callback of two numbers that reports the progress of a task.
 
     Args:
-        report: Told the progress; None for nobody.
+        report: Callback for the progress; None for no callback.
         task: Name of the work.
         unit: Name of a unit.
     """
@@ -53,7 +53,7 @@ def counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallb
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as a person says it.
+    """Return a duration in words.
 
     >>> duration_text(40), duration_text(720), duration_text(12600)
     ('40 s', '12 min', '3.5 h')

@@ -1,4 +1,4 @@
-"""Settings of a run as plain values: comparing them, and naming them by a fingerprint."""
+"""Settings of a run as plain values: comparison and fingerprint."""
 
 import hashlib
 import json
@@ -30,7 +30,7 @@ def settings_differences(
     Args:
         stored: Settings on the disk.
         wanted: Settings of this run.
-        prefix: Path of both within the whole, for nested settings.
+        prefix: Path of the nested settings, ending in a dot.
 
     >>> settings_differences({"arm": {"model": "ur5"}}, {"arm": {"model": "ur5e"}})
     ["arm.model is 'ur5' there and 'ur5e' here"]
@@ -46,11 +46,11 @@ def settings_differences(
 
 
 def fingerprint(values: Any, *more: bytes) -> str:
-    """Return a short name for some content: the start of its SHA-256.
+    """Return a fingerprint of some content: the start of its SHA-256.
 
     Args:
         values: Plain values, hashed as canonical JSON.
-        *more: Bytes that belong to the content.
+        *more: Further bytes of the content.
     """
     digest = hashlib.sha256(json.dumps(values, sort_keys=True, ensure_ascii=False).encode())
     for content in more:

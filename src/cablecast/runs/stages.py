@@ -1,4 +1,4 @@
-"""Running stages one after the other: which are done, how long each took, the expected end."""
+"""Stages that run one after another, with their times and the expected end."""
 
 import contextlib
 import dataclasses
@@ -16,20 +16,20 @@ from cablecast.runs.progress import Progress, ProgressCallback, duration_text, i
 
 STAGES_FILE = "stages.json"
 
-# How often the time of a running stage is stored [s]: what a kill can lose of it.
+# Interval at which the time of a running stage is stored [s]; a kill loses at most this much of it.
 _STORE_EVERY = 5.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Stage:
-    """One run folder and how to fill it.
+    """One run folder, and the work that fills it.
 
     Attributes:
-        name: Short name, unique; also where its folder lies within the whole.
-        title: What is done, for people.
-        folder: Its run folder; metrics.json in it says that the stage is done.
-        expected: How long it takes [s], roughly, on two cores; only for the expected end.
-        work: Runs the verb, which takes up what an earlier run of it has left.
+        name: Unique short name, which is also the path of its folder within the whole.
+        title: Description for people.
+        folder: Run folder; the stage is done when it holds metrics.json.
+        expected: Rough duration on two cores [s]; used only for the expected end.
+        work: Function that runs the verb, which resumes an earlier run.
     """
 
     name: str
@@ -40,15 +40,15 @@ class Stage:
 
     @property
     def done(self) -> bool:
-        """Whether its results are there."""
+        """True if the results exist."""
         return (self.folder / METRICS_FILE).is_file()
 
 
 class StageLog:
-    """Keeps on the disk how long each stage has taken so far, over all runs.
+    """Time that each stage has taken so far over all runs, kept on the disk.
 
     Args:
-        folder: Where stages.json lies.
+        folder: Folder of stages.json.
     """
 
     def __init__(self, folder: pathlib.Path):
@@ -66,7 +66,7 @@ class StageLog:
 
     @contextlib.contextmanager
     def timed(self, name: str) -> Iterator[None]:
-        """Add the time that a stage takes to what earlier runs spent on it."""
+        """Add the time that a stage takes to the time that earlier runs spent on it."""
         before, start = self.seconds.get(name, 0.0), time.monotonic()
         ended = threading.Event()
 
@@ -77,7 +77,7 @@ class StageLog:
 
         def store_often() -> None:
             while not ended.wait(_STORE_EVERY):
-                # A full disk is reported by the stage itself, which has more to lose.
+                # The stage itself reports a full disk; it has more to lose.
                 with contextlib.suppress(OSError):
                     store()
 
@@ -97,12 +97,12 @@ def run_stages(
     """Run the stages that are not done yet, in order.
 
     Args:
-        stages: All of them; a stage may read what the ones before it wrote.
-        folder: Folder in which the times are kept.
-        report: Told before each stage how far the whole is.
+        stages: All stages; each may read the results of earlier ones.
+        folder: Folder that keeps the times.
+        report: Callback for the progress of the whole, called before each stage.
 
     Returns:
-        Time that each stage took.
+        Times of the stages.
     """
     log = StageLog(folder)
     for place, stage in enumerate(stages):
@@ -113,7 +113,7 @@ def run_stages(
             continue
         left = remaining_time(stages, log)
         end = datetime.datetime.now().astimezone() + datetime.timedelta(seconds=left)
-        note = f"all of it: about {duration_text(left)} more, until {end:%H:%M}"
+        note = f"the whole: about {duration_text(left)} left, until {end:%H:%M}"
         report(Progress(task=task, note=note))
         with log.timed(stage.name):
             stage.work()
@@ -121,18 +121,18 @@ def run_stages(
 
 
 def remaining_time(stages: Sequence[Stage], log: StageLog) -> float:
-    """How long the stages that are not done will take [s].
+    """Return the expected time of the stages that are not done [s].
 
-    The expected times are scaled by how much slower or faster this machine was so far.
+    Expected times are scaled by the pace of this machine so far.
 
     Args:
         stages: All stages.
-        log: How long each has taken so far.
+        log: Time that each has taken so far.
     """
     done = [stage for stage in stages if stage.done and stage.name in log.seconds]
     expected = sum(stage.expected for stage in done)
     taken = sum(log.seconds[stage.name] for stage in done)
-    # The first minutes say little of a machine: let what was expected weigh as much as one minute.
+    # The first minutes say little about a machine: give the expectation the weight of one minute.
     pace = (taken + 60.0) / (expected + 60.0)
     return sum(
         max(pace * stage.expected - log.seconds.get(stage.name, 0.0), 0.1 * pace * stage.expected)
