@@ -98,7 +98,7 @@ def user_folder(tmp_path, monkeypatch):
         (3, ["a int is no rig", "lacks reset, execute, close, description"]),
         (lambda setup, seed: 3, ["lambda", "returned a int"]),
     ],
-    ids=str,
+    ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_a_rig_that_cannot_be_made_is_refused_in_one_line(spec, words, user_folder, setup):
     with pytest.raises(RigError) as caught:
