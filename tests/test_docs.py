@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import importlib
 import importlib.util
+import inspect
 import pathlib
 import re
 import shlex
@@ -12,15 +13,13 @@ import typing
 import pytest
 from benchmarks.__main__ import NAMES
 
+import cablecast
+from cablecast.arm.limits import JointLimits
 from cablecast.cli import main as run_command
-from cablecast.cli.main import _Command
+from cablecast.cli.main import VERBS
 
 ROOT = pathlib.Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-VERBS = {
-    subcommand.name: verb
-    for verb, subcommand in (typing.get_args(command) for command in typing.get_args(_Command))
-}
 HELP = {"--help", "--version"}
 
 
@@ -162,3 +161,61 @@ def test_every_name_that_a_block_imports_exists(page):
                 module = importlib.import_module(node.module or "")
                 for alias in node.names:
                     assert hasattr(module, alias.name), f"{node.module}.{alias.name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_every_public_name_and_keyword_that_a_block_uses_exists(page):
+    """Only calls of `cc.NAME(...)` are looked at; what a block makes of the results is not."""
+    for language, content in blocks(page.read_text()):
+        if language != "python":
+            continue
+        for node in ast.walk(ast.parse(content)):
+            if is_public(node):
+                assert node.attr in cablecast.__all__, f"cablecast has no {node.attr}"
+            if isinstance(node, ast.Call) and is_public(node.func):
+                known = inspect.signature(getattr(cablecast, node.func.attr)).parameters
+                used = {keyword.arg for keyword in node.keywords}
+                assert used <= set(known), f"{node.func.attr} takes no {used - set(known)}"
+
+
+def is_public(node: ast.AST) -> typing.TypeGuard[ast.Attribute]:
+    """Whether a node is an attribute of `cc`, as the pages import cablecast."""
+    return (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "cc"
+    )
+
+
+def test_the_readme_lists_every_public_name():
+    section = (ROOT / "README.md").read_text().split("## From Python")[1].split("\n## ")[0]
+    missing = {name for name in cablecast.__all__ if f"`{name}`" not in section}
+    assert missing == {"__version__"}
+
+
+@pytest.mark.parametrize("section", ["workspace", "arm", "motion"])
+def test_the_lab_page_states_every_key_with_its_default(section):
+    part = getattr(cablecast.Setup(), section)
+    stated = keys_of_the_lab_page(section)
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        if isinstance(value, (str, bool)):
+            assert stated[field.name] == f"`{str(value).lower()}`"
+        elif not isinstance(value, JointLimits):
+            assert float(stated[field.name]) == value
+
+
+@pytest.mark.parametrize(
+    ("section", "kind"),
+    [("cable", cablecast.Cable), ("cable", cablecast.CableParams), ("arm", JointLimits)],
+)
+def test_the_lab_page_states_every_key_of_a_nested_section(section, kind):
+    assert {field.name for field in dataclasses.fields(kind)} <= set(keys_of_the_lab_page(section))
+
+
+def keys_of_the_lab_page(section: str) -> dict[str, str]:
+    """Third cell of each row of the tables of a section, by the key in the first."""
+    page = (ROOT / "docs" / "lab.md").read_text()
+    text = re.split(r"^##", page.split(f"### `{section}`")[1], maxsplit=1, flags=re.MULTILINE)[0]
+    rows = re.findall(r"^\| `(\w+)` \|[^|]*\| ([^|]*) \|", text, re.MULTILINE)
+    return dict(rows)
