@@ -1,8 +1,72 @@
+import dataclasses
 import pathlib
+import sys
 
 import pytest
 
 from cablecast.cli import main
+
+# A rig that writes down that it was connected, cast with and closed.
+RIG_MODULE = """
+import pathlib
+import time
+
+import numpy as np
+
+from cablecast.rigs.base import RigLifecycle
+from cablecast.track import EndpointTrack, TrialStatus
+
+FOLDER = pathlib.Path(__file__).parent
+
+
+def note(event):
+    with (FOLDER / "events.txt").open("a") as file:
+        print(event, file=file)
+
+
+class NotingRig(RigLifecycle):
+    def __init__(self):
+        super().__init__()
+        note("connected")
+        self.description = {"rig": "[/] [bold]weiß"}
+
+    def execute(self, trajectory):
+        self._use_reset()
+        note("cast")
+        if (FOLDER / "slow").exists():
+            time.sleep(30.0)
+        times = np.array([0.0, 0.1])
+        endpoint_xy = np.array([[0.0, 1.2], [0.3, 0.9]])
+        return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=TrialStatus.OK)
+
+    def close(self):
+        if not self._closed:
+            note("closed")
+        super().close()
+
+
+def make(setup, seed):
+    return NotingRig()
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class NotedLab:
+    """A working folder with a rig that notes what is done with it.
+
+    Attributes:
+        path: Folder.
+        rig: Options of the command line that choose the rig.
+    """
+
+    path: pathlib.Path
+    rig: tuple[str, ...] = ("--rig", "noting_rig_of_a_lab:make")
+
+    @property
+    def events(self) -> list[str]:
+        """What was done with the rig so far, in order."""
+        file = self.path / "events.txt"
+        return file.read_text().split() if file.exists() else []
 
 
 @pytest.fixture(scope="session")
@@ -28,3 +92,22 @@ def in_new_folder(tmp_path, monkeypatch) -> pathlib.Path:
     """Runs the test where no results lie."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def casts_folder(dataset_folder) -> pathlib.Path:
+    """Some casts to tune with, made in the simulator."""
+    folder = dataset_folder.parent / "tune-data"
+    assert main(["collect", "--rig", "engine", "--count", "6", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def lab(in_new_folder):
+    """A working folder with a noting rig, a file, and a folder of somebody else."""
+    (in_new_folder / "noting_rig_of_a_lab.py").write_text(RIG_MODULE)
+    (in_new_folder / "file").write_text("precious")
+    (in_new_folder / "foreign").mkdir()
+    (in_new_folder / "foreign" / "thesis.tex").write_text("years of work")
+    yield NotedLab(in_new_folder)
+    sys.modules.pop("noting_rig_of_a_lab", None)

@@ -1,5 +1,6 @@
 """Entry point of the command line: choice of the verb, and its exit status."""
 
+import os
 import signal
 import sys
 import threading
@@ -90,9 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except CablecastError as error:
-        return _refuse(str(error))
+        return _refuse(_with_notes(error))
     except Stopped as stopped:
-        say(f"cablecast: stopped by {stopped}")
+        say(f"cablecast: stopped by {_with_notes(stopped)}")
         return 128 + stopped.number
     except KeyboardInterrupt:
         say("cablecast: interrupted")
@@ -145,13 +146,24 @@ def _refuse(text: str) -> int:
     return EXIT_BAD_INPUT
 
 
+def _with_notes(error: BaseException) -> str:
+    """Return an error with its notes, such as a rig that could not be closed either."""
+    return "; ".join([str(error), *getattr(error, "__notes__", [])])
+
+
 def _os_error_text(error: OSError) -> str:
     """Return what the system refused, and for which file."""
     reason = error.strerror or str(error) or type(error).__name__
     if error.filename:
-        return f"{error.filename}: {reason}"
-    # Files say their name; the streams of the process have none.
-    return f"standard output cannot be written: {reason}"
+        text = f"{error.filename}: {reason}"
+        cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+        if str(error.filename).startswith(os.environ.get("WARP_CACHE_PATH") or cache):
+            text += (
+                ". The simulator keeps its compiled kernels there: set WARP_CACHE_PATH to a folder "
+                "that can be written"
+            )
+        return text
+    return f"standard output or a file cannot be written: {reason}"
 
 
 def _stop_on_signals() -> None:

@@ -1,0 +1,230 @@
+"""Input that nobody should give: one line, status 2, and no cast or long work for it."""
+
+import importlib.util
+
+import pytest
+import yaml
+
+from cablecast.cable import load_cable
+from cablecast.cli import main
+
+HUGE = ("1000000000", "1000000000000000", "10000000000000000000000")
+
+
+def refused(arguments, capsys) -> str:
+    """Run the command line, check that it refuses in one line, and return the line."""
+    try:
+        status = main([str(argument) for argument in arguments])
+    except SystemExit as error:
+        status = error.code
+    captured = capsys.readouterr()
+    assert status == 2, captured.out + captured.err
+    assert "Traceback" not in captured.err
+    lines = [line for line in captured.err.splitlines() if line.startswith("cablecast: ")]
+    # What the parser of the command line refuses it explains in a box of its own.
+    assert len(lines) == 1 or "full helptext" in captured.err
+    return lines[0] if lines else " ".join(captured.err.split())
+
+
+def rows(verb, *tables):
+    """Return one case per option and value, with the word that the refusal must hold."""
+    return [
+        pytest.param((verb, option, *value.split()), word, id=f"{verb} {option} {value[:12]}")
+        for option, values, word in tables
+        for value in values
+    ]
+
+
+BAD_VALUES = [
+    *rows(
+        "simulate",
+        ("--seed", ("-1", "4294967296"), "seed = "),
+        ("--count", ("0", "-1", *HUGE), "count = "),
+        ("--dt", ("nan", "inf", "0", "-1"), "dt = "),
+        ("--r0", ("nan", "inf", "1e308"), "r0 = "),
+        ("--v-max", ("nan", "-inf", "0"), "v_max = "),
+        ("--segment-count", ("1", *HUGE), "segment_count = "),
+    ),
+    *rows(
+        "select",
+        ("--scatter-max", ("nan", "inf", "0"), "scatter_max_pct = "),
+        ("--grid", ("0", *HUGE), "grid = "),
+        ("--grid-psi", ("-1", *HUGE), "grid_psi = "),
+    ),
+    *rows(
+        "plan",
+        ("--target", ("nan 0", "1 inf", "-1 0", "1e308 0"), ""),
+        ("--target 1 0 --miss-max", ("nan", "-1"), "miss_max = "),
+    ),
+    *rows(
+        "track",
+        ("file --view-deg", ("nan", "0", "180"), "view_deg = "),
+        ("file --marker", ("nan 1", "0.01 inf"), "marker"),
+        ("file --begin", ("inf 0", "0 nan"), "begin"),
+        ("file --start", ("nan", "-1", "1e9"), "start = "),
+    ),
+]
+
+
+@pytest.mark.parametrize(("words", "word"), BAD_VALUES)
+def test_a_number_out_of_its_bounds_is_refused_by_name(words, word, lab, capsys, model_folder):
+    arguments = " ".join(words).split()
+    if words[0] == "plan":
+        arguments += ["--model", str(model_folder)]
+    assert word in refused(arguments, capsys)
+    assert not (lab.path / "runs").exists()
+
+
+@pytest.mark.parametrize("verb", ["train", "tune"])
+def test_a_number_of_a_verb_that_reads_casts_is_refused_by_name(
+    verb, lab, capsys, dataset_folder, casts_folder
+):
+    casts = dataset_folder if verb == "train" else casts_folder
+    tables = {
+        "train": [("seed", "-1"), ("epochs", HUGE[0]), ("candidate-count", HUGE[2])],
+        "tune": [
+            *[("seed", "-1"), ("population-size", HUGE[0]), ("coarse-generations", HUGE[1])],
+            *[("fine-generations", "0"), ("validation-count", HUGE[2]), ("dt", "nan")],
+        ],
+    }
+    for name, value in tables[verb]:
+        line = refused([verb, "--dataset", casts, f"--{name}", value], capsys)
+        assert name.replace("-", "_") in line
+    assert not (lab.path / "runs").exists()
+
+
+# Everything that can be known before a rig is connected, with the option at fault.
+BEFORE_THE_RIG = [
+    *rows(
+        "collect",
+        ("--seed", ("-1",), "seed = "),
+        ("--count", ("0", *HUGE), "count = "),
+        ("--time-limit", ("nan", "inf", "0", "-1"), "time_limit = "),
+        ("--r0", ("nan",), "r0 = "),
+        ("--v-max", ("inf",), "v_max = "),
+        ("--out", ("file",), "is a file"),
+        ("--out", ("file/below",), "file/below"),
+        ("--out", ("foreign",), "thesis.tex"),
+        ("--purpose", ("other",), "purpose"),
+    ),
+    *rows(
+        "repeat",
+        ("--seed", ("-1",), "seed = "),
+        ("--repeats", ("1", *HUGE), "repeats = "),
+        ("--action-count", ("0", *HUGE), "action_count = "),
+        ("--time-limit", ("nan",), "time_limit = "),
+        ("--r0", ("nan",), "r0 = "),
+        ("--combinations", ("",), "combinations"),
+        ("--actions", ("nowhere.csv",), "nowhere.csv"),
+        ("--out", ("file",), "is a file"),
+        ("--out", ("foreign",), "thesis.tex"),
+    ),
+    *rows(
+        "evaluate",
+        ("--seed", ("-1",), "seed = "),
+        ("--repeats", ("0", *HUGE), "repeats = "),
+        ("--time-limit", ("nan",), "time_limit = "),
+        ("--device", ("cuda",), "cuda"),
+        ("--device", ("tpu",), "device"),
+        ("--out", ("file",), "is a file"),
+        ("--out", ("foreign",), "thesis.tex"),
+    ),
+    *rows(
+        "demo",
+        ("--seed", ("-1",), "seed = "),
+        ("--tune-count", ("1", *HUGE), "tune_count = "),
+        ("--count", ("1", *HUGE), "count = "),
+        ("--epochs", ("0", *HUGE), "epochs = "),
+        ("--candidate-count", ("0", *HUGE), "candidate_count = "),
+        ("--device", ("cuda",), "cuda"),
+        ("--params", ("nowhere.json",), "nowhere.json"),
+        ("--out", ("file",), "is a file"),
+        ("--out", ("foreign",), "thesis.tex"),
+    ),
+]
+
+
+@pytest.mark.parametrize(("words", "word"), BEFORE_THE_RIG)
+def test_what_can_be_known_is_refused_before_the_rig_is_connected(
+    words, word, lab, capsys, model_folder
+):
+    if "cuda" in words and _has_cuda():
+        pytest.skip("a CUDA device is here")
+    arguments = [*words, *lab.rig]
+    if words[0] == "evaluate":
+        arguments += ["--model", str(model_folder)]
+    assert word in refused(arguments, capsys)
+    assert lab.events == []
+    assert not (lab.path / "runs").exists()
+    assert [file.name for file in (lab.path / "foreign").iterdir()] == ["thesis.tex"]
+
+
+def _has_cuda() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
+
+
+@pytest.mark.parametrize(
+    ("verb", "module", "extra"),
+    [
+        ("repeat", "matplotlib", "report"),
+        ("evaluate", "matplotlib", "report"),
+        ("evaluate", "jinja2", "report"),
+        ("demo", "torch", "learn"),
+        ("demo", "safetensors", "learn"),
+        ("demo", "jinja2", "report"),
+        ("tune", "matplotlib", "report"),
+        ("select", "shapely", "report"),
+        ("train", "torch", "learn"),
+        ("reproduce", "shapely", "report"),
+        ("track", "cv2", "camera"),
+    ],
+)
+def test_a_missing_extra_is_named_before_the_rig_is_connected(
+    verb, module, extra, lab, capsys, monkeypatch, model_folder, dataset_folder, casts_folder
+):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == module else found(name)
+    )
+    arguments = {
+        "evaluate": ["--model", model_folder, *lab.rig],
+        "train": ["--dataset", dataset_folder],
+        "tune": ["--dataset", casts_folder],
+        "track": ["file"],
+        "select": [],
+    }.get(verb, lab.rig)
+    assert f"cablecast[{extra}]" in refused([verb, *arguments], capsys)
+    assert lab.events == []
+    assert not (lab.path / "runs").exists()
+
+
+@pytest.mark.parametrize("verb", ["simulate", "select", "tune", "train", "evaluate"])
+def test_a_device_that_is_not_here_is_refused_before_any_work(
+    verb, lab, capsys, model_folder, dataset_folder, casts_folder
+):
+    if _has_cuda():
+        pytest.skip("a CUDA device is here")
+    arguments = {
+        "evaluate": ["--model", model_folder, *lab.rig],
+        "train": ["--dataset", dataset_folder],
+        "tune": ["--dataset", casts_folder],
+    }.get(verb, [])
+    assert "cuda" in refused([verb, *arguments, "--device", "cuda"], capsys)
+    assert not (lab.path / "runs").exists()
+
+
+def test_simulated_casts_are_not_taken_for_real_ones(lab, capsys, dataset_folder):
+    line = refused(["train", "--dataset", dataset_folder, "--real", dataset_folder], capsys)
+    assert "'sim', which are not casts of a rig" in line
+    assert not (lab.path / "runs").exists()
+
+
+def test_a_cable_longer_than_the_table_is_refused_before_the_rig_is_connected(lab, capsys):
+    values = load_cable("cable_1").to_dict() | {"name": "long", "length": 0.95}
+    (lab.path / "long.yaml").write_text(yaml.safe_dump(values))
+    for verb in ("collect", "repeat", "demo"):
+        line = refused([verb, *lab.rig, "--cable", "long.yaml"], capsys)
+        assert "at most 0.9 m long" in line
+    assert lab.events == []
