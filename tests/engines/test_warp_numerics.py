@@ -195,7 +195,7 @@ def test_the_layout_of_cuda_gives_the_same_but_for_rounding():
 def test_the_kernel_compiles_for_cuda_where_there_is_no_cuda_device(precision, tmp_path):
     import warp as wp
 
-    from cablecast.engines.warp_.step import rollout_kernel
+    from cablecast.engines.warp_.rollout import rollout_kernel
 
     EngineWarp()
     module = rollout_kernel(precision, 1).kernel.module

@@ -32,7 +32,7 @@ it a chain of segments no longer resembles a rod, and the moment stops growing."
 def filter_share(
     bending: NDArray[np.float64], mass: NDArray[np.float64], dt: float
 ) -> NDArray[np.float64]:
-    """Share of dt^2 K that makes bending stable, and as true as it can then be.
+    """Return the share of dt^2 K that makes bending stable, and as true as it can then be.
 
     A wave of frequency w feels w^2 / (1 + share (w dt)^2), of which leapfrog bears 4 / dt^2. A half
     is enough for any w where the moment of a sharp bend grows up to twice as fast as K says
@@ -54,7 +54,7 @@ def filter_share(
 def filter_factors(
     bending: NDArray[np.float64], mass: NDArray[np.float64], dt: float
 ) -> tuple[NDArray[np.float64], ...]:
-    """Factor M + share dt^2 K = L D L^T, with K the stiffness of a nearly straight rod.
+    """Factor M + share dt^2 K = L D L^T, with K the stiffness matrix of a nearly straight rod.
 
     Args:
         bending: EI / l^3 [N/m], shape [world].
@@ -103,14 +103,14 @@ def filter_factors(
 
 @functools.cache
 def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Warp functions of the bending stage."""
+    """Build the Warp functions of bending."""
     f = lane_functions(precision, lane_count)
     real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
     sharpest = wp.constant(SHARPEST)
 
     @wp.func
     def angle_over_sine(sine_squared: lane):
-        """phi / sin(phi) from q = sin^2(phi / 2): the series 1 + 2/3 q + 8/15 q^2 + ..."""
+        """Return phi / sin(phi) from q = sin^2(phi / 2) [-]: 1 + 2/3 q + 8/15 q^2 + ..."""
         q = wp.min(sine_squared, lane(real(sharpest)))
         value = lane(real(128.0 / 315.0)) + q * real(256.0 / 693.0)
         value = lane(real(16.0 / 35.0)) + mul(q, value)
@@ -120,7 +120,15 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def node_moment(bending: lane, sine_squared: lane, bend: vec3):
-        """Gradient EI / l^3 (phi / sin phi) b of the energy at an inner node."""
+        """Return the bending moment over the segment length at an inner node [N].
+
+        It is the gradient EI / l^3 (phi / sin phi) b of the energy.
+
+        Args:
+            bending: EI / l^3 [N/m].
+            sine_squared: sin^2(phi / 2) [-].
+            bend: b, the edge after the node minus the edge before it [m].
+        """
         return scale(mul(bending, angle_over_sine(sine_squared)), bend)
 
     return SimpleNamespace(node_moment=node_moment)

@@ -21,7 +21,7 @@ LANE_COUNT_CUDA = 1
 
 @functools.cache
 def lane_types(precision: str, lane_count: int) -> SimpleNamespace:
-    """The types of one build.
+    """Build the types for a precision and a lane count.
 
     Args:
         precision: "single" or "double".
@@ -43,7 +43,7 @@ def lane_types(precision: str, lane_count: int) -> SimpleNamespace:
 
 @functools.cache
 def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Arithmetic on lanes, as Warp functions of one build."""
+    """Build the Warp functions of arithmetic on lanes."""
     types = lane_types(precision, lane_count)
     real, lane, vec3 = types.real, types.lane, types.vec3
     # Components are read and written one by one below; the compiler turns the unrolled loops into
@@ -52,28 +52,28 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def fill(value: real):
-        """The same value in every lane."""
+        """Return a lane with the same value for every world."""
         return lane(value)
 
     @wp.func
     def dot(a: vec3, b: vec3):
-        """Inner product of two vectors in each lane."""
+        """Return the inner product of two vectors in each lane."""
         product = wp.cw_mul(a, b)
         return product[0] + product[1] + product[2]
 
     @wp.func
     def scale(s: lane, a: vec3):
-        """A vector times a number in each lane."""
+        """Return a vector times a number in each lane."""
         return wp.matrix_from_rows(wp.cw_mul(s, a[0]), wp.cw_mul(s, a[1]), wp.cw_mul(s, a[2]))
 
     @wp.func
     def absolute(a: lane):
-        """Absolute value in each lane."""
+        """Return the absolute value in each lane."""
         return wp.max(a, -a)
 
     @wp.func
     def root(a: lane):
-        """Square root in each lane."""
+        """Return the square root in each lane."""
         result = lane()
         for k in range(count):
             result[k] = wp.sqrt(a[k])
@@ -81,47 +81,27 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def sin_cos(angle: lane):
-        """Sine and cosine in each lane, for angles within two turns.
+        """Return sine and cosine in each lane, for angles within two turns [rad].
 
-        A Taylor series at an eighth of the angle, doubled three times: exact to rounding, and made
-        of multiplications only.
+        It is a Taylor series at an eighth of the angle, doubled three times: exact to rounding, and
+        made of multiplications only.
         """
         a = angle * real(0.125)
         q = wp.cw_mul(a, a)
         one = lane(real(1.0))
-        s = wp.cw_mul(
-            a,
-            one
-            - wp.cw_mul(
-                q * real(1.0 / 6.0),
-                one
-                - wp.cw_mul(
-                    q * real(1.0 / 20.0),
-                    one
-                    - wp.cw_mul(
-                        q * real(1.0 / 42.0),
-                        one - wp.cw_mul(q * real(1.0 / 72.0), one - q * real(1.0 / 110.0)),
-                    ),
-                ),
-            ),
-        )
+        s = one - q * real(1.0 / 110.0)
+        s = one - wp.cw_mul(q * real(1.0 / 72.0), s)
+        s = one - wp.cw_mul(q * real(1.0 / 42.0), s)
+        s = one - wp.cw_mul(q * real(1.0 / 20.0), s)
+        s = one - wp.cw_mul(q * real(1.0 / 6.0), s)
+        s = wp.cw_mul(a, s)
         # 1 - cos keeps its digits through the doublings where cos itself would lose them.
-        h = wp.cw_mul(
-            q * real(0.5),
-            one
-            - wp.cw_mul(
-                q * real(1.0 / 12.0),
-                one
-                - wp.cw_mul(
-                    q * real(1.0 / 30.0),
-                    one
-                    - wp.cw_mul(
-                        q * real(1.0 / 56.0),
-                        one - wp.cw_mul(q * real(1.0 / 90.0), one - q * real(1.0 / 132.0)),
-                    ),
-                ),
-            ),
-        )
+        h = one - q * real(1.0 / 132.0)
+        h = one - wp.cw_mul(q * real(1.0 / 90.0), h)
+        h = one - wp.cw_mul(q * real(1.0 / 56.0), h)
+        h = one - wp.cw_mul(q * real(1.0 / 30.0), h)
+        h = one - wp.cw_mul(q * real(1.0 / 12.0), h)
+        h = wp.cw_mul(q * real(0.5), h)
         for _ in range(3):
             two_s = s + s
             h_new = wp.cw_mul(two_s, s)

@@ -1,16 +1,16 @@
 """Inextensibility: every segment keeps its length, by one tridiagonal solve per step (SHAKE).
 
-Along edge e acts a tension tau[e] d[e], with d the edge at the START of the step. With
-D = x*[e+1] - x*[e] the edge that the unconstrained step leads to and w the inverse masses, one
-Newton iteration on |D|^2 = l^2 reads
+Along segment s acts a tension tau[s] d[s], with d the edge at the START of the step and tau the
+tension over the length, times dt^2 [kg]. With D = x*[s+1] - x*[s] the edge that the unconstrained
+step leads to and w the inverse masses, one Newton iteration on |D|^2 = l^2 reads
 
-    (w[e] + w[e+1]) (D[e].d[e]) tau[e] - w[e] (D[e].d[e-1]) tau[e-1]
-        - w[e+1] (D[e].d[e+1]) tau[e+1] = (|D[e]|^2 - l^2) / 2,
+    (w[s] + w[s+1]) (D[s].d[s]) tau[s] - w[s] (D[s].d[s-1]) tau[s-1]
+        - w[s+1] (D[s].d[s+1]) tau[s+1] = (|D[s]|^2 - l^2) / 2.
 
-where tau carries dt^2. The solve starts without the tension of the step before, which a jerk would
-make worse than none. One iteration is enough while edges turn little; it is repeated where more
-than LENGTH_TOLERANCE is left. (Ryckaert, Ciccotti and Berendsen 1977; gradients at the start of the
-step are what makes the scheme second order.)
+The solve starts without the tension of the previous step, which a jerk would make worse than none.
+One iteration is enough while edges turn little; it is repeated where more than LENGTH_TOLERANCE is
+left. (Ryckaert, Ciccotti and Berendsen 1977; gradients at the start of the step are what makes the
+scheme second order.)
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -25,20 +25,21 @@ from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import world_structs
 
 LENGTH_TOLERANCE = 2e-4
-"""Error of a squared segment length, relative, that is left to the next step: lengths are kept to
-one part in ten thousand."""
+"""Relative error of a squared segment length that is left to the next step: lengths are kept to one
+part in ten thousand."""
 
 MAX_ITERATIONS = 12
-"""Newton converges in two or three iterations, or the motion is far too fast for the step."""
+"""Bound on the Newton iterations. Two or three are enough, or the motion is far too fast for the
+step."""
 
 COMPLIANCE = 1e-6
-"""What is added to the diagonal of the system, relatively. It yields where there is no solution: a
-cable drawn straight between two held ends is as long as it can be, whatever its tension."""
+"""Relative addition to the diagonal of the system. It yields where there is no solution: a cable
+drawn straight between two held ends is as long as it can be, whatever its tension."""
 
 
 @functools.cache
 def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Warp functions of the length stage."""
+    """Build the Warp functions of the length solve."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
@@ -47,14 +48,58 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     count = wp.constant(lane_count)
     tolerance = wp.constant(LENGTH_TOLERANCE)
     max_iterations = wp.constant(MAX_ITERATIONS)
-    slack = wp.constant(1.0 + COMPLIANCE)
+    yielding = wp.constant(1.0 + COMPLIANCE)
 
     @wp.func
-    def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int, lead: real):
-        """Forward elimination from the grip to the free end.
+    def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):
+        """Change velocities so that every segment has its length at the end of the step.
+
+        Newton iterations go on until every length is right. Where the tip whips, an edge may turn
+        by a third of a radian in one step, and what one iteration leaves would come back as a jolt
+        in the next step. Where they fail, segments are laid out one by one.
 
         Args:
-            lead: How far into the step the edges are along which tensions act [s].
+            model: Constants of the batch.
+            state: Positions at the start of the step; velocities and tensions, which are updated.
+            scratch: Holds the eliminated system.
+            group: Group of worlds.
+            active: 1, or 0 for worlds at rest.
+        """
+        unsolved = active
+        error = lane()
+        iteration = int(0)
+        any_unsolved = int(0)
+        edge_dt = real(0.0)
+        keep = real(0.0)
+        while iteration < max_iterations:
+            eliminate_tensions(model, state, scratch, group, edge_dt)
+            error = apply_tensions(model, state, scratch, group, edge_dt, unsolved, keep)
+            # A jerk that one iteration cannot take up acts along the edges as they have turned.
+            edge_dt = model.dt
+            keep = real(1.0)
+            iteration += 1
+            any_unsolved = 0
+            for k in range(count):
+                # Not a number is not right either.
+                if unsolved[k] > real(0.0) and not (error[k] <= real(tolerance)):
+                    any_unsolved = 1
+                else:
+                    unsolved[k] = real(0.0)
+            if any_unsolved == 0:
+                iteration = max_iterations
+        if any_unsolved == 1:
+            lay_out_segments(model, state, scratch, group, unsolved)
+
+    @wp.func
+    def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int, edge_dt: real):
+        """Eliminate the tridiagonal system from the grip to the free end.
+
+        Args:
+            model: Constants of the batch.
+            state: Positions at the start of the step, and predicted velocities.
+            scratch: Receives the upper diagonal and the right side.
+            group: Group of worlds.
+            edge_dt: Time into the step at which tensions act along the edges [s]: 0 or dt.
         """
         last = model.node_count - 1
         dt = model.dt
@@ -62,40 +107,41 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         position = state.position[group]
         velocity = state.velocity[group]
         inverse_mass = model.inverse_mass[group]
-        solution = scratch.moment[group]
+        solution = scratch.elimination[group]
+        # Of the nodes of the segment: where they end the step, and where tensions see them.
         x = position[0]
         v = velocity[0]
-        p_here = x + v * dt
-        x_here = x + v * lead
+        end = x + v * dt
+        seen = x + v * edge_dt
         x = position[1]
         v = velocity[1]
-        p_after = x + v * dt
-        x_after = x + v * lead
+        end_after = x + v * dt
+        seen_after = x + v * edge_dt
         d_before = vec3()
-        d = x_after - x_here
+        d = seen_after - seen
         w = inverse_mass[0]
         upper = lane()
-        rhs = lane()
-        for e in range(last):
-            predicted = p_after - p_here
-            p_here = p_after
-            w_after = inverse_mass[e + 1]
-            # Nothing lies beyond the last edge.
-            n = wp.min(e + 2, last)
-            x = position[n]
-            v = velocity[n]
-            p_after = x + v * dt
-            x_next = x + v * lead
-            d_after = x_next - x_after
-            x_after = x_next
+        right_side = lane()
+        for segment in range(last):
+            predicted = end_after - end
+            end = end_after
+            w_after = inverse_mass[segment + 1]
+            # Nothing lies beyond the last segment.
+            node = wp.min(segment + 2, last)
+            x = position[node]
+            v = velocity[node]
+            end_after = x + v * dt
+            seen_next = x + v * edge_dt
+            d_after = seen_next - seen_after
+            seen_after = seen_next
             below = -mul(w, dot(predicted, d_before))
             above = -mul(w_after, dot(predicted, d_after))
-            diagonal = mul(w + w_after, dot(predicted, d)) * real(slack)
+            diagonal = mul(w + w_after, dot(predicted, d)) * real(yielding)
             error = (dot(predicted, predicted) - squared_length) * real(0.5)
-            pivot = f.div(lane(real(1.0)), diagonal - mul(below, upper))
-            rhs = mul(error - mul(below, rhs), pivot)
-            upper = mul(above, pivot)
-            solution[e] = wp.matrix_from_rows(upper, rhs, rhs)
+            inverse_pivot = f.div(lane(real(1.0)), diagonal - mul(below, upper))
+            right_side = mul(error - mul(below, right_side), inverse_pivot)
+            upper = mul(above, inverse_pivot)
+            solution[segment] = wp.matrix_from_rows(upper, right_side, right_side)
             d_before = d
             d = d_after
             w = w_after
@@ -106,116 +152,95 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         state: State,
         scratch: Scratch,
         group: int,
-        lead: real,
-        share: lane,
+        edge_dt: real,
+        unsolved: lane,
         keep: real,
     ):
-        """Back substitution from the free end, and what the change of tension does to the nodes.
+        """Substitute back from the free end, and apply the tensions to the nodes.
 
         Args:
-            lead: As above.
-            share: 1, or 0 for worlds that need no further change.
-            keep: 0 in the first iteration, which replaces the tension of the step before; then 1.
+            model: Constants of the batch.
+            state: Positions at the start of the step; velocities and tensions, which are updated.
+            scratch: Holds the eliminated system.
+            group: Group of worlds.
+            edge_dt: Time into the step at which tensions act along the edges [s]: 0 or dt.
+            unsolved: 1, or 0 for worlds that need no further change.
+            keep: 0 in the first iteration, which replaces the tension of the previous step; then 1.
 
         Returns:
-            The largest error of a squared segment length that remains, relative.
+            The largest relative error of a squared segment length that remains [-].
         """
         last = model.node_count - 1
         dt = model.dt
-        rate = real(1.0) / dt
-        relative = real(1.0) / (model.segment_length * model.segment_length)
+        inverse_dt = real(1.0) / dt
+        inverse_squared_length = real(1.0) / (model.segment_length * model.segment_length)
         squared_length = lane(model.segment_length * model.segment_length)
         position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
         inverse_mass = model.inverse_mass[group]
-        solution = scratch.moment[group]
-        change = lane()
+        solution = scratch.elimination[group]
+        tau = lane()
         pull_after = vec3()
-        worst = lane()
+        largest = lane()
         x = position[last]
         v = velocity[last]
-        p_after = vec3()
+        end_after = vec3()
         for back in range(last):
-            i = last - back
-            x_before = position[i - 1]
-            v_before = velocity[i - 1]
-            row = solution[i - 1]
-            change = row[1] - mul(row[0], change)
-            applied = mul(share, change)
-            pull = scale(applied, (x - x_before) + (v - v_before) * lead)
-            turned = v + scale(inverse_mass[i], pull_after - pull) * rate
-            velocity[i] = turned
-            tension[i - 1] = applied + tension[i - 1] * keep
-            p_here = x + turned * dt
-            edge = p_after - p_here
+            node = last - back
+            x_before = position[node - 1]
+            v_before = velocity[node - 1]
+            row = solution[node - 1]
+            tau = row[1] - mul(row[0], tau)
+            applied = mul(unsolved, tau)
+            pull = scale(applied, (x - x_before) + (v - v_before) * edge_dt)
+            pulled = v + scale(inverse_mass[node], pull_after - pull) * inverse_dt
+            velocity[node] = pulled
+            tension[node - 1] = applied + tension[node - 1] * keep
+            end = x + pulled * dt
+            edge = end_after - end
             # There is no edge after the last node.
             error = absolute(dot(edge, edge) - squared_length) * real(wp.min(back, 1))
-            worst = wp.max(worst, error)
-            p_after = p_here
+            largest = wp.max(largest, error)
+            end_after = end
             pull_after = pull
             x = x_before
             v = v_before
-        edge = p_after - (x + v * dt)
-        worst = wp.max(worst, absolute(dot(edge, edge) - squared_length))
-        return worst * relative
+        edge = end_after - (x + v * dt)
+        largest = wp.max(largest, absolute(dot(edge, edge) - squared_length))
+        return largest * inverse_squared_length
 
     @wp.func
-    def lay_out(model: Model, state: State, scratch: Scratch, group: int, failed: lane):
+    def lay_out_segments(model: Model, state: State, scratch: Scratch, group: int, failed: lane):
         """Lay the segments out from the grip on, each towards where its end would go if free.
 
-        This is what remains to be done where Newton's method does not converge: a weight that
+        This remains to be done where Newton's method does not converge, as for a weight that
         reaches the end of a thread a thousand times lighter. Lengths hold, and no energy is made.
+
+        Args:
+            model: Constants of the batch.
+            state: Positions at the start of the step; velocities and tensions, which are updated.
+            scratch: Predicted velocities without tensions.
+            group: Group of worlds.
+            failed: 1 for worlds to lay out, else 0.
         """
         dt = model.dt
-        rate = real(1.0) / dt
+        inverse_dt = real(1.0) / dt
         end = state.position[group, 0] + state.velocity[group, 0] * dt
-        for i in range(1, model.node_count - model.far_is_held):
-            x = state.position[group, i]
-            edge = x + scratch.force[group, i] * dt - end
+        for node in range(1, model.node_count - model.far_is_held):
+            x = state.position[group, node]
+            edge = x + scratch.velocity[group, node] * dt - end
             size = f.root(dot(edge, edge) + lane(real(1.0e-20)))
             end = end + scale(f.div(lane(model.segment_length), size), edge)
-            v = state.velocity[group, i]
-            # A product would keep what is not finite.
-            tension = state.tension[group, i - 1]
+            v = state.velocity[group, node]
+            # A product with 0 would keep what is not finite.
+            tension = state.tension[group, node - 1]
             for k in range(count):
                 if failed[k] > real(0.0):
                     tension[k] = real(0.0)
                     for c in range(3):
-                        v[c, k] = (end[c, k] - x[c, k]) * rate
-            state.tension[group, i - 1] = tension
-            state.velocity[group, i] = v
-
-    @wp.func
-    def hold_lengths(model: Model, state: State, scratch: Scratch, group: int, active: lane):
-        """Newton iterations until every length is right, and another way where they fail.
-
-        Where the tip whips, an edge may turn by a third of a radian in one step, and what one
-        iteration leaves would come back as a kick in the next step.
-        """
-        share = active
-        worst = lane()
-        iteration = int(0)
-        again = int(0)
-        lead = real(0.0)
-        keep = real(0.0)
-        while iteration < max_iterations:
-            eliminate_tensions(model, state, scratch, group, lead)
-            worst = apply_tensions(model, state, scratch, group, lead, share, keep)
-            # A jerk that one iteration cannot take up acts along the edges as they have turned.
-            lead = model.dt
-            keep = real(1.0)
-            iteration += 1
-            again = 0
-            for k in range(count):
-                # A value that is not a number is not right either.
-                if share[k] > real(0.0) and not (worst[k] <= real(tolerance)):
-                    again = 1
-                else:
-                    share[k] = real(0.0)
-            if again == 0:
-                iteration = max_iterations
-        if again == 1:
-            lay_out(model, state, scratch, group, share)
+                        v[c, k] = (end[c, k] - x[c, k]) * inverse_dt
+            state.tension[group, node - 1] = tension
+            state.velocity[group, node] = v
 
     return SimpleNamespace(hold_lengths=hold_lengths)

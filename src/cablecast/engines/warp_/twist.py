@@ -68,17 +68,17 @@ def spin_pivots(
 
 @functools.cache
 def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Warp functions of the twist stage."""
+    """Build the Warp functions of twist."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
     dot, scale, mul = f.dot, f.scale, f.mul
-    Model = s.Model
+    Model, State = s.Model, s.State
     most_twist = wp.constant(MOST_TWIST)
 
     @wp.func
     def cross(a: vec3, b: vec3):
-        """Vector product in each lane."""
+        """Return the vector product in each lane, in the product of the units."""
         return wp.matrix_from_rows(
             mul(a[1], b[2]) - mul(a[2], b[1]),
             mul(a[2], b[0]) - mul(a[0], b[2]),
@@ -86,52 +86,74 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
         )
 
     @wp.func
-    def binormal(model: Model, sine_squared: lane, e: vec3, g: vec3):
-        """Curvature binormal of two edges of equal length, 2 tan(phi / 2) long.
+    def binormal(model: Model, sine_squared: lane, before: vec3, after: vec3):
+        """Return the curvature binormal of two edges of equal length, 2 tan(phi / 2) long [-].
 
-        The factor 2 / (l^2 + e . g) is 1 / (l^2 (1 - q)) with q = sin^2(phi / 2), here as a series
+        The factor 2 / (l^2 + e . f) is 1 / (l^2 (1 - q)) with q = sin^2(phi / 2), here as a series
         that stays finite where edges fold back on each other.
+
+        Args:
+            model: Constants of the batch.
+            sine_squared: q [-].
+            before: Edge e before the node [m].
+            after: Edge f after the node [m].
         """
         q = sine_squared
         one = lane(real(1.0))
-        value = one + mul(q, one + mul(q, one + mul(q, one + q)))
-        return scale(
-            value * (real(1.0) / (model.segment_length * model.segment_length)), cross(e, g)
-        )
+        series = one + mul(q, one + mul(q, one + mul(q, one + q)))
+        inverse_squared_length = real(1.0) / (model.segment_length * model.segment_length)
+        return scale(series * inverse_squared_length, cross(before, after))
 
     @wp.func
     def turn_twist(
         model: Model,
-        twists: wp.array(dtype=lane),
-        binormals: wp.array(dtype=vec3),
+        state: State,
+        group: int,
         node: int,
-        spins: lane,
-        turning: vec3,
-        curvature: vec3,
-        elapsed: lane,
+        spin_difference: lane,
+        edge_rates: vec3,
+        new_binormal: vec3,
+        previous_dt: lane,
     ):
-        """Twist of a node after the last step, which is stored.
+        """Return the twist of a node after the previous step [rad]; store it and the binormal.
 
         Args:
-            spins: Difference of the spins of the segments after and before the node [rad/s].
-            turning: Sum of the rates of the edges after and before it [m/s].
-            curvature: Its curvature binormal now.
-            elapsed: What the last step took [s]; 0 for worlds at rest.
+            model: Constants of the batch.
+            state: Holds twist and binormal of the node, which are updated.
+            group: Group of worlds.
+            node: Index of the node.
+            spin_difference: Spin of the segment after the node minus that before it [rad/s].
+            edge_rates: Sum of the rates of both edges [m/s].
+            new_binormal: Curvature binormal at the start of this step [-].
+            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
         """
         # The binormal halfway through the step is the mean of those at its ends.
-        middle = binormals[node] + curvature
-        holonomy = dot(middle, turning) * (real(0.25) / model.segment_length)
-        twist = twists[node] + mul(elapsed, spins + holonomy)
+        twists = state.twist[group]
+        binormals = state.binormal[group]
+        doubled = binormals[node] + new_binormal
+        holonomy = dot(doubled, edge_rates) * (real(0.25) / model.segment_length)
+        twist = twists[node] + mul(previous_dt, spin_difference + holonomy)
         twists[node] = twist
-        binormals[node] = curvature
+        binormals[node] = new_binormal
         return twist
 
     @wp.func
-    def shape_force(model: Model, shape_torsion: lane, twist: lane, curvature: vec3):
-        """Force of a node's twist on the node before it; the node after it feels the opposite."""
+    def shape_force(model: Model, state: State, group: int, node: int, twist: lane):
+        """Return the force of a node's twist on the node before it [N].
+
+        The node after it feels the opposite force.
+
+        Args:
+            model: Constants of the batch.
+            state: Holds the curvature binormal of the node.
+            group: Group of worlds.
+            node: Index of the node.
+            twist: Twist at the end of the step [rad].
+        """
         bounded = wp.min(wp.max(twist, lane(real(-most_twist))), lane(real(most_twist)))
-        torque = mul(shape_torsion, bounded)
-        return scale(torque * (real(0.5) / model.segment_length), curvature)
+        torque = mul(model.shape_torsion[group], bounded)
+        half_inverse_length = real(0.5) / model.segment_length
+        return scale(torque * half_inverse_length, state.binormal[group][node])
 
     return SimpleNamespace(
         binormal=binormal,

@@ -1,7 +1,8 @@
-"""The arrays of a batch: what a world is made of, its state, and its scratch memory.
+"""The arrays of a batch: constants, held ends, state, scratch memory and samples.
 
 Worlds are grouped by lanes: world w is lane w % lane_count of group w // lane_count. Arrays are
-indexed [group, node] (or [group, edge]); edge e joins nodes e and e + 1.
+indexed [group, node] or [group, segment]; segment s joins nodes s and s + 1. Every entry is a lane,
+which has one value for each world of the group.
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -16,103 +17,198 @@ from cablecast.engines.warp_.lanes import lane_types
 
 
 @functools.cache
+# long: it only lists the fields of the structs, each with its unit.
 def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
-    """The Warp structs of one build."""
+    """Build the Warp structs for a precision and a lane count."""
     types = lane_types(precision, lane_count)
     real, lane, vec3 = types.real, types.lane, types.vec3
 
     @wp.struct
     class Model:
-        """Constants of a batch; lane values differ between worlds."""
+        """Constants of a batch.
+
+        Attributes:
+            node_count: Number of nodes.
+            far_is_held: 1 where a second gripper holds the far end, else 0.
+            dt: Step [s].
+            segment_length: Length of a segment [m].
+            radius: Radius of the cable, and height of a node that lies on the table [m].
+            gravity: Acceleration of free fall [m/s²].
+            inverse_mass: Inverse mass of each node [1/kg], 0 where held, shape [group, node].
+            segment_mass: Mass of a segment [kg], shape [group].
+            bending: EI / l^3 [N/m], shape [group].
+            torsion: GJ / l [N·m], shape [group].
+            shape_torsion: GJ / l as far as it acts on the shape (twist.py) [N·m], shape [group].
+            friction: Coulomb coefficient [-], shape [group].
+            rolling_friction: Lever arm of rolling friction over the radius [-], shape [group].
+            spinning_friction: Lever arm of spinning friction times mass per length: the impulse on
+                either node of a segment per normal impulse on it over its mass [kg], shape [group].
+            linear_damping: Rate at which nodes slow down [1/s], shape [group].
+            angular_damping: Rate at which spins slow down [1/s], shape [group].
+            rotation_viscosity: Exchange of momentum between neighbours that damps the rotation of
+                segments, per difference of velocity [kg/s], shape [group].
+            lateral_mass: Effective mass of a contact point across the cable, over the mass of its
+                node [-], shape [group]; 1/3 for a cylinder that is free to roll.
+            mass_ratio: Mass with which a node lies on each of its segments, over half a segment's
+                mass [-], shape [group, node]: 1, and more where the endpoint carries a mass.
+            spin_response: Spin that a segment takes up within a step per velocity that friction
+                takes from its nodes across the cable [1/m], shape [group, segment].
+            spin_pivot: Inverse pivots of the torsion solve (twist.py) [1/(kg·m²)],
+                shape [group, segment].
+            filter_diagonal: Inverse diagonal of the bending filter (bending.py) [1/kg],
+                shape [group, node].
+            filter_lower1: First lower diagonal of the filter [-], shape [group, node + 2].
+            filter_lower2: Second lower diagonal of the filter [-], shape [group, node + 2].
+        """
 
         node_count: int
         far_is_held: int
         dt: real
         segment_length: real
-        contact_height: real
+        radius: real
         gravity: real
-        inverse_mass: wp.array2d(dtype=lane)  # 0 where held
-        bending: wp.array(dtype=lane)  # EI / l^3 [N/m]
+        inverse_mass: wp.array2d(dtype=lane)
+        segment_mass: wp.array(dtype=lane)
+        bending: wp.array(dtype=lane)
+        torsion: wp.array(dtype=lane)
+        shape_torsion: wp.array(dtype=lane)
         friction: wp.array(dtype=lane)
+        rolling_friction: wp.array(dtype=lane)
+        spinning_friction: wp.array(dtype=lane)
         linear_damping: wp.array(dtype=lane)
         angular_damping: wp.array(dtype=lane)
-        rotation_viscosity: wp.array(dtype=lane)  # [kg/s]
-        torsion: wp.array(dtype=lane)  # GJ / l [N·m]
-        shape_torsion: wp.array(dtype=lane)  # the same, as far as it acts on the shape [N·m]
-        spin_pivot: wp.array2d(dtype=lane)  # of the torsion solve (twist.py) [1/(kg·m²)]
-        roll_share: wp.array(dtype=lane)
-        # Spin per velocity that a node loses sideways [1/m], of each segment and of the last.
-        spin_gain: wp.array(dtype=lane)
-        end_spin_gain: wp.array(dtype=lane)
-        end_weight: wp.array(dtype=lane)  # mass of the last node in halves of a segment [-]
-        rolling: wp.array(dtype=lane)  # lever of rolling friction over the radius [-]
-        spinning: wp.array(dtype=lane)  # couple's impulse per normal impulse per mass [kg]
-        segment_mass: wp.array(dtype=lane)
-        # Factors of the filter of the bending force (bending.py).
+        rotation_viscosity: wp.array(dtype=lane)
+        lateral_mass: wp.array(dtype=lane)
+        mass_ratio: wp.array2d(dtype=lane)
+        spin_response: wp.array2d(dtype=lane)
+        spin_pivot: wp.array2d(dtype=lane)
         filter_diagonal: wp.array2d(dtype=lane)
         filter_lower1: wp.array2d(dtype=lane)
         filter_lower2: wp.array2d(dtype=lane)
 
     @wp.struct
     class Path:
-        """Motion of a held end: pieces of quintic polynomials, and those that apply now."""
+        """Motion of a held end: quintic polynomials, the pieces that apply now, and the pose.
 
-        knots: wp.array2d(dtype=real)  # [row, piece + 1]
-        coefficients: wp.array3d(dtype=real)  # [row, piece, 30]
-        piece: wp.array2d(dtype=int)  # [group, lane]
+        A piece has six coefficients for each of x, y, z [m], yaw and pitch [rad].
+
+        Attributes:
+            knots: Times at which pieces begin and end [s], shape [row, piece + 1].
+            coefficients: Coefficients of all pieces, lowest power first, shape [row, piece, 30].
+            piece: Index of the current piece, shape [group, lane].
+            piece_start: Time at which the current piece began [s], shape [group].
+            piece_duration: Duration of the current piece [s], shape [group].
+            current: Coefficients of the current piece, shape [group, 30].
+            next_knot: Time at which the first lane leaves its piece [s], shape [group].
+            position: Position at the end of the step [m], shape [group].
+            direction: Unit direction of the cable at the start of the step, shape [group].
+            next_direction: Unit direction of the cable at the end of the step, shape [group].
+            direction_rate: Rate of change of the direction in the previous step [1/s],
+                shape [group].
+            spin: Spin of the gripper about the direction in this step [rad/s], shape [group].
+            previous_spin: Spin of the gripper in the previous step [rad/s], shape [group].
+            yaw: Yaw at the end of the step [rad], shape [group].
+        """
+
+        knots: wp.array2d(dtype=real)
+        coefficients: wp.array3d(dtype=real)
+        piece: wp.array2d(dtype=int)
         piece_start: wp.array(dtype=lane)
         piece_duration: wp.array(dtype=lane)
-        current: wp.array2d(dtype=lane)  # [group, 30]
-        next_knot: wp.array(dtype=real)  # first over the lanes
-        # At the end of this step: position; at its start: direction, how fast that turned in the
-        # step before [1/s], and the spin of the gripper about it in this step and before [rad/s].
+        current: wp.array2d(dtype=lane)
+        next_knot: wp.array(dtype=real)
         position: wp.array(dtype=vec3)
         direction: wp.array(dtype=vec3)
-        turn: wp.array(dtype=vec3)
-        spin: wp.array(dtype=lane)
-        spin_before: wp.array(dtype=lane)
         next_direction: wp.array(dtype=vec3)
+        direction_rate: wp.array(dtype=vec3)
+        spin: wp.array(dtype=lane)
+        previous_spin: wp.array(dtype=lane)
         yaw: wp.array(dtype=lane)
 
     @wp.struct
     class State:
-        """What moves."""
+        """State of the cables, and what warm-starts the next step.
+
+        Attributes:
+            position: Nodes [m], shape [group, node].
+            velocity: Velocities of the nodes, half a step earlier [m/s], shape [group, node].
+            twist: Twist at each node, between the segments before and after it [rad],
+                shape [group, node].
+            spin: Spin of each segment about its tangent [rad/s], shape [group, segment].
+            binormal: Curvature binormal of each node at the start of the last step [-],
+                shape [group, node].
+            tension: dt^2 times tension over length of each segment in the last step [kg],
+                shape [group, segment].
+            lateral_loss: Velocity across the cable that friction took from each node in the last
+                step [m/s], shape [group, node].
+            axial_impulse: Angular impulse of the table about each segment's axis in the last step,
+                over m r / 2 [m/s], shape [group, segment].
+            couple_impulse: Impulse on either node of a segment with which spinning friction holds
+                it against turning about the vertical [N·s], shape [group, segment].
+            active: 1, or 0 once the world is at rest for good [-], shape [group].
+            rest_time: Time for which the world has been slow [s], shape [group].
+        """
 
         position: wp.array2d(dtype=vec3)
         velocity: wp.array2d(dtype=vec3)
-        # Force along an edge, as dt^2 times tension over length [kg]; the table feels that of the
-        # step before (contact.py).
+        twist: wp.array2d(dtype=lane)
+        spin: wp.array2d(dtype=lane)
+        binormal: wp.array2d(dtype=vec3)
         tension: wp.array2d(dtype=lane)
-        # What the table did in the step before, so that what it holds stays held: the impulse on
-        # either node of an edge against turning on the spot [N·s], the torque's impulse about its
-        # axis over m r / 2 [m/s], and the velocity that a node lost sideways [m/s].
-        table_couple: wp.array2d(dtype=lane)
-        table_torque: wp.array2d(dtype=lane)
-        table_loss: wp.array2d(dtype=lane)
-        twist: wp.array2d(dtype=lane)  # of node i, between edges i - 1 and i [rad]
-        spin: wp.array2d(dtype=lane)  # of each edge [rad/s]
-        binormal: wp.array2d(dtype=vec3)  # of each node, at the start of the last step
-        active: wp.array(dtype=lane)  # 1, or 0 once at rest for good
+        lateral_loss: wp.array2d(dtype=lane)
+        axial_impulse: wp.array2d(dtype=lane)
+        couple_impulse: wp.array2d(dtype=lane)
+        active: wp.array(dtype=lane)
         rest_time: wp.array(dtype=lane)
 
     @wp.struct
     class Scratch:
-        """Memory within a step."""
+        """Memory within a step.
 
-        # Gradient of the bending energy at each node [N]; then the acceleration by elasticity;
-        # then upper diagonal and right side of the solve for tensions.
-        moment: wp.array2d(dtype=vec3)
-        # Elastic force, halfway through the filter [N]; then the velocity before lengths are held.
+        Some attributes share an array with those before them, whose values are used up by then.
+
+        Attributes:
+            bending_moment: Bending moment at each node, over the segment length [N],
+                shape [group, node + 2].
+            acceleration: Acceleration of each node by elasticity [m/s²], in place of
+                `bending_moment`.
+            elimination: Upper diagonal [-] and right side [kg] of the eliminated system for the
+                tensions, in place of `acceleration`, shape [group, segment].
+            force: Elastic force on each node, halfway through the bending filter [N],
+                shape [group, node].
+            velocity: Predicted velocity of each node without tensions [m/s], in place of `force`.
+            torque: Right side of the eliminated torsion system [N·m], shape [group, segment].
+            spin: Predicted spin of each segment [rad/s], in place of `torque`.
+            normal_impulse: Normal impulse of the table, per mass of each node [m/s],
+                shape [group, node].
+            load: Sum of the normal impulses on a segment from its nodes, over half its mass [m/s],
+                shape [group, segment].
+        """
+
+        bending_moment: wp.array2d(dtype=vec3)
+        acceleration: wp.array2d(dtype=vec3)
+        elimination: wp.array2d(dtype=vec3)
         force: wp.array2d(dtype=vec3)
+        velocity: wp.array2d(dtype=vec3)
+        torque: wp.array2d(dtype=lane)
         spin: wp.array2d(dtype=lane)
+        normal_impulse: wp.array2d(dtype=lane)
+        load: wp.array2d(dtype=lane)
 
     @wp.struct
     class Samples:
-        """What is recorded, and how often."""
+        """Recorded quantities and their interval.
+
+        Attributes:
+            steps_per_sample: Steps between two samples.
+            record_nodes: 1 to record whole shapes, else 0.
+            endpoint: Free end at each sample [m], shape [group, sample].
+            nodes: Shapes at each sample [m], shape [group, sample, node].
+        """
 
         steps_per_sample: int
         record_nodes: int
-        endpoint: wp.array2d(dtype=vec3)  # [group, sample]
-        nodes: wp.array3d(dtype=vec3)  # [group, sample, node]
+        endpoint: wp.array2d(dtype=vec3)
+        nodes: wp.array3d(dtype=vec3)
 
     return SimpleNamespace(Model=Model, Path=Path, State=State, Scratch=Scratch, Samples=Samples)

@@ -1,0 +1,207 @@
+"""A batch in memory: worlds packed into lanes, and unpacked again."""
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import CableState, Rollout
+from cablecast.engines.warp_.constants import model_constants
+from cablecast.motion.grip_path import GripPath
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Memory layout of a batch.
+
+    Attributes:
+        build: Kernel, structs and types of a precision and a lane count (rollout.py).
+        device: Warp device.
+        real: NumPy type of a number.
+        lane_count: Number of worlds that a thread owns.
+        interleaved: Whether neighbouring groups lie side by side. On CUDA they do, so that the
+            threads of a warp read one stretch of memory; on a CPU each group has its own.
+    """
+
+    build: SimpleNamespace
+    device: Any
+    real: type
+    lane_count: int
+    interleaved: bool
+
+
+class Batch:
+    """Packs a batch into lanes, and unpacks it again.
+
+    Worlds are sorted by the duration of their motions, the longest first. Those of a group then
+    come to rest at about the same time, after which the group costs nothing, and threads finish
+    together.
+
+    Args:
+        layout: Memory layout.
+        segment_count: Number of segments.
+        world_count: Number of worlds.
+        duration: Duration of the motions [s], one or one per world.
+    """
+
+    def __init__(self, layout: Layout, segment_count: int, world_count: int, duration: ArrayLike):
+        self.layout = layout
+        self.build = layout.build
+        self.world_count = world_count
+        self.group_count = -(-world_count // layout.lane_count)
+        self.segment_count = segment_count
+        self.node_count = segment_count + 1
+        longest_first = -np.broadcast_to(np.asarray(duration), world_count)
+        self.order = np.argsort(longest_first, kind="stable")
+
+    def sorted(self, values: NDArray) -> NDArray:
+        """Return rows of values in the order of the batch; a single row serves all worlds."""
+        return values if len(values) == 1 else values[self.order]
+
+    def to_lanes(self, values: NDArray) -> NDArray:
+        """Return rows [world or 1, n] as lanes [group, n, lane]; the last world pads."""
+        lane_count = self.layout.lane_count
+        index = np.minimum(np.arange(self.group_count * lane_count), len(values) - 1)
+        grouped = self.sorted(values)[index].reshape(self.group_count, lane_count, -1)
+        return np.ascontiguousarray(np.swapaxes(grouped, 1, 2), dtype=self.layout.real)
+
+    def to_worlds(self, array: wp.array) -> NDArray[np.float64]:
+        """Return lanes [group, ..., lane] as rows [world, ...]."""
+        values = np.moveaxis(array.numpy().astype(np.float64), -1, 1)
+        values = values.reshape(self.group_count * self.layout.lane_count, *values.shape[2:])
+        worlds = np.empty_like(values[: self.world_count])
+        worlds[self.order] = values[: self.world_count]
+        return worlds
+
+    def array(self, values: NDArray, dtype) -> wp.array:
+        """Return a device array of lanes or of vectors of lanes, [group, ...]."""
+        values = np.ascontiguousarray(values)
+        device = self.layout.device
+        axes = values.ndim - (2 if dtype is self.build.vec3 else 1)
+        if self.layout.interleaved and axes > 1:
+            groups_last = np.ascontiguousarray(np.moveaxis(values, 0, axes - 1))
+            stored = wp.array(groups_last, dtype=dtype, device=device)
+            return stored.transpose((axes - 1, *range(axes - 1)))
+        return wp.array(values, dtype=dtype, device=device)
+
+    def zeros(self, *shape: int, dtype) -> wp.array:
+        """Return zeros in the layout of `array`."""
+        device = self.layout.device
+        if self.layout.interleaved and len(shape) > 1:
+            stored = wp.zeros((*shape[1:], shape[0]), dtype=dtype, device=device)
+            return stored.transpose((len(shape) - 1, *range(len(shape) - 1)))
+        return wp.zeros(shape, dtype=dtype, device=device)
+
+    def model(
+        self, cable: Cable, params: CableParams, dt: float, gravity: float, far_is_held: bool
+    ):
+        """Pack the constants: step [s] and acceleration of free fall [m/s²] among them."""
+        model = self.build.Model()
+        model.node_count = self.node_count
+        model.far_is_held = int(far_is_held)
+        model.dt = dt
+        model.segment_length = cable.length / self.segment_count
+        model.radius = cable.radius
+        model.gravity = gravity
+        constants = model_constants(cable, params, self.segment_count, dt, far_is_held)
+        for name, values in constants.items():
+            lanes = self.to_lanes(values.reshape(len(values), -1))
+            packed = lanes[:, 0] if values.ndim == 1 else lanes
+            setattr(model, name, self.array(packed, self.build.lane))
+        return model
+
+    def path(self, grip_path: GripPath):
+        """Pack a path, with memory for the pose that it has in the step."""
+        device, real = self.layout.device, self.build.real
+        row_count, piece_count = grip_path.coefficients.shape[:2]
+        path = self.build.Path()
+        knots = self.sorted(grip_path.knots)
+        path.knots = wp.array(knots.astype(self.layout.real), dtype=real, device=device)
+        coefficients = self.sorted(grip_path.coefficients).reshape(row_count, piece_count, -1)
+        path.coefficients = wp.array(
+            coefficients.astype(self.layout.real), dtype=real, device=device
+        )
+        path.piece = wp.zeros((self.group_count, self.layout.lane_count), dtype=int, device=device)
+        for name in ("piece_start", "piece_duration", "spin", "previous_spin", "yaw"):
+            setattr(path, name, self.zeros(self.group_count, dtype=self.build.lane))
+        for name in ("position", "direction", "next_direction", "direction_rate"):
+            setattr(path, name, self.zeros(self.group_count, dtype=self.build.vec3))
+        path.current = self.zeros(self.group_count, 30, dtype=self.build.lane)
+        path.next_knot = wp.zeros(self.group_count, dtype=real, device=device)
+        return path
+
+    def state(self, initial: CableState):
+        """Pack the initial state; nothing is held by the table yet."""
+        build, shape = self.build, (self.group_count, self.node_count)
+        state = build.State()
+        for name, values in (("position", initial.positions), ("velocity", initial.velocities)):
+            lanes = self.to_lanes(values.reshape(len(values), -1))
+            lanes = lanes.reshape(*shape, 3, self.layout.lane_count)
+            setattr(state, name, self.array(lanes, build.vec3))
+        twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.roll[:, -1:])
+        twist[:, -1] = -initial.roll[:, -1]
+        for name, values in (("twist", twist), ("spin", initial.roll_rate)):
+            setattr(state, name, self.array(self.to_lanes(values), build.lane))
+        state.binormal = self.zeros(*shape, dtype=build.vec3)
+        state.lateral_loss = self.zeros(*shape, dtype=build.lane)
+        for name in ("tension", "axial_impulse", "couple_impulse"):
+            zeros = self.zeros(self.group_count, self.segment_count, dtype=build.lane)
+            setattr(state, name, zeros)
+        ones = np.ones((self.group_count, self.layout.lane_count), dtype=self.layout.real)
+        state.active = self.array(ones, build.lane)
+        state.rest_time = self.zeros(self.group_count, dtype=build.lane)
+        return state
+
+    def scratch(self):
+        """Make the memory within a step; names that share an array follow each other in use."""
+        groups, nodes, segments = self.group_count, self.node_count, self.segment_count
+        lane, vec3 = self.build.lane, self.build.vec3
+        scratch = self.build.Scratch()
+        scratch.bending_moment = self.zeros(groups, nodes + 2, dtype=vec3)
+        scratch.acceleration = scratch.bending_moment
+        scratch.elimination = scratch.bending_moment
+        scratch.force = self.zeros(groups, nodes, dtype=vec3)
+        scratch.velocity = scratch.force
+        scratch.torque = self.zeros(groups, segments, dtype=lane)
+        scratch.spin = scratch.torque
+        scratch.normal_impulse = self.zeros(groups, nodes, dtype=lane)
+        scratch.load = self.zeros(groups, segments, dtype=lane)
+        return scratch
+
+    def samples(self, sample_count: int, steps_per_sample: int, record_nodes: bool):
+        """Make the memory for samples."""
+        samples = self.build.Samples()
+        samples.steps_per_sample = steps_per_sample
+        samples.record_nodes = int(record_nodes)
+        vec3 = self.build.vec3
+        samples.endpoint = self.zeros(self.group_count, sample_count, dtype=vec3)
+        node_shape = (sample_count, self.node_count) if record_nodes else (1, 1)
+        samples.nodes = self.zeros(self.group_count if record_nodes else 1, *node_shape, dtype=vec3)
+        return samples
+
+    def read(self, state, samples, sample_dt: float) -> Rollout:
+        """Unpack what a rollout left, with the time between samples [s]."""
+        endpoint = self.to_worlds(samples.endpoint)
+        positions = self.to_worlds(state.position)
+        final = CableState(
+            positions=positions,
+            velocities=self.to_worlds(state.velocity),
+            roll=np.cumsum(self.to_worlds(state.twist)[:, :-1], axis=1),
+            roll_rate=self.to_worlds(state.spin),
+        )
+        finite = np.isfinite(endpoint).all(axis=(1, 2))
+        finite = np.asarray(finite & np.isfinite(positions).all(axis=(1, 2)))
+        # Once a world is non-finite, no later sample of it may look like a position.
+        broken = np.logical_or.accumulate(~np.isfinite(endpoint).all(axis=2), axis=1)
+        endpoint[broken] = np.nan
+        return Rollout(
+            times=np.arange(endpoint.shape[1]) * sample_dt,
+            endpoint_xyz=endpoint,
+            final_state=final,
+            finite=finite,
+            nodes=self.to_worlds(samples.nodes) if samples.record_nodes else None,
+        )

@@ -1,0 +1,104 @@
+"""The constants of a batch that follow from cables, parameters and resolution."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
+from cablecast.engines.warp_.bending import filter_factors
+from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
+
+MOST_VISCOSITY = 0.25
+"""Share of a difference of velocity that damped rotation may exchange between neighbours in a step:
+more would let short segments ring. The default resolution stays far below it."""
+
+
+def model_constants(
+    cable: Cable, params: CableParams, segment_count: int, dt: float, far_is_held: bool
+) -> dict[str, NDArray[np.float64]]:
+    """Return the lane values of `Model` (world.py), with units as there.
+
+    Args:
+        cable: Geometry.
+        params: Shared, or one value per world.
+        segment_count: Number of segments.
+        dt: Step [s].
+        far_is_held: Whether a second gripper holds the far end.
+
+    Returns:
+        Values by attribute of `Model`, shape [world], [world, node] or [world, segment].
+    """
+    values = dict(zip(params.names(), np.atleast_2d(params.to_array()).T, strict=True))
+    segment_length = cable.length / segment_count
+    segment_mass = values["mass"] / segment_count
+    mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
+    mass[:, -1] = 0.5 * segment_mass + values["endpoint_mass"]
+    mass[:, 0] = np.inf
+    if far_is_held:
+        mass[:, -1] = np.inf
+    bending = values["bend_stiffness"] / segment_length**3
+    diagonal, lower1, lower2 = filter_factors(bending, mass, dt)
+    torsion = values["twist_stiffness"] / segment_length
+    most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / dt**2
+    # Segments and endpoint are solid cylinders of the cable's radius.
+    rolling_mass = np.repeat(segment_mass[:, None], segment_count, axis=1)
+    rolling_mass[:, -1] += values["endpoint_mass"]
+    spin_inertia = 0.5 * rolling_mass * cable.radius**2
+    mass_ratio = np.ones_like(mass)
+    mass_ratio[:, -1] = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
+    # Friction that spins a segment within a step must overcome its inertia, and the neighbours that
+    # torsion ties to it.
+    held_inertia = spin_inertia + 2.0 * dt**2 * torsion[:, None]
+    spin_response = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
+    # Spin per velocity that all nodes lose. Friction that reckoned with less would roll some
+    # segment too far.
+    response = np.maximum(
+        2.0 * spin_response[:, 0], (1.0 + mass_ratio[:, -1]) * spin_response[:, -1]
+    )
+    return {
+        "inverse_mass": 1.0 / mass,
+        "segment_mass": segment_mass,
+        "bending": bending,
+        "torsion": torsion,
+        "shape_torsion": np.minimum(torsion, most_torsion),
+        "friction": values["lateral_friction"] * values["worksurface_friction"],
+        "rolling_friction": values["rolling_friction"] / cable.radius,
+        "spinning_friction": values["spinning_friction"] * segment_mass / segment_length,
+        "linear_damping": values["linear_damping"],
+        "angular_damping": values["angular_damping"],
+        "rotation_viscosity": rotation_viscosity(
+            cable, segment_length, segment_mass, values["angular_damping"], dt
+        ),
+        "lateral_mass": 1.0 / (1.0 + response * cable.radius),
+        "mass_ratio": mass_ratio,
+        "spin_response": spin_response,
+        "spin_pivot": spin_pivots(torsion, spin_inertia, dt, far_is_held),
+        "filter_diagonal": diagonal,
+        "filter_lower1": lower1,
+        "filter_lower2": lower2,
+    }
+
+
+def rotation_viscosity(
+    cable: Cable,
+    segment_length: float,
+    segment_mass: NDArray[np.float64],
+    angular_damping: NDArray[np.float64],
+    dt: float,
+) -> NDArray[np.float64]:
+    """Return the viscosity with which angular damping slows the turning of segments [kg/s].
+
+    The torque on a segment of the reference length turns into a viscous exchange of velocity with
+    diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
+
+    Args:
+        cable: Geometry.
+        segment_length: Length of a segment [m].
+        segment_mass: Mass of a segment [kg], shape [world].
+        angular_damping: c [1/s], shape [world].
+        dt: Step [s].
+    """
+    reference = cable.length / REFERENCE_SEGMENT_COUNT
+    diffusivity = angular_damping * reference**2 / 12
+    viscosity = diffusivity * segment_mass / segment_length**2
+    return np.minimum(viscosity, MOST_VISCOSITY * segment_mass / dt)

@@ -1,0 +1,78 @@
+"""Warp's devices: start Warp quietly, find a device, and launch the kernel on all cores."""
+
+import concurrent.futures
+import functools
+import os
+
+import warp as wp
+
+from cablecast.errors import InputError
+
+
+@functools.cache
+def start_warp() -> None:
+    """Start Warp without its list of devices, and without its warning where there is no GPU.
+
+    The warning goes straight to the process's error stream, at any log level. Whoever asks for a
+    CUDA device that is not there gets an error of our own.
+    """
+    wp.config.log_level = wp.LOG_ERROR
+    saved, silent = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(silent, 2)
+        wp.init()
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(silent)
+
+
+def find_device(name: str):
+    """Return the Warp device of a name, such as "cpu" or "cuda".
+
+    Raises:
+        InputError: There is no such device.
+    """
+    start_warp()
+    known = ", ".join(str(device) for device in wp.get_devices())
+    # Asking Warp for a CUDA device where there is none prints errors of the driver.
+    if name.startswith("cuda") and not wp.get_cuda_devices():
+        raise InputError(f"device {name!r} is not available here: one of {known}")
+    try:
+        return wp.get_device(name)
+    except Exception as error:
+        raise InputError(f"device {name!r} is not available here: one of {known}") from error
+
+
+def launch(kernel, device, group_count: int, thread_count: int, inputs: list) -> None:
+    """Run the rollout kernel on every group, and wait until it is done.
+
+    Args:
+        kernel: Kernel whose first argument is the first group of a launch.
+        device: Warp device.
+        group_count: Number of groups.
+        thread_count: CPU threads.
+        inputs: Arguments of the kernel after the first.
+    """
+    if device.is_cuda:
+        wp.launch(kernel, dim=group_count, inputs=[0, *inputs], device=device)
+        wp.synchronize_device(device)
+        return
+    # Load the kernel before threads ask for it.
+    wp.launch(kernel, dim=0, inputs=[0, *inputs], device=device)
+    # Warp runs a CPU launch serially but releases the interpreter lock, so that threads with a
+    # share of the groups each use all cores. Shares are small, for an even finish.
+    share = max(1, -(-group_count // (8 * thread_count)))
+    starts = range(0, group_count, share)
+
+    def run(start: int) -> None:
+        dim = min(share, group_count - start)
+        wp.launch(kernel, dim=dim, inputs=[start, *inputs], device=device)
+
+    if thread_count == 1 or len(starts) == 1:
+        for start in starts:
+            run(start)
+        return
+    with concurrent.futures.ThreadPoolExecutor(thread_count) as pool:
+        for done in [pool.submit(run, start) for start in starts]:
+            done.result()

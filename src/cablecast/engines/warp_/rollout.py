@@ -1,0 +1,140 @@
+"""The kernel that plays a whole rollout in a single launch: a thread owns a group of worlds."""
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from cablecast.engines.warp_.curvature import curvature_functions
+from cablecast.engines.warp_.grip import grip_functions
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.step import step_functions
+from cablecast.engines.warp_.world import world_structs
+
+CPU_COMPILER_FLAGS = " ".join(
+    (
+        "-march=native",
+        "-ffp-contract=fast",
+        "-mllvm=-inline-threshold=9000",
+        "-mllvm=-inline-cold-callsite-threshold=3000",
+    )
+)
+"""Fuse multiplications and additions, and inline the functions of a stage into one piece of code:
+only then does LLVM see that lanes can stay in vector registers.
+
+For the same reason no variable is assigned under an `if` within a loop over nodes, and what a
+neighbour needs is read from memory: Warp turns such an assignment into a choice between two
+addresses, which keeps the variable in memory and costs half of the speed.
+"""
+
+
+@functools.cache
+def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
+    """Build the kernel for a precision and a lane count; Warp caches the compiled code on disk."""
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    grip = grip_functions(precision, lane_count)
+    curvature = curvature_functions(precision, lane_count)
+    step = step_functions(precision, lane_count).step
+    real, lane, vec3 = f.real, f.lane, f.vec3
+    Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples
+    count = wp.constant(lane_count)
+
+    @wp.kernel(
+        enable_backward=False,
+        module="unique",
+        module_options={"cpu_compiler_flags": CPU_COMPILER_FLAGS},
+    )
+    def kernel(
+        first_group: int,
+        sample_count: int,
+        rest_speed: real,
+        rest_duration: real,
+        motion_end: wp.array(dtype=lane),
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        samples: Samples,
+    ):
+        """Play the rollout of one group of worlds.
+
+        Args:
+            first_group: Group of the first thread of this launch.
+            sample_count: Number of samples, the first at time 0.
+            rest_speed: Speed up to which a world may be at rest [m/s].
+            rest_duration: Time for which it must be that slow [s].
+            motion_end: End of the motion of the grippers [s], shape [group].
+            model: Constants of the batch.
+            path: Motion of the gripper.
+            far_path: Motion of the gripper at the far end, where there is one.
+            state: Initial state; becomes the final one.
+            scratch: Memory within a step.
+            samples: Receives the samples.
+        """
+        group = first_group + wp.tid()
+        dt = model.dt
+        start_grippers(model, path, far_path, group)
+        active = state.active[group]
+        rest_time = state.rest_time[group]
+        record(model, state, samples, group, 0)
+        slow = rest_speed * rest_speed
+        any_active = int(1)
+        force_dt = dt * real(0.5)
+        previous_dt = real(0.0)
+        t_end = real(0.0)
+        for sample in range(1, sample_count):
+            for k in range(samples.steps_per_sample):
+                if any_active == 1:
+                    t_end = real((sample - 1) * samples.steps_per_sample + k + 1) * dt
+                    follow_grippers(model, path, far_path, group, t_end)
+                    squared_speed = step(
+                        model, path, far_path, state, scratch, group, force_dt, previous_dt, active
+                    )
+                    force_dt = dt
+                    previous_dt = dt
+                    for j in range(count):
+                        if squared_speed[j] <= slow and t_end > motion_end[group][j]:
+                            rest_time[j] = rest_time[j] + dt
+                        else:
+                            rest_time[j] = real(0.0)
+                        if rest_time[j] > rest_duration:
+                            active[j] = real(0.0)
+                    any_active = int(wp.max(active))
+            record(model, state, samples, group, sample)
+        # The twist of the last step, for the final state.
+        follow_grippers(model, path, far_path, group, t_end)
+        curvature.measure_curvature(
+            model, path, far_path, state, scratch, group, active * previous_dt
+        )
+        state.active[group] = active
+        state.rest_time[group] = rest_time
+
+    @wp.func
+    def start_grippers(model: Model, path: Path, far_path: Path, group: int):
+        """Take the directions of the held ends at time 0."""
+        grip.start(path, group)
+        if model.far_is_held == 1:
+            grip.start(far_path, group)
+
+    @wp.func
+    def follow_grippers(model: Model, path: Path, far_path: Path, group: int, t: real):
+        """Move the held ends on by a step, to time t [s]."""
+        grip.follow(path, group, t, model.dt)
+        if model.far_is_held == 1:
+            grip.follow(far_path, group, t, model.dt)
+
+    @wp.func
+    def record(model: Model, state: State, samples: Samples, group: int, sample: int):
+        """Write the endpoint, and the shape where asked for [m]."""
+        last = model.node_count - 1
+        samples.endpoint[group, sample] = state.position[group, last]
+        if samples.record_nodes == 1:
+            for node in range(model.node_count):
+                samples.nodes[group, sample, node] = state.position[group, node]
+
+    return SimpleNamespace(kernel=kernel, **vars(s), real=real, lane=lane, vec3=vec3)

@@ -1,0 +1,149 @@
+"""Sliding friction: Coulomb's cone at each node, which stops a motion and never reverses it."""
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from cablecast.engines.warp_.contact import contact_functions
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.rolling import rolling_functions
+from cablecast.engines.warp_.world import world_structs
+
+
+@functools.cache
+def sliding_functions(precision: str, lane_count: int) -> SimpleNamespace:
+    """Build the Warp functions of sliding friction."""
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    contact = contact_functions(precision, lane_count)
+    rolling = rolling_functions(precision, lane_count)
+    real, lane, vec3, scale, mul, div = f.real, f.lane, f.vec3, f.scale, f.mul, f.div
+    Model, State, Scratch, Roll = s.Model, s.State, s.Scratch, rolling.Roll
+    tiny = wp.constant(1.0e-12)
+    sign_scale = wp.constant(1.0e9)
+
+    @wp.func
+    def slide_nodes(model: Model, state: State, scratch: Scratch, group: int):
+        """Apply friction and normal impulses to the predicted velocities.
+
+        Friction feels the tension of the previous step. The length solve starts without it, since a
+        stale tension after a jerk would throw it far from the solution.
+
+        Args:
+            model: Constants of the batch.
+            state: State at the start of the step; receives velocities and lateral losses.
+            scratch: Normal impulses and predicted spins; predicted velocities, which are updated.
+            group: Group of worlds.
+        """
+        last = model.node_count - 1
+        inverse_dt = real(1.0) / model.dt
+        half_inverse_length = real(0.5) / model.segment_length
+        position = state.position[group]
+        velocity = state.velocity[group]
+        tension = state.tension[group]
+        losses = state.lateral_loss[group]
+        normal_impulses = scratch.normal_impulse[group]
+        predicted = scratch.velocity[group]
+        inverse_mass = model.inverse_mass[group]
+        x = position[last]
+        # The endpoint has only the segment before it, which stands for both.
+        x_after = x
+        share = real(2.0)
+        roll_after = Roll()
+        pull_after = vec3()
+        for back in range(last):
+            node = last - back
+            x_before = position[node - 1]
+            roll_before = rolling.predict_roll(model, state, scratch, group, node - 1)
+            roll = rolling.node_roll(roll_before, roll_after, share)
+            pull_before = scale(tension[node - 1], x - x_before)
+            tensed = scale(inverse_mass[node], pull_after - pull_before) * inverse_dt
+            axis = (x_after - x_before) * (half_inverse_length * share)
+            normal_impulse = normal_impulses[node]
+            free = predicted[node]
+            loss = friction_loss(
+                model,
+                group,
+                normal_impulse,
+                losses[node],
+                velocity[node],
+                free + tensed,
+                roll,
+                axis,
+            )
+            losses[node] = contact.lateral(loss, axis)
+            v = free - loss
+            v[2] = v[2] + normal_impulse
+            predicted[node] = v
+            velocity[node] = v
+            x_after = x
+            x = x_before
+            roll_after = roll_before
+            pull_after = pull_before
+            share = real(1.0)
+
+    @wp.func
+    def friction_loss(
+        model: Model,
+        group: int,
+        normal_impulse: lane,
+        previous_loss: lane,
+        start: vec3,
+        end: vec3,
+        roll: Roll,
+        axis: vec3,
+    ):
+        """Return the horizontal velocity that Coulomb friction takes from a node [m/s].
+
+        It is at most mu times the normal impulse. A node that slips on loses that along the mean
+        slip velocity over the step, which makes sliding second order in time. A node that sticks
+        loses what stops its contact point: all of its velocity along the cable; across it what it
+        lost in the previous step, and of the slip that this leaves only the share of the effective
+        mass, as the rest goes into spin, unless rolling friction holds it. So a cable at rest is
+        held by what pulls at it, wherever that pulls, and does not creep.
+
+        Args:
+            model: Constants of the batch.
+            group: Group of worlds.
+            normal_impulse: Normal impulse per mass [m/s].
+            previous_loss: Lateral velocity that the node lost in the previous step [m/s].
+            start: Velocity of the node at the start of the step [m/s].
+            end: Predicted velocity of the node without friction [m/s].
+            roll: Mean `Roll` of the segments beside the node.
+            axis: Axis of the cable at the node [-].
+        """
+        one = lane(real(1.0))
+        small = lane(real(tiny))
+        radius = model.radius
+        limit = mul(model.friction[group], normal_impulse)
+        start_slip = contact.add_lateral(start, roll.start * (-radius), axis)
+        end_slip = contact.add_lateral(end, roll.end * (-radius), axis)
+        # Stick: of the slip that the previous loss leaves, `to_roll` goes into spin.
+        slip = contact.lateral(end_slip, axis) - previous_loss
+        slip_size = f.absolute(slip)
+        slip_sign = contact.clamp(slip * real(sign_scale), one)
+        held = (roll.limit - mul(roll.used, slip_sign)) * radius
+        to_roll = wp.max(slip_size - mul(model.lateral_mass[group], slip_size + held), lane())
+        stick = contact.add_lateral(end_slip, contact.clamp(-slip, to_roll), axis)
+        stick_size = horizontal_size(stick)
+        # Slip: the direction is that of the sum of both slips, twice their mean.
+        sum_slip = contact.add_lateral(start_slip + end_slip, roll.repeated * (-radius), axis)
+        slips = wp.min(wp.max(div(stick_size, limit + small) - lane(real(2.0)), lane()), one)
+        stick_share = mul(one - slips, wp.min(div(limit, stick_size), one))
+        slip_share = mul(slips, div(limit, horizontal_size(sum_slip)))
+        return wp.matrix_from_rows(
+            mul(stick_share, stick[0]) + mul(slip_share, sum_slip[0]),
+            mul(stick_share, stick[1]) + mul(slip_share, sum_slip[1]),
+            lane(),
+        )
+
+    @wp.func
+    def horizontal_size(vector: vec3):
+        """Return the size of the horizontal part of a vector, never 0, in the vector's unit."""
+        return f.root(mul(vector[0], vector[0]) + mul(vector[1], vector[1]) + lane(real(tiny)))
+
+    return SimpleNamespace(slide_nodes=slide_nodes)
