@@ -348,7 +348,9 @@ def _digest(file: pathlib.Path) -> str:
     if file.suffix in (".json", ".safetensors"):
         try:
             values = json.loads(content)
-        except ValueError:
+        except (ValueError, RecursionError):
+            values = None
+        if not isinstance(values, dict):
             return hashlib.sha256(content).hexdigest()
         for name in ("sha256", "seconds", "started", "versions"):
             values.pop(name, None)

@@ -49,7 +49,7 @@ def test_trials_of_a_rig_fit_the_schema_with_repeats_and_tracks(tmp_path):
     assert dataset.extra["track_x"] == [[0.1, 0.2], [0.3], []]
     assert dataset.extra["repeat"] == [0, 1, 2]
     assert list(dataset.status) == ["occluded"] * 3
-    with pytest.raises(DatasetError, match="the settings of .* lack cable"):
+    with pytest.raises(DatasetError, match=r"the settings of .* lack cable"):
         _ = dataset.cable
 
 
