@@ -199,7 +199,7 @@ def test_a_network_learns_the_rig_from_real_casts_alone():
 
 
 @pytest.mark.parametrize("learn", ["fine_tune", "train_on_real"])
-def test_no_network_is_praised_for_casts_that_it_has_memorised(base, learn):
+def test_memorised_casts_do_not_lower_the_cross_validated_error(base, learn):
     """Landings that no action explains can be memorised, but not predicted."""
     real = scattered()
     if learn == "fine_tune":

@@ -128,6 +128,17 @@ def test_an_irrelevant_size_variable_gets_next_to_no_weight():
     np.testing.assert_allclose(weights, [0.8, 0.0], atol=WEIGHT_ERROR)
 
 
+def test_an_irrelevant_place_variable_gets_a_long_but_no_endless_length_scale():
+    generator = np.random.default_rng(2)
+    places, sizes = generator.normal(size=(40, 3)), generator.normal(size=(40, 3))
+    residuals = 0.05 * np.stack([np.sin(places[:, 0]), np.cos(places[:, 0])], axis=1)
+    residuals += generator.normal(scale=0.01, size=(40, 2))
+    relevant, *irrelevant = fit_process(places, sizes, residuals).length_scales
+    assert 1 < relevant < 3
+    # In ten draws: 8 to 32 with the prior, most above 10,000 without it.
+    assert all(5 < length_scale < 100 for length_scale in irrelevant)
+
+
 def test_too_few_casts_are_refused(drawn):
     model, actions, landing, changes = drawn
     with pytest.raises(InputError, match=f"14 real casts .* needs {MIN_REAL_ROWS}"):

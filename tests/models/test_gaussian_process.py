@@ -66,6 +66,32 @@ def test_shifts_are_the_differences_of_predictions(model):
     np.testing.assert_allclose(shifts, by_differences, atol=SHIFT_ERROR)
 
 
+def test_a_process_with_long_length_scales_loses_no_digits(model):
+    """The kernel is near 1 everywhere, and weights of 1e4 cancel to landings of a metre."""
+    generator = np.random.default_rng(7)
+    stretched = dataclasses.replace(
+        model,
+        length_scales=20 * model.length_scales,
+        inputs=model.inputs / 20,
+        coefficients=1e4 * generator.normal(size=(50, 2)),
+    )
+    actions, changes, step = random_actions(200, seed=8), np.diag(DEVIATION), 1e-3
+    expected = dense_prediction(stretched, actions)
+    # Entries rounded to 6e-8 of 1 alone, times 50 weights of 1e4 with random signs and 0.3 m.
+    rounding = 6e-8 * 1e4 * np.sqrt(50) * 0.3
+    np.testing.assert_allclose(stretched.predict(actions), expected, atol=5 * rounding)
+    differences = [
+        dense_prediction(stretched, actions + step * c)
+        - dense_prediction(stretched, actions - step * c)
+        for c in changes
+    ]
+    slopes = np.stack(differences, axis=2) / (2 * step)
+    # The casts' own coordinates are single precision: 6e-8 of shifts of up to 10 m.
+    np.testing.assert_allclose(
+        stretched.landing_shifts(actions, changes), slopes, atol=2.5 * 6e-8 * np.abs(slopes).max()
+    )
+
+
 def test_without_psi_a_turn_of_the_arm_leaves_the_wrist_as_it_is(model):
     actions = random_actions(30, seed=4)
     actions[:, 3] = actions[:, 1]

@@ -22,6 +22,9 @@ SMALL = GaussianProcessConfig(likelihood_count=200, inducing_count=200)
 # length, depending on the casts.
 LEARNED_PCT = 0.6
 
+# Single precision rounds otherwise in another batch of actions: by micrometres.
+BATCH_PCT = 2e-3
+
 
 @pytest.fixture(scope="module")
 def dataset():
@@ -83,8 +86,8 @@ def test_held_out_casts_are_measured_and_not_learned_from(dataset, model):
     )
     pct = error / CABLE.length * 100
     assert model.metrics["held_out_count"] == 60
-    assert model.metrics["held_out_median_pct"] == pytest.approx(np.median(pct))
-    assert model.metrics["held_out_p90_pct"] == pytest.approx(np.percentile(pct, 90))
+    assert model.metrics["held_out_median_pct"] == pytest.approx(np.median(pct), abs=BATCH_PCT)
+    assert model.metrics["held_out_p90_pct"] == pytest.approx(np.percentile(pct, 90), abs=BATCH_PCT)
     elsewhere = dataset.endpoint_xy + np.where(held_out, 0.5, 0.0)[:, None]
     again = train_gaussian_process(
         dataclasses.replace(dataset, endpoint_xy=elsewhere), config=SMALL

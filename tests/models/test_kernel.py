@@ -10,6 +10,7 @@ from cablecast.models.kernel import (
     minimize,
     negative_log_likelihood,
     scaled_distances,
+    weighted_sums,
 )
 
 torch = pytest.importorskip("torch")
@@ -70,6 +71,18 @@ def test_single_precision_is_kept_and_suffices():
     ):
         assert kernel.dtype == np.float32
         np.testing.assert_allclose(kernel, expected, atol=SINGLE)
+
+
+def test_large_weights_of_both_signs_cancel_as_in_double_precision():
+    generator = np.random.default_rng(8)
+    kernel = (1 - 0.01 * generator.uniform(size=(50, 3000))).astype(np.float32)
+    weights = 1e4 * generator.normal(size=(3000, 2))
+    exact = kernel.astype(float) @ weights
+    # The rest of 0.01 in single precision, on a sum of 3000 terms of 1e4 with random signs.
+    rounding = 0.01 * 6e-8 * 1e4 * 3000
+    np.testing.assert_allclose(weighted_sums(kernel.copy(), weights), exact, atol=rounding)
+    # Weights that single precision can hold: the whole in it is off by far more.
+    assert np.max(np.abs(kernel @ weights.astype(np.float32) - exact)) > 2 * rounding
 
 
 def test_the_likelihood_is_that_of_a_normal_distribution():

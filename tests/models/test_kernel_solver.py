@@ -62,7 +62,11 @@ def test_progress_is_told_after_every_iteration_up_to_the_greatest_number(system
     inputs, targets, _ = system
     calls = []
     _, residuals = solve(
-        inputs, targets, max_iterations=4, progress=lambda *numbers: calls.append(numbers)
+        inputs,
+        targets,
+        inducing_count=200,
+        max_iterations=4,
+        progress=lambda *numbers: calls.append(numbers),
     )
     assert calls == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert len(residuals) == 4
@@ -73,3 +77,29 @@ def test_targets_that_are_not_finite_are_reported(system):
     inputs, targets, _ = system
     with pytest.raises(InputError, match="no finite solution"):
         solve(inputs, np.full_like(targets, np.nan))
+
+
+def test_a_solution_that_is_none_is_refused(system):
+    inputs, targets, _ = system
+    with pytest.raises(InputError, match=r"residual of .* after 1 iterations: .* below 0\.1"):
+        solve(inputs, targets, inducing_count=2, max_iterations=1)
+
+
+def test_casts_that_all_resemble_each_other_are_told_apart():
+    """Long length scales: the kernel is above 0.99, and the answer lies in its last digits."""
+    generator = np.random.default_rng(2)
+    inputs = generator.normal(scale=0.03, size=(1200, 4)).astype(np.float32)
+    targets = np.stack([np.sin(60 * inputs[:, 0]), 30 * inputs[:, 1]], axis=1).astype(float)
+    targets += generator.normal(scale=0.03, size=targets.shape)
+    noise_variance, kernel = 1e-5, matern(inputs.astype(float), inputs.astype(float))
+    assert kernel.mean() > 0.99
+    weights, residuals = solve_kernel_system(
+        inputs, targets, noise_variance, np.arange(150), tolerance=1e-3, max_iterations=200
+    )
+    remainder = targets - kernel @ weights - noise_variance * weights
+    relative = np.linalg.norm(remainder, axis=0) / np.linalg.norm(targets, axis=0)
+    # Entries rounded to 6e-8 of 1 leave a few per cent of a noise of 1e-5; the sums must not add
+    # to it.
+    assert np.all(relative < 0.05)
+    # Without the subtracted mean, the residual grows from 0.4 for as long as one waits.
+    assert len(residuals) < 50

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.models.features import FEATURE_COUNT
-from cablecast.models.kernel import matern, scaled_distances
+from cablecast.models.kernel import matern, scaled_distances, weighted_sums
 from cablecast.models.landing import LandingModel
 
 # Actions per block of predictions; a block against 36,000 casts takes 144 MB.
@@ -36,11 +36,10 @@ class GaussianProcessModel(LandingModel):
     def predict(self, actions: ArrayLike) -> NDArray[np.float64]:
         """Predict where the free end comes to rest; see `LandingModel.predict`."""
         points = self._points(actions)
-        weights = self.coefficients.astype(np.float32)
         outputs = np.empty((len(points), 2))
         for start in range(0, len(points), _CHUNK_ROWS):
             rows = slice(start, start + _CHUNK_ROWS)
-            outputs[rows] = matern(points[rows], self.inputs) @ weights
+            outputs[rows] = weighted_sums(matern(points[rows], self.inputs), self.coefficients)
         return self.endpoint_mean + self.endpoint_scale * outputs
 
     def landing_shifts(
@@ -52,7 +51,7 @@ class GaussianProcessModel(LandingModel):
         over the casts.
         """
         points = self._points(actions)
-        weights = self.coefficients.astype(np.float32)
+        weights = self.coefficients
         moments = np.hstack(
             [weights] + [weights * self.inputs[:, k : k + 1] for k in range(FEATURE_COUNT)]
         )
@@ -60,7 +59,7 @@ class GaussianProcessModel(LandingModel):
         for start in range(0, len(points), _CHUNK_ROWS):
             rows = slice(start, start + _CHUNK_ROWS)
             decay = np.exp(-scaled_distances(points[rows], self.inputs))
-            sums = (decay @ moments).reshape(-1, 1 + FEATURE_COUNT, 2)
+            sums = weighted_sums(decay, moments).reshape(-1, 1 + FEATURE_COUNT, 2)
             centred = points[rows, :, None] * sums[:, :1] - sums[:, 1:]
             slopes[rows] = -3.0 * np.swapaxes(centred, 1, 2)
         # The features are the variables of the action, except for the last, psi - theta2.

@@ -17,6 +17,12 @@ from cablecast.models.torch_ import import_torch
 BLOCK_ROWS = 4000
 """Rows and columns of a block of the kernel matrix."""
 
+NOT_SOLVED = 0.1
+"""Relative residual above which the last iterate is refused."""
+
+# Number of casts from which the mean of the kernel is estimated.
+_MEAN_ROWS = 500
+
 # Added to the diagonal of the inducing kernel matrix, which is singular where casts coincide.
 _JITTER = 1e-6
 
@@ -48,11 +54,11 @@ def solve_kernel_system(
         block_rows: Rows and columns of a block of the kernel matrix.
 
     Returns:
-        The weights w, shape [cast, output], and the largest relative residual of any output after
+        The weights w, shape [cast, output], and the greatest relative residual of any output after
         each iteration.
 
     Raises:
-        InputError: The residual became infinite or NaN.
+        InputError: The residual was not finite, or above `NOT_SOLVED` after the last iteration.
         MissingExtraError: torch is not installed.
     """
     torch = import_torch("the Gaussian process")
@@ -82,22 +88,33 @@ def solve_kernel_system(
         conditioned = precondition(remainder)
         power, old_power = (remainder * conditioned).sum(0), power
         direction = conditioned + power / old_power * direction
+    if residuals[-1] > NOT_SOLVED:
+        raise InputError(
+            f"the Gaussian process has a relative residual of {residuals[-1]:.2g} after "
+            f"{len(residuals)} iterations: it must be below {NOT_SOLVED:g}"
+        )
     return weights.numpy(), residuals
 
 
 def _kernel_product(points: Any, noise_variance: float, block_rows: int) -> Callable[[Any], Any]:
-    """Return the product with K + noise_variance I, from blocks on and above the diagonal."""
+    """Return the product with K + noise_variance I, from blocks on and above the diagonal.
+
+    The blocks hold the kernel minus a constant near its mean, whose share is added in double
+    precision; see `weighted_sums`.
+    """
+    some = points[:: max(1, len(points) // _MEAN_ROWS)]
+    mean = float(matern_torch(some, some).mean())
     edges = range(0, len(points), block_rows)
     slices = [slice(start, min(start + block_rows, len(points))) for start in edges]
     blocks = [
-        (first, second, matern_torch(points[first], points[second]))
+        (first, second, matern_torch(points[first], points[second]).sub_(mean))
         for i, first in enumerate(slices)
         for second in slices[i:]
     ]
 
     def product(vectors):
         single = vectors.to(points.dtype)
-        result = noise_variance * vectors
+        result = noise_variance * vectors + mean * vectors.sum(0)
         for first, second, block in blocks:
             result[first] += (block @ single[second]).to(vectors.dtype)
             if first != second:
