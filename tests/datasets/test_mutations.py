@@ -13,10 +13,10 @@ from cablecast.datasets import read_dataset
 from cablecast.datasets.info import INFO_PATH
 from cablecast.errors import CablecastError
 
-# Each takes some 10 ms. A damage that went unnoticed in one file of fifty would be found.
-DAMAGES = 100
+# Each takes some 10 ms. A damage that went unnoticed in one file of thirty would be found.
+DAMAGES = 60
 # Choosing the actions anew takes a quarter of a second.
-RESUMED_DAMAGES = 12
+RESUMED_DAMAGES = 6
 
 
 @pytest.fixture(scope="module", params=["simulated", "collected"])
@@ -96,7 +96,7 @@ def test_a_damaged_description_is_never_resumed_with_other_rows(whole, tmp_path)
 @pytest.mark.parametrize("name", ["README.md", "meta/stats.json"])
 def test_files_for_people_decide_nothing(whole, tmp_path, name):
     _, _, good = whole
-    for copy, label in damages(whole, tmp_path, name, seed=4):
+    for copy, label in damages(whole, tmp_path, name, 4, RESUMED_DAMAGES):
         assert rows(read_dataset(copy)) == good, label
 
 
