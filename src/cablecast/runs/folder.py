@@ -152,8 +152,12 @@ def record_run(
     )
     if not (run.path / CONFIG_FILE).exists():
         _claim(path).write(run.config)
+    try:
+        stored = run.metrics
+    except DamagedFileError:
+        stored = None
     # A collection that was repaired or resumed has other figures than before.
-    if not (run.path / METRICS_FILE).exists() or run.metrics != metrics:
+    if stored != metrics:
         run.finish(metrics)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from cablecast.errors import DamagedFileError
 from cablecast.files import write_json
-from cablecast.reading import read_json
+from cablecast.reading import read_sealed, seal
 from cablecast.runs.folder import METRICS_FILE
 from cablecast.runs.progress import Progress, ProgressCallback, duration_text, ignore
 
@@ -57,12 +57,9 @@ class StageLog:
         self.seconds: dict[str, float] = {}
         with contextlib.suppress(FileNotFoundError):
             try:
-                stored = read_json(self._file)
-                self.seconds = {name: float(value) for name, value in stored.items()}
-            except (ValueError, TypeError) as error:
-                raise DamagedFileError(
-                    f"{self._file} is damaged ({str(error)[:100]}): delete it, only times are lost"
-                ) from None
+                self.seconds = read_sealed(self._file)
+            except DamagedFileError as error:
+                raise DamagedFileError(f"{error}. Delete it; only times are lost") from None
 
     @contextlib.contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -73,7 +70,7 @@ class StageLog:
         def store() -> None:
             with self._lock:
                 self.seconds[name] = round(before + time.monotonic() - start, 1)
-                write_json(self._file, self.seconds)
+                write_json(self._file, seal(self.seconds))
 
         def store_often() -> None:
             while not ended.wait(_STORE_EVERY):
