@@ -10,11 +10,12 @@ import argparse
 import pathlib
 import sys
 
+from cablecast.camera.tags import default_layout
 from cablecast.errors import CablecastError
 from cablecast.files import write_bytes
 from cablecast.setup import load_setup
 from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import default_layout, tag_picture
+from cablecast.tracking.tags import tag_picture
 from cablecast.workspace import Workspace
 
 

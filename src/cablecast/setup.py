@@ -10,6 +10,7 @@ import yaml
 
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
+from cablecast.camera.settings import CameraSettings
 from cablecast.checks import check_keys, check_ranges
 from cablecast.errors import InputError, UnknownNameError
 from cablecast.files import write_text
@@ -19,7 +20,10 @@ from cablecast.workspace import Workspace
 DEFAULT_CABLE = "cable_1"
 
 SECTIONS = ("cable", "workspace", "arm", "motion")
-"""Sections of a lab file, and keys of the dictionary form."""
+"""Sections that describe a laboratory, and keys of its dictionary form."""
+
+INSTRUMENTS = ("camera",)
+"""Sections that say how to reach what stands in the laboratory; they change no result."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -79,12 +83,14 @@ class Setup:
         workspace: Table, reach, reset pose and grip height.
         arm: Robot arm, its mounting and its gripper.
         motion: System parameters of the casting motions.
+        camera: Camera above the table; None where there is none.
     """
 
     cable: Cable
     workspace: Workspace
     arm: ArmUR
     motion: MotionConfig
+    camera: CameraSettings | None
 
     def __init__(
         self,
@@ -93,6 +99,7 @@ class Setup:
         workspace: Workspace | None = None,
         arm: ArmUR | None = None,
         motion: MotionConfig | None = None,
+        camera: CameraSettings | None = None,
     ):
         """Make a set-up; parts that are not given are the paper's.
 
@@ -101,6 +108,7 @@ class Setup:
             workspace: Table, reach, reset pose and grip height.
             arm: Robot arm, its mounting and its gripper.
             motion: System parameters of the casting motions.
+            camera: Camera above the table.
 
         Raises:
             InputError: The parts do not fit together: the cable is too long for the table or too
@@ -119,6 +127,9 @@ class Setup:
             if not isinstance(part, kind):
                 raise InputError(f"{name} must be a {kind.__name__}, not {type(part).__name__}")
             object.__setattr__(self, name, part)
+        if not (camera is None or isinstance(camera, CameraSettings)):
+            raise InputError(f"camera must be CameraSettings, not {type(camera).__name__}")
+        object.__setattr__(self, "camera", camera)
         self._check()
 
     def _check(self) -> None:
@@ -150,18 +161,25 @@ class Setup:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values by section, which `from_dict` reads."""
-        return {
+        values = {
             "cable": self.cable.to_dict(),
             "workspace": self.workspace.to_dict(),
             "arm": self.arm.to_dict(),
             "motion": dataclasses.asdict(self.motion),
         }
+        if self.camera is not None:
+            values["camera"] = self.camera.to_dict()
+        return values
 
     def to_settings(self) -> dict[str, Any]:
-        """Return the plain values that affect results: all but `measured` of the arm."""
+        """Return the plain values that affect results.
+
+        These are all but `measured` of the arm and the sections of `INSTRUMENTS`: a dataset goes on
+        after the camera was given another exposure.
+        """
         values = self.to_dict()
         del values["arm"]["measured"]
-        return values
+        return {name: values[name] for name in SECTIONS}
 
     @classmethod
     def from_dict(
@@ -171,13 +189,14 @@ class Setup:
 
         Args:
             values: Sections by name; `cable` may be a mapping, the name of a preset, or a path.
-            folder: Folder to which a cable's path is relative.
+            folder: Folder to which paths of cable, tags and videos are relative.
 
         Raises:
             InputError: A key is unknown, or a value out of bounds.
             UnknownNameError: There is no such cable or arm model.
         """
-        values = check_keys(values, set(SECTIONS), "the set-up")
+        values = check_keys(values, {*SECTIONS, *INSTRUMENTS}, "the set-up")
+        camera = values.get("camera")
         cable = values.get("cable", DEFAULT_CABLE)
         if isinstance(cable, str):
             local = pathlib.Path(folder or ".") / cable
@@ -189,6 +208,7 @@ class Setup:
             workspace=Workspace.from_dict(values.get("workspace", {})),
             arm=ArmUR.from_dict(values.get("arm", {})),
             motion=MotionConfig.from_dict(values.get("motion", {})),
+            camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
 
 
@@ -196,7 +216,8 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
     """Return the set-up that a lab file describes.
 
     Args:
-        path: YAML file with the sections `cable`, `workspace`, `arm` and `motion`, all optional.
+        path: YAML file with the sections `cable`, `workspace`, `arm`, `motion` and `camera`, all
+            optional.
 
     Raises:
         UnknownNameError: There is no such file, cable or arm model.

@@ -8,10 +8,11 @@ import pytest
 
 pytest.importorskip("cv2")
 
+from cablecast.camera.tags import Tag, TagLayout, default_layout
 from cablecast.errors import InputError
 from cablecast.rigs.virtual.camera_calibrate import board_pictures
 from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
-from cablecast.tracking.tags import Tag, TagLayout, default_layout, detect_tags, tag_picture
+from cablecast.tracking.tags import detect_tags, tag_picture
 from cablecast.workspace import Workspace
 
 # Tags are stuck with 1 mm of error each, and eleven of them average most of it.

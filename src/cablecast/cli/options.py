@@ -1,6 +1,7 @@
 """Options that several verbs share, and the format of values."""
 
 import contextlib
+import dataclasses
 import math
 import pathlib
 import typing
@@ -44,9 +45,7 @@ def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float |
 
     setup = Setup() if lab_file is None else load_setup(lab_file)
     if cable is not None:
-        setup = Setup(
-            cable=load_cable(cable), workspace=setup.workspace, arm=setup.arm, motion=setup.motion
-        )
+        setup = dataclasses.replace(setup, cable=load_cable(cable))
     given = {name: value for name, value in motion.items() if value is not None}
     return setup.with_motion(**given) if given else setup
 

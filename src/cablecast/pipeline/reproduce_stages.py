@@ -157,7 +157,7 @@ class StageMaker:
     def _setup(self, cable: str) -> Setup:
         """Return the set-up with a cable."""
         setup = self.setup
-        return Setup(cable=cable, workspace=setup.workspace, arm=setup.arm, motion=setup.motion)
+        return dataclasses.replace(setup, cable=cable)
 
     def _chosen(self, cable: str) -> tuple[Setup, bool]:
         """Return the set-up and psi as `select` chose them with the first cable."""

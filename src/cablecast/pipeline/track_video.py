@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.checks import check_number
 from cablecast.errors import DamagedFileError, InputError
 from cablecast.files import write_bytes, write_text
@@ -22,7 +23,6 @@ from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.tracking.marker import MarkerConfig
 from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import TagLayout, default_layout
 from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
 from cablecast.tracking.video import read_video
 

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.lens import CameraView, Lens
+from cablecast.camera.tags import TagLayout
 from cablecast.errors import InputError
 from cablecast.files import write_json
 from cablecast.reading import read_json
-from cablecast.tracking.lens import CameraView, Lens
 from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import TagLayout, detect_tags
+from cablecast.tracking.tags import detect_tags
 
 TAG_COUNT_MIN = 4
 """Fewest tags that tell the lens and the camera's place well."""

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.camera.lens import CameraView
 from cablecast.checks import check_count, check_ranges
 from cablecast.errors import InputError
 from cablecast.track import EndpointTrack
-from cablecast.tracking.lens import CameraView
 from cablecast.tracking.marker import MarkerConfig, Patch, find_patches, green_mask
 from cablecast.tracking.samples import judge_status, sample_path
 from cablecast.workspace import Workspace

@@ -7,13 +7,13 @@ marker sees the same as one that is given the whole video, and in a small part o
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import Drawing, FilmedTrial
 from cablecast.rigs.virtual.camera_table import draw_background
 from cablecast.tracking.calibration import Board, Calibration
 from cablecast.tracking.marker import MarkerConfig
 from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import TagLayout, default_layout
 from cablecast.tracking.tracker import EndpointTracker, Grab, TrackerConfig, Window
 from cablecast.workspace import Workspace
 

@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
+from cablecast.camera.lens import CameraView, Lens
 from cablecast.checks import check_count, check_number, check_ranges
 from cablecast.errors import InputError
-from cablecast.tracking.lens import CameraView, Lens
 from cablecast.workspace import Workspace
 
 HEIGHT_MIN = 1.0

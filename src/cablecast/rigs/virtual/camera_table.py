@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.lens import CameraView
+from cablecast.camera.tags import Tag, TagLayout
 from cablecast.rigs.virtual.camera_config import CameraConfig, clutter_place
-from cablecast.tracking.lens import CameraView
 from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import Tag, TagLayout, tag_picture
+from cablecast.tracking.tags import tag_picture
 from cablecast.workspace import Workspace
 
 Image = NDArray[np.uint8]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from cablecast.camera.lens import CameraView, Lens
 from cablecast.errors import InputError
-from cablecast.tracking.lens import CameraView, Lens
 
 LENS = Lens(
     width=1920,

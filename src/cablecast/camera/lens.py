@@ -5,10 +5,12 @@ Normalised coordinates are those of an ideal pinhole of focal length 1.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.checks import check_count, check_keys, check_number
 from cablecast.errors import InputError
 
 _NEWTON_COUNT = 12
@@ -64,6 +66,31 @@ class Lens:
             focal=(focal, focal),
             centre=((width - 1) / 2, (height - 1) / 2),
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, which `from_dict` reads."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in dataclasses.asdict(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, values: Any) -> "Lens":
+        """Make a lens from plain values.
+
+        Raises:
+            InputError: A key is unknown or missing, or a value out of bounds.
+        """
+        names = [field.name for field in dataclasses.fields(cls)]
+        required = set(names) - {"distortion"}
+        values = check_keys(values, set(names), "lens", required=required)
+        for name in (name for name in names if name in values):
+            if name in ("width", "height"):
+                check_count(f"lens {name}", values[name], 16, 16384)
+                continue
+            rows = values[name] if isinstance(values[name], (list, tuple)) else [values[name]]
+            values[name] = tuple(check_number(f"lens {name}", x, -1e6, 1e6) for x in rows)
+        return cls(**values)
 
     @property
     def matrix(self) -> NDArray[np.float64]:

@@ -1,0 +1,147 @@
+"""Settings of a real camera: the section `camera` of a lab file."""
+
+import dataclasses
+import os
+import pathlib
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from cablecast.camera.lens import Lens
+from cablecast.camera.tags import TagLayout
+from cablecast.checks import check_count, check_keys, check_number, check_ranges
+from cablecast.errors import InputError
+
+CLOCKS = ("device", "arrival")
+"""Sources of frame times: the stamps of camera or stream, or the time at which frames arrive."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraSettings:
+    """Settings of the camera above the table.
+
+    Attributes:
+        source: Number of a device (0 is /dev/video0), path of a device or of a video file, or
+            address of a network stream. There is no default.
+        width: Width of the images that are asked for [px].
+        height: Height of the images that are asked for [px].
+        rate: Frames per second that are asked for [1/s].
+        fourcc: Pixel format that is asked for, four letters; MJPG is what most USB cameras need for
+            1080p at 60 frames/s.
+        exposure: Time during which a frame is exposed [s]. It is set on a device, and stated for a
+            stream, whose camera must be told by its own means.
+        focus: Focus of the lens in the units of its driver; unchanged where None. Autofocus is
+            switched off in either case.
+        clock: Source of frame times, one of `CLOCKS`.
+        clock_offset: Time of the robot's clock when the camera's shows zero [s], from
+            `cablecast camera sync`.
+        clock_offset_sd: Standard deviation of that offset [s]; None before it was measured.
+        row_time: Time by which each row is exposed later than the one above it [s]; 0 for a global
+            shutter. A rolling shutter of 1080 rows that is read in 1/60 s has 1.5e-5 s.
+        view_deg: Angle of view over the image's diagonal [deg], where no lens is given.
+        lens: Lens, from `cablecast calibrate lens`; found from the tags where None.
+        tags: Tags on the table; `default_layout` where None.
+        marker: Length and width of the green marker along and across the cable [m].
+    """
+
+    source: str
+    width: int = 1920
+    height: int = 1080
+    rate: float = 60.0
+    fourcc: str = "MJPG"
+    exposure: float = 0.001
+    focus: float | None = None
+    clock: str = "device"
+    clock_offset: float = 0.0
+    clock_offset_sd: float | None = None
+    row_time: float = 0.0
+    view_deg: float = 78.0
+    lens: Lens | None = None
+    tags: TagLayout | None = None
+    marker: tuple[float, float] = (0.038, 0.016)
+
+    def __post_init__(self):
+        if not isinstance(self.source, str) or not self.source.strip():
+            raise InputError(
+                f"camera source = {self.source!r} must be the number of a device, a path, or the "
+                "address of a stream"
+            )
+        for name in ("width", "height"):
+            check_count(f"camera {name}", getattr(self, name), 64, 16384)
+        if not (isinstance(self.fourcc, str) and re.fullmatch(r"[ -~]{4}", self.fourcc)):
+            raise InputError(f"camera fourcc = {self.fourcc!r} must be four letters, such as MJPG")
+        if self.clock not in CLOCKS:
+            raise InputError(f"camera clock = {self.clock!r} must be one of {', '.join(CLOCKS)}")
+        check_ranges(
+            self,
+            {
+                "rate": (1.0, 1000.0, "1/s"),
+                "exposure": (1e-5, 0.1, "s"),
+                "clock_offset": (-1e12, 1e12, "s"),
+                "row_time": (0.0, 1e-3, "s"),
+                "view_deg": (5.0, 175.0, "deg"),
+            },
+            "camera",
+        )
+        if self.focus is not None:
+            check_number("camera focus", self.focus, 0.0, 1e6)
+        if self.clock_offset_sd is not None:
+            check_number("camera clock_offset_sd", self.clock_offset_sd, 0.0, 10.0, "s")
+        if self.exposure * self.rate > 1.0:
+            raise InputError(
+                f"camera exposure = {self.exposure:g} s is longer than a frame at "
+                f"{self.rate:g} frames/s"
+            )
+        lens = self.lens
+        if lens is not None and (lens.width, lens.height) != (self.width, self.height):
+            raise InputError(
+                f"camera lens was calibrated for {lens.width} x {lens.height} px, but the camera "
+                f"is asked for {self.width} x {self.height}"
+            )
+        if len(self.marker) != 2:
+            raise InputError(f"camera marker = {self.marker} must be a length and a width")
+        for value in self.marker:
+            check_number("camera marker", value, 0.002, 0.5, "m")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, which `from_dict` reads."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        values["marker"] = list(self.marker)
+        if self.lens is not None:
+            values["lens"] = self.lens.to_dict()
+        if self.tags is not None:
+            values["tags"] = self.tags.to_rows()
+        return {name: value for name, value in values.items() if value is not None}
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], folder: str | os.PathLike[str] | None = None
+    ) -> "CameraSettings":
+        """Make settings from plain values; missing keys but `source` take their defaults.
+
+        Args:
+            values: Settings by name; `tags` may be a list, or the path of a layout's file.
+            folder: Folder to which the paths of a layout and of a video are relative.
+
+        Raises:
+            InputError: A key is unknown or missing, or a value out of bounds.
+        """
+        known = {field.name for field in dataclasses.fields(cls)}
+        values = check_keys(values, known, "camera", required={"source"})
+        base = pathlib.Path(folder or ".")
+        source = values["source"]
+        if isinstance(source, int) and not isinstance(source, bool):
+            values["source"] = str(source)
+        elif isinstance(source, str) and "://" not in source and (base / source).is_file():
+            values["source"] = str(base / source)
+        if isinstance(values.get("tags"), str):
+            values["tags"] = TagLayout.load(base / values["tags"])
+        elif "tags" in values:
+            values["tags"] = TagLayout.from_rows(values["tags"])
+        if "lens" in values:
+            values["lens"] = Lens.from_dict(values["lens"])
+        if "marker" in values:
+            if not isinstance(values["marker"], (list, tuple)):
+                raise InputError(f"camera marker = {values['marker']!r} must be two numbers")
+            values["marker"] = tuple(values["marker"])
+        return cls(**values)
