@@ -33,7 +33,7 @@ def blocks(text: str) -> list[tuple[str, str]]:
 
 
 def commands(page: pathlib.Path) -> list[list[str]]:
-    """The commands in the fenced blocks of a page, split as a shell splits them."""
+    """Return the commands in the fenced blocks of a page, split as a shell splits them."""
     found = []
     for language, content in blocks(page.read_text()):
         if language in ("", "sh", "bash"):
@@ -43,7 +43,7 @@ def commands(page: pathlib.Path) -> list[list[str]]:
 
 
 def inline_commands(page: pathlib.Path) -> list[list[str]]:
-    """What stands between backticks in the text, where it looks like a command or an option."""
+    """Return what stands between backticks and looks like a command or an option."""
     text = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
     spans = (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", text))
     return [

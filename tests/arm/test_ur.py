@@ -31,7 +31,7 @@ def poses(radius, theta, yaw, height=0.02):
 
 
 def turned_to(angles, reference):
-    """The same angles, each within half a turn of a reference."""
+    """Return the same angles, each within half a turn of a reference."""
     return reference + (angles - reference + np.pi) % (2 * np.pi) - np.pi
 
 

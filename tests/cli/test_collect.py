@@ -64,7 +64,7 @@ def lab(in_new_folder):
 
 
 def made(lab):
-    """Indices of the trials that were carried out to their end."""
+    """Return the indices of the trials that were carried out to their end."""
     return [int(line) for line in (lab / "made.txt").read_text().split()]
 
 

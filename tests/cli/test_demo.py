@@ -14,7 +14,7 @@ SMALL = [
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """A small demo: where it ran, and what it printed."""
+    """Return a small demo: where it ran, and what it printed."""
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cablecast.pipeline.demo.COARSE_GENERATIONS", 1)

@@ -24,7 +24,7 @@ def plan(model_folder, capsys, *target, status=0):
 
 
 def measured_lab(folder, **arm):
-    """A lab file whose arm a person has measured."""
+    """Return a lab file whose arm a person has measured."""
     setup = Setup(arm=ArmUR(measured=True, **arm))
     save_setup(setup, folder / "lab.yaml")
     return folder / "lab.yaml"

@@ -9,7 +9,7 @@ from cablecast.runs.progress import Progress, duration_text
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that stands still unless a test sets it [s]."""
+    """Return a clock that stands still unless a test sets it [s]."""
     now = [100.0]
     monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
     return now

@@ -10,7 +10,7 @@ SMALL = ["--grid", "4", "--grid-psi", "4"]
 
 
 def write_repeatability(folder, scatters_pct, cable="cable_1"):
-    """A folder as `cablecast repeat` leaves it, with casts that all stayed on the table."""
+    """Return a folder as `cablecast repeat` leaves it, with casts that all stayed on the table."""
     combinations = [
         {
             "r0": 0.6,
@@ -27,7 +27,7 @@ def write_repeatability(folder, scatters_pct, cable="cable_1"):
 
 @pytest.fixture(scope="module")
 def selected(tmp_path_factory):
-    """A selection without repeatability: its folder and its metrics."""
+    """Return a selection without repeatability: its folder and its metrics."""
     out = tmp_path_factory.mktemp("selected") / "select"
     assert main(["select", *SMALL, "--out", str(out)]) == 0
     return out, json.loads((out / "metrics.json").read_text())

@@ -19,7 +19,7 @@ START = 12 / 60
 
 @pytest.fixture(scope="module")
 def film():
-    """A short made-up motion, filmed."""
+    """Return a short made-up motion, filmed."""
     from cablecast.rigs.virtual.camera import VirtualCamera
     from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 
@@ -35,7 +35,7 @@ def film():
 
 @pytest.fixture(scope="module")
 def folder(film, tmp_path_factory) -> pathlib.Path:
-    """A video of it with the layout of the tags, and what tracking it with these wrote."""
+    """Return a video of it with the layout of the tags, and what tracking it with these wrote."""
     from cablecast.tracking.video import write_video
 
     folder = tmp_path_factory.mktemp("film")

@@ -9,7 +9,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parent))
 
 @pytest.fixture(scope="session")
 def unbroken(tmp_path_factory):
-    """A dataset simulated in one go; tests must not change it."""
+    """Simulate a dataset in one go; tests must not change it."""
     from stick_engine import simulate
 
     path = tmp_path_factory.mktemp("unbroken") / "d_sim"

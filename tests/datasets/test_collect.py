@@ -28,7 +28,7 @@ KILOBYTE = 1024
 
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory):
-    """A dataset collected in one go; tests must not change it."""
+    """Collect a dataset in one go; tests must not change it."""
     path = tmp_path_factory.mktemp("collected") / "d"
     collect(path)
     return path

@@ -21,7 +21,7 @@ RESUMED_DAMAGES = 6
 
 @pytest.fixture(scope="module", params=["simulated", "collected"])
 def whole(request, tmp_path_factory):
-    """A small dataset, a function that resumes it, and what it holds."""
+    """Return a small dataset, a function that resumes it, and what it holds."""
     path = tmp_path_factory.mktemp(request.param) / "d"
     if request.param == "simulated":
         resume = functools.partial(stick_engine.simulate, count=40, shard_rows=20)

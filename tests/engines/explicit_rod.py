@@ -51,7 +51,7 @@ class Rod:
 
 @wp.func
 def carried(director: wp.vec3d, old: wp.vec3d, new: wp.vec3d):
-    """A director of the tangent `old`, carried to the tangent `new` without turning about it."""
+    """Return a director of the tangent `old`, carried to `new` without turning about it."""
     axis = wp.cross(old, new)
     moved = wp.cross(axis, director)
     return director + moved + wp.cross(axis, moved) / (wp.float64(1.0) + wp.dot(old, new))
@@ -59,21 +59,21 @@ def carried(director: wp.vec3d, old: wp.vec3d, new: wp.vec3d):
 
 @wp.func
 def turned(director: wp.vec3d, along: wp.vec3d, angle: wp.float64):
-    """A director after a small turn about its tangent, of unit length and at right angles to it."""
+    """Return a director after a small turn about its tangent, normalised and at right angles."""
     out = director + wp.cross(along, director) * angle
     return wp.normalize(out - along * wp.dot(out, along))
 
 
 @wp.func
 def unwrapped(angle: wp.float64, before: wp.float64):
-    """The angle that differs from the one before by less than half a turn."""
+    """Return the angle that differs from the one before by less than half a turn."""
     turn = wp.float64(2.0) * wp.float64(wp.pi)
     return angle + turn * wp.round((before - angle) / turn)
 
 
 @wp.func
 def bending_moment(rod: Rod, cell: wp.float64, sine: wp.float64, cosine: wp.float64):
-    """Derivative of the bending energy by the angle at a node [N·m].
+    """Return the derivative of the bending energy by the angle at a node [N·m].
 
     The energy is EI phi^2 / (2 l), or that of discrete elastic rods, EI (2 tan(phi / 2))^2 / (2 l).
     """
@@ -312,5 +312,5 @@ def simulate(
 
 
 def with_friction(params, friction):
-    """The same parameters with another Coulomb coefficient."""
+    """Return the same parameters with another Coulomb coefficient."""
     return dataclasses.replace(params, lateral_friction=friction, worksurface_friction=1.0)

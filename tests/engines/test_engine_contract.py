@@ -47,7 +47,7 @@ def name(request) -> str:
 
 
 def sweep(angle: float, duration: float = 0.5) -> GripPath:
-    """A sideways swing of the grip about the robot's axis, from rest to rest."""
+    """Return a sideways swing of the grip about the robot's axis, from rest to rest."""
     times = np.linspace(0.0, duration, 30)
     u = times / duration
     theta = angle * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

@@ -40,7 +40,7 @@ def cable(**params) -> Cable:
 
 
 def straight(segment_count, height, speed=(0.0, 0.0, 0.0)) -> CableState:
-    """A cable along y."""
+    """Return a cable along y."""
     positions = np.zeros((1, segment_count + 1, 3))
     positions[0, :, 1] = np.linspace(0.0, LENGTH, segment_count + 1)
     positions[0, :, 2] = height
@@ -49,7 +49,7 @@ def straight(segment_count, height, speed=(0.0, 0.0, 0.0)) -> CableState:
 
 
 def sideways(distance_at, duration) -> GripPath:
-    """A grip that lies on the table and moves along x by a law."""
+    """Return a grip that lies on the table and moves along x by a law."""
     times = np.linspace(0.0, duration, 200)
     poses = np.zeros((200, 5))
     poses[:, 0] = distance_at(times)

@@ -52,7 +52,7 @@ def chain(steps, start):
 
 
 def drive(start, velocity, duration, yaw=0.0, pitch=0.0):
-    """A grip that moves at a constant velocity."""
+    """Return a grip that moves at a constant velocity."""
     times = np.linspace(0.0, duration, 5)
     poses = np.zeros((5, 5))
     poses[:, :3] = np.asarray(start) + times[:, None] * np.asarray(velocity)

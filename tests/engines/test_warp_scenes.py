@@ -16,7 +16,7 @@ GRIP_HEIGHT = 0.02
 
 
 def glide(start, end, duration):
-    """A grip that moves from one pose to another, at rest at both ends."""
+    """Return a grip that moves from one pose to another, at rest at both ends."""
     times = np.linspace(0.0, duration, 60)
     share = times / duration
     share = share**3 * (10 - 15 * share + 6 * share**2)
@@ -30,7 +30,7 @@ def run(path, state, duration, **options):
 
 
 def lifted():
-    """The cable after a lift straight up from the reset state, with three seconds to hang."""
+    """Return the cable after a lift straight up from the reset state and three seconds to hang."""
     low, high = [0, 0.6, GRIP_HEIGHT, 0, 0], [0, 0.6, 0.9, 0, -np.pi / 2]
     path = glide(low, high, 2.0)
     state = reset_state(CABLE, CABLE.params, path, EngineWarp().segment_count)

@@ -100,7 +100,7 @@ MODEL = cast(LandingModel, OneAnswer(NETWORK[0]))
 
 
 def planted(trajectories, **errors):
-    """The split of an evaluation in which each step of the way is off by what is given [m].
+    """Return the split of an evaluation in which each step of the way is off by what is given [m].
 
     Each is of shape [target, 2], the repeatability of shape [target, repeat, 2].
     """

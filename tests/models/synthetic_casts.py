@@ -22,7 +22,7 @@ def random_actions(count, seed):
 
 
 def smooth_map(actions):
-    """A stick along psi at the end of the arm, which lags the more, the wider theta1 swings."""
+    """Return where a stick at the end of the arm lands; it lags more in wider swings of theta1."""
     theta1, theta2, r2, psi = actions.T
     heading = psi + 0.3 * np.sin(2 * theta1) * r2
     x = r2 * np.sin(theta2) + CABLE.length * np.sin(heading)
@@ -31,7 +31,7 @@ def smooth_map(actions):
 
 
 def dataset_of(actions, landing, kind="sim", fingerprint="f00d"):
-    """A dataset of casts that reached no farther than where they landed."""
+    """Return a dataset of casts that reached no farther than where they landed."""
     reach = np.maximum(landing, [0.0, 1.22])
     extent = np.stack([0 * reach[:, 0], reach[:, 0], landing[:, 1], reach[:, 1]], axis=-1)
     return Dataset(
@@ -50,7 +50,7 @@ def smooth_dataset(count=2000, seed=0):
 
 
 def network(widths, seed=0, info=None):
-    """A forward model with random weights, normalised for `random_actions`."""
+    """Return a forward model with random weights, normalised for `random_actions`."""
     generator = np.random.default_rng(seed)
     weights = tuple(
         (

@@ -38,7 +38,7 @@ MEMORISED, UNSEEN = 0.3, 0.8
 
 
 def rig_map(actions):
-    """The rig throws farther and to the side, the more so the longer its sweep."""
+    """Return landings of a rig that throws farther and to the side, more so in longer sweeps."""
     return smooth_map(actions) + 0.12 * np.stack(
         [np.sin(actions[:, 0]), np.cos(2 * actions[:, 1]) * actions[:, 2]], axis=1
     )

@@ -39,7 +39,7 @@ NINE_TENTHS = np.sqrt(-2 * np.log(0.1))
 
 @pytest.fixture(scope="module")
 def drawn():
-    """A network, and actions with landings drawn from the process that the correction models."""
+    """Return a network, and actions with landings drawn from the process of the correction."""
     model = network([4, 16, 2])
     actions = random_actions(LEARNED + FRESH, seed=3)
     changes = deviations(actions)

@@ -114,7 +114,7 @@ def test_actions_of_the_wrong_shape_are_refused():
 
 
 def corrected_model():
-    """A random model with a correction from ten casts."""
+    """Return a random model with a correction from ten casts."""
     model, changes = random_model(), np.diag(DEVIATION)
     places, _ = model.correction_inputs(some_actions(10), changes)
     correction = LandingCorrection(

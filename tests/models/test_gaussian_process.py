@@ -35,7 +35,7 @@ def model():
 
 
 def dense_prediction(model, actions):
-    """The sum over casts, pair by pair and in double precision."""
+    """Return the sum over casts, pair by pair and in double precision."""
     points = (action_features(actions) - model.feature_mean) / model.feature_scale
     u = np.sqrt(3) * np.linalg.norm(points[:, None] / model.length_scales - model.inputs, axis=2)
     outputs = ((1 + u) * np.exp(-u)) @ model.coefficients

@@ -25,7 +25,7 @@ LIKELIHOOD = 1e-9
 
 
 def general_matern(distance, nu=1.5):
-    """The Matern kernel of any smoothness, by its Bessel function."""
+    """Return the Matern kernel of any smoothness, by its Bessel function."""
     u = np.sqrt(2 * nu) * np.where(distance == 0, 1.0, distance)
     value = 2 ** (1 - nu) / scipy.special.gamma(nu) * u**nu * scipy.special.kv(nu, u)
     return np.where(distance == 0, 1.0, value)

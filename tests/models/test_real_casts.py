@@ -25,7 +25,7 @@ def real():
 
 
 def without(real, rows):
-    """The dataset in which some casts left the table and some were not seen."""
+    """Return the dataset in which some casts left the table and some were not seen."""
     status, endpoints = real.status.astype("<U12"), real.endpoint_xy.copy()
     half = len(rows) // 2
     status[rows[:half]] = "off_table"

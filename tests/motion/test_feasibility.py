@@ -62,7 +62,7 @@ def hold(radius, duration=1.0):
 
 
 def tight(kind, joint, share):
-    """An arm whose limit of one joint is a share of what the easy action needs."""
+    """Return an arm whose limit of one joint is a share of what the easy action needs."""
     peak = check_actions(EASY, SETUP, both_sides=False).peaks[0]
     index = ("position", "velocity", "acceleration").index(kind)
     values = list(getattr(JointLimits(), kind))

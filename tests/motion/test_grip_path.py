@@ -9,7 +9,7 @@ EXACT = 1e-12
 
 
 def smooth(times):
-    """A pose for each time and its first two derivatives, each [step, 5]."""
+    """Return a pose for each time and its first two derivatives, each [step, 5]."""
     w = np.array([1.0, 1.5, 0.5, 2.0, 0.7])
     phase = times[..., None] * w
     return np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)

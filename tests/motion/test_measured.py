@@ -31,7 +31,7 @@ def trajectory(request):
 
 
 def measured(trajectory, *, rate=125.0, noise=0.0, hold=1.0, lag=0.0, seed=0):
-    """The joints of a motion as an arm with a lag reports them, and the true grip poses."""
+    """Return the joints of a motion as an arm with a lag reports them, and the true grip poses."""
     fine = np.arange(0.0, trajectory.duration + hold, 1e-3)
     arm = SETUP.arm
     q = arm.inverse(trajectory.grip_path.evaluate(fine)[0])

@@ -32,7 +32,7 @@ def commanded():
 
 
 def response(q, dt, joint):
-    """The servo's differential equation solved step by step, for one joint."""
+    """Return the solution of the servo's differential equation, step by step, for one joint."""
     from scipy.integrate import solve_ivp
 
     times = np.arange(len(q)) * dt

@@ -19,7 +19,7 @@ TARGETS = cc.load_targets()[::8]
 
 
 def make_rig(setup=SETUP, **changes):
-    """A rig that plays the engine with a cable that differs from what is believed."""
+    """Return a rig that plays the engine with a cable that differs from what is believed."""
     params = cc.CableParams(**(setup.cable.params.to_dict() | changes))
     engine = cc.EngineWarp(segment_count=10, dt=0.002)
     return cc.make_rig(RigEngine(engine, setup, params), setup)

@@ -18,7 +18,7 @@ ACTION = [-0.6, 0.5, 0.55, 0.8]
 
 
 def forward_search():
-    """A policy whose model lands at x = 0.9 theta2 - 0.2, y = 0.6 + r2."""
+    """Return a policy whose model lands at x = 0.9 theta2 - 0.2, y = 0.6 + r2."""
     weights = np.zeros((4, 2), dtype=np.float32)
     weights[1, 0], weights[2, 1] = 0.9, 1.0
     model = ForwardModel(

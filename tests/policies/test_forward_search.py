@@ -21,7 +21,7 @@ SINGLE = 1e-6
 
 
 def linear_model(slope=0.5):
-    """A model with a closed form: x follows theta2, y follows r2 and, by a slope, the wrist turn.
+    """Return a model in closed form: x follows theta2, y follows r2 and, by a slope, psi.
 
     The landing is (0.9 theta2 - 0.2, 0.6 + r2 + slope * wrist / 10). The swing of the cable keeps
     1 m - wrist * 1 m/rad within the table, so that it leaves it beyond a wrist turn of 57 degrees.

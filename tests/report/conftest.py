@@ -13,7 +13,7 @@ NODE_COUNT = 7
 
 
 def straight_cable(grip_xy, length):
-    """A cable that always points away from the base: crude, but every node is where it can be."""
+    """Return the nodes of a cable that points away from the base: crude, but possible."""
     direction = grip_xy / np.linalg.norm(grip_xy, axis=-1, keepdims=True)
     s = np.linspace(0.0, length, NODE_COUNT)
     xy = grip_xy[:, None] + s[:, None] * direction[:, None]
@@ -22,7 +22,7 @@ def straight_cable(grip_xy, length):
 
 @pytest.fixture(scope="session")
 def make_evaluation():
-    """Builds an evaluation of the 32 targets in which some casts left the table."""
+    """Return a function that builds an evaluation in which some of 32 casts left the table."""
     setup = Setup()
     action = Action(theta1=-0.6, theta2=0.5, r2=0.55, psi=0.8)
     trajectory = plan_trajectory(action, setup)

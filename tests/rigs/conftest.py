@@ -39,28 +39,28 @@ def workspace(setup) -> Workspace:
 
 @pytest.fixture(scope="session")
 def cast(setup) -> Trajectory:
-    """A cast that lands well on the table."""
+    """Return a cast that lands well on the table."""
     action = Action(np.radians(-40), np.radians(35), 0.65, np.radians(60))
     return plan_trajectory(action, setup)
 
 
 @pytest.fixture(scope="session")
 def wide_cast(setup) -> Trajectory:
-    """A cast that whips the tip around."""
+    """Return a cast that whips the tip around."""
     action = Action(np.radians(-60), np.radians(50), 0.7, np.radians(80))
     return plan_trajectory(action, setup)
 
 
 @pytest.fixture(scope="session")
 def small_cast(setup) -> Trajectory:
-    """A short and narrow cast."""
+    """Return a short and narrow cast."""
     action = Action(np.radians(-15), np.radians(10), 0.6)
     return plan_trajectory(action, setup)
 
 
 @pytest.fixture(scope="session")
 def wild() -> Trajectory:
-    """A sweep that no arm could make, at full stretch to the side: the tip ends off the table."""
+    """Return a sweep that no arm could make: at full stretch to the side, off the table."""
     times = np.linspace(0.0, 0.9, 60)
     u = times / times[-1]
     theta = 1.5 * u**3 * (10 - 15 * u + 6 * u**2)
@@ -106,7 +106,7 @@ def rig_kind(request, setup) -> RigKind:
 
 @pytest.fixture(scope="session")
 def virtual_camera():
-    """The camera over the virtual table."""
+    """Return the camera over the virtual table."""
     pytest.importorskip("cv2")
     from cablecast.rigs.virtual.camera import VirtualCamera
 
@@ -115,7 +115,7 @@ def virtual_camera():
 
 @pytest.fixture(scope="session")
 def calibration(virtual_camera):
-    """What pictures of a board and of the tags tell of that camera."""
+    """Calibrate that camera from pictures of a board and of the tags."""
     from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera
 
     return calibrate_virtual_camera(virtual_camera)

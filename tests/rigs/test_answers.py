@@ -27,7 +27,7 @@ LAG = 0.06
 
 @pytest.fixture(scope="module")
 def good(cast):
-    """What a sound rig answers to a cast: the endpoint glides to its place, the joints follow."""
+    """Return the answer of a sound rig: the endpoint glides to its place, the joints follow."""
     times = 0.1 * np.arange(40)
     share = np.clip(times / cast.duration, 0.0, 1.0)[:, None]
     xy = np.array([0.0, 1.2]) + share * np.array([0.4, -0.5])
@@ -37,24 +37,24 @@ def good(cast):
 
 
 def changed(track, **arrays):
-    """The same answer with other times, places or status."""
+    """Return the same answer with other times, places or status."""
     return dataclasses.replace(track, **arrays)
 
 
 def with_joints(track, **arrays):
-    """The same answer with another report of its joints."""
+    """Return the same answer with another report of its joints."""
     return dataclasses.replace(track, joint_path=dataclasses.replace(track.joint_path, **arrays))
 
 
 def put(values, index, value):
-    """A copy of an array with another value at one place."""
+    """Return a copy of an array with another value at one place."""
     values = values.copy()
     values[index] = value
     return values
 
 
 def many(count):
-    """A track of many samples in the time of one."""
+    """Return a track of many samples in the time of one."""
     times = np.linspace(0.0, 3.0, count)
     return EndpointTrack(
         times=times, endpoint_xy=np.tile([0.0, 1.2], (count, 1)), status=TrialStatus.OK
@@ -207,7 +207,7 @@ def test_a_larger_table_takes_landings_that_a_smaller_one_does_not(good, cast):
 
 
 def nested(depth):
-    """A dictionary in a dictionary in a dictionary."""
+    """Return a dictionary in a dictionary in a dictionary."""
     value = {}
     for _ in range(depth):
         value = {"deeper": value}

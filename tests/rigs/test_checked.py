@@ -58,7 +58,7 @@ class ManyRig(OddRig):
 
 
 def fail(error):
-    """What raises an error when it is called."""
+    """Return a function that raises an error."""
 
     def call():
         raise error

@@ -54,7 +54,7 @@ def test_samples_come_every_100_ms_from_the_start_to_after_the_motion(track, cas
 
 @pytest.fixture
 def seen_whole(track):
-    """The same track, for rigs that see all of the cable."""
+    """Return the same track, for rigs that see all of the cable."""
     if track.nodes is None:
         pytest.skip("this rig sees only the endpoint")
     return track

@@ -12,7 +12,7 @@ def workspace() -> Workspace:
 
 @pytest.fixture(scope="session")
 def virtual_camera():
-    """The camera over the virtual table."""
+    """Return the camera over the virtual table."""
     pytest.importorskip("cv2")
     from cablecast.rigs.virtual.camera import VirtualCamera
 
@@ -21,7 +21,7 @@ def virtual_camera():
 
 @pytest.fixture(scope="session")
 def calibration(virtual_camera):
-    """What pictures of a board and of the tags tell of that camera."""
+    """Calibrate that camera from pictures of a board and of the tags."""
     from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera
 
     return calibrate_virtual_camera(virtual_camera)

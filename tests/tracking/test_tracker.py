@@ -32,7 +32,7 @@ ARM = ArmUR()
 
 
 def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6)):
-    """The endpoint goes from one place to another and rests; the cable follows in a bow."""
+    """Return a cable whose end goes from one place to another and rests; it follows in a bow."""
     times = np.arange(round((duration + rest) / DT) + 1) * DT
     u = np.clip(times / duration, 0, 1)
     s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
@@ -50,7 +50,7 @@ def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0
 
 
 def still_arm(theta, reach):
-    """An arm that holds its gripper over one place."""
+    """Return an arm that holds its gripper over one place."""
     pose = [reach * np.sin(theta), reach * np.cos(theta), 0.02, theta, 0.0]
     q = ARM.inverse(np.array([pose, pose]))
     return JointPath(times=np.array([0.0, 10.0]), q=q, qd=np.zeros_like(q))

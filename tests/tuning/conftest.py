@@ -31,7 +31,7 @@ def cable():
 
 @pytest.fixture(scope="session")
 def truth(cable):
-    """True parameters of the cable of the recorded trials."""
+    """Return the true parameters of the cable of the recorded trials."""
     return dataclasses.replace(
         cable.params, bend_stiffness=1e-3, lateral_friction=0.5, worksurface_friction=0.5
     )
@@ -56,5 +56,5 @@ def tracks(dataset) -> MeasuredTracks:
 
 @pytest.fixture(scope="session")
 def good(tracks) -> MeasuredTracks:
-    """The tracks that stayed on the table."""
+    """Return the tracks that stayed on the table."""
     return tracks[np.flatnonzero(tracks.status == "ok")]

@@ -26,7 +26,7 @@ def parts(tmp_path):
 
 @pytest.fixture
 def file(parts):
-    """The first generation."""
+    """Return the first generation."""
     return parts.file("0000")
 
 

@@ -33,7 +33,7 @@ def result(cable, good, engine):
 
 @pytest.fixture
 def file(tmp_path):
-    """A file as tuning writes it."""
+    """Return a file as tuning writes it."""
     values = {"cable": CABLE.name, "params": PARAMS, "servo": SERVO.to_dict()}
     write_params(tmp_path / "params.json", values)
     return tmp_path / "params.json"

@@ -12,7 +12,7 @@ SAME_METHOD_FACTOR = 10.0
 
 
 def bowl(points):
-    """A tilted quadratic bowl whose axes differ a hundredfold, with its bottom at 0.3."""
+    """Return a tilted quadratic bowl whose axes differ a hundredfold, with its bottom at 0.3."""
     axes = np.linalg.qr(np.random.default_rng(0).normal(size=(DIMENSION, DIMENSION)))[0]
     return np.sum((((points - 0.3) @ axes) * np.geomspace(1.0, 10.0, DIMENSION)) ** 2, axis=-1)
 

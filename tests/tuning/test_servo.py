@@ -45,7 +45,7 @@ ORTHOGONAL = 1e-4
 
 
 def report(dataset, servo, rate=125.0, offset=0.0, noise=NOISE, rows=None):
-    """The dataset, had its arm followed a known servo and reported its joints at some rate."""
+    """Return the dataset as if its arm had followed a known servo and reported at some rate."""
     from scipy.interpolate import CubicSpline
 
     rng = np.random.default_rng(0)

@@ -13,7 +13,7 @@ ENGINE_NAMES = ("warp", "mujoco", "pybullet")
 def make_engine(
     name: str, segment_count: int | None = None, dt: float | None = None, device: str = "cpu"
 ) -> "Engine":
-    """An engine by its name; only that engine's library is imported.
+    """Return an engine by its name; only that engine's library is imported.
 
     Args:
         name: "warp" (the fast one), "mujoco" (the cross-check) or "pybullet" (the paper's).

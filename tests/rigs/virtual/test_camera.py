@@ -22,7 +22,7 @@ SEEN_AGREEMENT = 0.15
 
 
 def quiet(model, **changes):
-    """A model without its random errors."""
+    """Return a model without its random errors."""
     zero = ("place_sd", "noise_sd", "noise_per_speed", "edge_sd", "hidden_spread", "miss_rate")
     return dataclasses.replace(
         model, **{name: 0.0 for name in zero} | {"blind": (), "delay": 0.0} | changes

@@ -32,7 +32,7 @@ def truth(cable):
 
 
 def lying(cable, speed=(0.0, 0.0), roll_rate=0.0):
-    """A straight cable along y on the table, moving as a whole."""
+    """Return a straight cable along y on the table, moving as a whole."""
     vertices = np.zeros((1, COUNT, 3))
     vertices[0, :, 1] = 0.6 + np.linspace(0.0, cable.length, COUNT)
     vertices[..., 2] = cable.radius

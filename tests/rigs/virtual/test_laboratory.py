@@ -291,7 +291,7 @@ def test_a_trial_begins_with_the_cable_on_the_table_and_nearly_straight_ahead(na
 
 
 def rest_on_table(scene, cable):
-    """A straight cable that lies on the table, its grip above."""
+    """Return a straight cable that lies on the table, its grip above."""
     import mujoco
 
     data = mujoco.MjData(scene.model)

@@ -13,7 +13,7 @@ SETUP = Setup(cable="cable_2")
 
 
 def drawn_resets(setup, count, seed, config):
-    """A stand-in for the simulation: shapes drawn from the seed."""
+    """Return a stand-in for the simulation: shapes drawn from the seed."""
     shapes = np.random.default_rng(seed).normal(size=(count, 4, 3))
     return ResetLibrary(
         cable=setup.cable.name,
