@@ -9,7 +9,7 @@ import pathlib
 import random
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from tools.attack_inputs import (
@@ -117,11 +117,12 @@ class Case:
     quiet: bool = False
 
 
-def prepare(base: pathlib.Path) -> None:
-    """Make small results of every verb in a folder.
+def prepare(base: pathlib.Path, names: Sequence[str] = PREPARED) -> None:
+    """Make small results of verbs in a folder.
 
     Args:
         base: New folder.
+        names: Commands of `SMALL`, in order.
     """
     from cablecast.cli import main
 
@@ -133,7 +134,7 @@ def prepare(base: pathlib.Path) -> None:
     before = pathlib.Path.cwd()
     os.chdir(base)
     try:
-        for name in PREPARED:
+        for name in names:
             if main([name.split()[0], *SMALL[name]]):
                 raise SystemExit(f"the small results cannot be made: {name} failed")
     finally:
@@ -293,7 +294,7 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
         base: Folder of the small results.
         rng: Source of chance.
     """
-    good = _digests(base)
+    good = digests(base)
     for number in itertools.count():
         verb, pattern, without = READS[number % len(READS)]
         files = sorted(file for file in base.glob(pattern) if file.is_file())
@@ -323,7 +324,7 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
                 (folder / place).write_bytes(bad)
 
         def same(folder: pathlib.Path, out: str, place: str = place) -> str:
-            return _difference(good, _digests(folder), place)
+            return _difference(good, digests(folder), place)
 
         words = (verb.split()[0], *SMALL[verb])
         name = f"{number} {verb}: {place} {label}" + " unfinished" * bool(without)
@@ -334,30 +335,45 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
 _LOOSE = (".png", ".html", ".md", "stats.json", "model.json", "learning_curve.png")
 
 
-def _digests(folder: pathlib.Path) -> dict[str, str]:
-    """Return what each file below a folder holds, without times."""
+def digests(folder: pathlib.Path, pattern: str = "runs/**/*") -> dict[str, str]:
+    """Return a digest of each file that decides something, without the times in it.
+
+    Args:
+        folder: Folder of results.
+        pattern: Files in it.
+    """
     return {
         str(file.relative_to(folder)): _digest(file)
-        for file in sorted(folder.glob("runs/**/*"))
+        for file in sorted(folder.glob(pattern))
         if file.is_file() and not file.name.endswith(_LOOSE)
     }
 
 
 def _digest(file: pathlib.Path) -> str:
     content = file.read_bytes()
-    if file.suffix in (".json", ".safetensors"):
+    if file.suffix == ".safetensors":
+        # Behind the header, which says how long the training took.
+        content = content[8 + int.from_bytes(content[:8], "little") :]
+    elif file.suffix == ".json":
         try:
             values = json.loads(content)
         except (ValueError, RecursionError):
-            values = None
-        if not isinstance(values, dict):
             return hashlib.sha256(content).hexdigest()
-        for name in ("sha256", "seconds", "started", "versions"):
-            values.pop(name, None)
-        for entry in values.get("generations", []):
-            entry.pop("seconds", None)
-        content = json.dumps(values, sort_keys=True).encode()
+        content = json.dumps(_without_times(values), sort_keys=True).encode()
     return hashlib.sha256(content).hexdigest()
+
+
+def _without_times(values: Any) -> Any:
+    """Return plain values without times, the commit, and checksums over them."""
+    if isinstance(values, list):
+        return [_without_times(value) for value in values]
+    if not isinstance(values, dict):
+        return values
+    return {
+        name: _without_times(value)
+        for name, value in values.items()
+        if "seconds" not in name and name not in ("sha256", "started", "commit")
+    }
 
 
 def _difference(good: dict[str, str], found: dict[str, str], damaged: str) -> str:

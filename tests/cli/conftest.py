@@ -1,8 +1,10 @@
 import dataclasses
 import pathlib
+import shutil
 import sys
 
 import pytest
+from tools.attack_cases import prepare
 
 from cablecast.cli import main
 
@@ -48,6 +50,7 @@ class NotingRig(RigLifecycle):
 def make(setup, seed):
     return NotingRig()
 """
+SMALL_VERBS = ("collect", "repeat", "tune", "select", "simulate", "train", "evaluate")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +74,7 @@ class NotedLab:
 
 @pytest.fixture(scope="session")
 def dataset_folder(tmp_path_factory) -> pathlib.Path:
-    """A small dataset, made as a user makes it, with a coarse cable to be quick."""
+    """Make a small dataset as a user makes it, with a coarse cable to be quick."""
     folder = tmp_path_factory.mktemp("simulated") / "dataset"
     arguments = ["--count", "300", "--segment-count", "10", "--dt", "0.002", "--out", str(folder)]
     assert main(["simulate", *arguments]) == 0
@@ -80,7 +83,7 @@ def dataset_folder(tmp_path_factory) -> pathlib.Path:
 
 @pytest.fixture(scope="session")
 def model_folder(dataset_folder) -> pathlib.Path:
-    """A model trained on it, enough to plan but not to plan well."""
+    """Train a model on it, enough to plan but not to plan well."""
     folder = dataset_folder.parent / "model"
     arguments = ["--epochs", "5", "--candidate-count", "500", "--out", str(folder)]
     assert main(["train", "--dataset", str(dataset_folder), *arguments]) == 0
@@ -89,14 +92,14 @@ def model_folder(dataset_folder) -> pathlib.Path:
 
 @pytest.fixture
 def in_new_folder(tmp_path, monkeypatch) -> pathlib.Path:
-    """Runs the test where no results lie."""
+    """Run the test where no results lie."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture(scope="session")
 def casts_folder(dataset_folder) -> pathlib.Path:
-    """Some casts to tune with, made in the simulator."""
+    """Make some casts to tune with in the simulator."""
     folder = dataset_folder.parent / "tune-data"
     assert main(["collect", "--rig", "engine", "--count", "6", "--out", str(folder)]) == 0
     return folder
@@ -104,10 +107,29 @@ def casts_folder(dataset_folder) -> pathlib.Path:
 
 @pytest.fixture
 def lab(in_new_folder):
-    """A working folder with a noting rig, a file, and a folder of somebody else."""
+    """Return a working folder with a noting rig, a file, and a folder of somebody else."""
     (in_new_folder / "noting_rig_of_a_lab.py").write_text(RIG_MODULE)
     (in_new_folder / "file").write_text("precious")
     (in_new_folder / "foreign").mkdir()
     (in_new_folder / "foreign" / "thesis.tex").write_text("years of work")
     yield NotedLab(in_new_folder)
     sys.modules.pop("noting_rig_of_a_lab", None)
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory) -> pathlib.Path:
+    """Make small finished results of most verbs; tests must not change them."""
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("shapely")
+    folder = tmp_path_factory.mktemp("results")
+    prepare(folder, SMALL_VERBS)
+    return folder
+
+
+@pytest.fixture
+def in_copy(results, tmp_path, monkeypatch) -> pathlib.Path:
+    """Run the test in a copy of the small results, with the rig that made some of them."""
+    copy = tmp_path / "copy"
+    shutil.copytree(results, copy)
+    monkeypatch.chdir(copy)
+    return copy
