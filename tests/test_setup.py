@@ -3,6 +3,7 @@ import dataclasses
 import pytest
 import yaml
 
+from cablecast.arm.robot import Obstacle, RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable, save_cable
 from cablecast.errors import InputError, UnknownNameError
@@ -15,9 +16,18 @@ OTHER = Setup(
     arm=ArmUR(model="ur5e", base_yaw_deg=90.0, measured=True),
     motion=MotionConfig(v_max=1.2),
 )
+ROBOT = RobotConfig(
+    address="127.0.0.1",
+    payload_mass=0.9,
+    payload_cog=(0.0, 0.0, 0.05),
+    box_low=(-1.0, 0.1, 0.0),
+    box_high=(1.0, 1.0, 0.9),
+    obstacles=(Obstacle(start=(1.2, 1.0, 0.0), end=(1.2, 1.0, 2.0), radius=0.03),),
+)
+REAL = Setup(robot=ROBOT, camera={"source": 0, "note": "beside the table"})
 
 
-@pytest.mark.parametrize("setup", [Setup(), OTHER], ids=["default", "other"])
+@pytest.mark.parametrize("setup", [Setup(), OTHER, REAL], ids=["default", "other", "real"])
 def test_a_set_up_survives_its_dictionary_and_its_file(setup, tmp_path):
     assert Setup.from_dict(setup.to_dict()) == setup
     save_setup(setup, tmp_path / "lab.yaml")
@@ -44,7 +54,9 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("robot: {}\n", r"unknown keys \['robot'\]: known are"),
+        ("robots: {}\n", r"unknown keys \['robots'\]: known are"),
+        ("robot: {}\n", r"robot lacks the keys \['address', 'box_high', 'box_low', 'payload_cog'"),
+        ("camera: 7\n", "camera must be a mapping, not int"),
         ("arm: {model: ur7}\n", "unknown arm model 'ur7': one of ur5, ur5e"),
         ("arm: {base_height: high}\n", "arm base_height = 'high' is not a number"),
         ("arm: {measured: 1}\n", "must be true or false"),
@@ -85,6 +97,33 @@ def test_whether_the_arm_was_measured_does_not_change_what_was_done():
     measured = dataclasses.replace(Setup(), arm=ArmUR(measured=True))
     assert measured != Setup()
     assert measured.to_settings() == Setup().to_settings()
+
+
+def test_how_to_reach_robot_and_camera_does_not_change_what_was_done():
+    assert REAL.to_settings() == Setup().to_settings()
+    assert hash(REAL) != hash(Setup())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"address": "one two"}, "robot address = 'one two' is neither"),
+        ({"payload_mass": 30.0}, r"robot payload_mass = 30 kg is outside \[0, 20\]"),
+        ({"payload_cog": (0.0, 0.0)}, "must be three numbers"),
+        ({"box_low": (-1.0, 0.1, 0.9)}, "must be below box_high"),
+        ({"mode": "fast"}, "is not one of program, stream"),
+        ({"seen_safe": "yes"}, "must be true or false"),
+        ({"obstacles": (1,)}, "must be at most 20 capsules"),
+    ],
+)
+def test_a_robot_that_makes_no_sense_is_refused_with_the_value(changes, words):
+    with pytest.raises(InputError, match=words):
+        dataclasses.replace(ROBOT, **changes)
+
+
+def test_only_this_computer_counts_as_a_twin():
+    assert ROBOT.is_loopback
+    assert not dataclasses.replace(ROBOT, address="192.168.0.10").is_loopback
 
 
 def test_a_lab_file_that_is_not_there_is_named(tmp_path):

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
 from cablecast.camera.settings import CameraSettings
@@ -22,7 +23,7 @@ DEFAULT_CABLE = "cable_1"
 SECTIONS = ("cable", "workspace", "arm", "motion")
 """Sections that describe a laboratory, and keys of its dictionary form."""
 
-INSTRUMENTS = ("camera",)
+INSTRUMENTS = ("robot", "camera")
 """Sections that say how to reach what stands in the laboratory; they change no result."""
 
 
@@ -83,6 +84,7 @@ class Setup:
         workspace: Table, reach, reset pose and grip height.
         arm: Robot arm, its mounting and its gripper.
         motion: System parameters of the casting motions.
+        robot: Controller of the real arm, and the bounds of its motion; None where there is none.
         camera: Camera above the table; None where there is none.
     """
 
@@ -90,6 +92,7 @@ class Setup:
     workspace: Workspace
     arm: ArmUR
     motion: MotionConfig
+    robot: RobotConfig | None
     camera: CameraSettings | None
 
     def __init__(
@@ -99,6 +102,7 @@ class Setup:
         workspace: Workspace | None = None,
         arm: ArmUR | None = None,
         motion: MotionConfig | None = None,
+        robot: RobotConfig | None = None,
         camera: CameraSettings | None = None,
     ):
         """Make a set-up; parts that are not given are the paper's.
@@ -108,6 +112,7 @@ class Setup:
             workspace: Table, reach, reset pose and grip height.
             arm: Robot arm, its mounting and its gripper.
             motion: System parameters of the casting motions.
+            robot: Controller of the real arm, and the bounds of its motion.
             camera: Camera above the table.
 
         Raises:
@@ -127,6 +132,9 @@ class Setup:
             if not isinstance(part, kind):
                 raise InputError(f"{name} must be a {kind.__name__}, not {type(part).__name__}")
             object.__setattr__(self, name, part)
+        if not (robot is None or isinstance(robot, RobotConfig)):
+            raise InputError(f"robot must be a RobotConfig, not {type(robot).__name__}")
+        object.__setattr__(self, "robot", robot)
         if not (camera is None or isinstance(camera, CameraSettings)):
             raise InputError(f"camera must be CameraSettings, not {type(camera).__name__}")
         object.__setattr__(self, "camera", camera)
@@ -167,6 +175,8 @@ class Setup:
             "arm": self.arm.to_dict(),
             "motion": dataclasses.asdict(self.motion),
         }
+        if self.robot is not None:
+            values["robot"] = self.robot.to_dict()
         if self.camera is not None:
             values["camera"] = self.camera.to_dict()
         return values
@@ -196,7 +206,7 @@ class Setup:
             UnknownNameError: There is no such cable or arm model.
         """
         values = check_keys(values, {*SECTIONS, *INSTRUMENTS}, "the set-up")
-        camera = values.get("camera")
+        robot, camera = values.get("robot"), values.get("camera")
         cable = values.get("cable", DEFAULT_CABLE)
         if isinstance(cable, str):
             local = pathlib.Path(folder or ".") / cable
@@ -208,6 +218,7 @@ class Setup:
             workspace=Workspace.from_dict(values.get("workspace", {})),
             arm=ArmUR.from_dict(values.get("arm", {})),
             motion=MotionConfig.from_dict(values.get("motion", {})),
+            robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
 
@@ -216,8 +227,7 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
     """Return the set-up that a lab file describes.
 
     Args:
-        path: YAML file with the sections `cable`, `workspace`, `arm`, `motion` and `camera`, all
-            optional.
+        path: YAML file with the sections of `SECTIONS` and `INSTRUMENTS`, all optional.
 
     Raises:
         UnknownNameError: There is no such file, cable or arm model.
