@@ -129,7 +129,7 @@ class RobotConfig:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether the controller runs on this computer: it is a twin, and no arm."""
+        """True where the controller runs on this computer: it is a twin, and no arm."""
         try:
             return ipaddress.ip_address(self.address).is_loopback
         except ValueError:
