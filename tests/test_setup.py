@@ -6,6 +6,7 @@ import yaml
 from cablecast.arm.robot import Obstacle, RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable, save_cable
+from cablecast.camera.settings import CameraSettings
 from cablecast.errors import InputError, UnknownNameError
 from cablecast.setup import MotionConfig, Setup, load_setup, save_setup
 from cablecast.workspace import Workspace
@@ -24,7 +25,7 @@ ROBOT = RobotConfig(
     box_high=(1.0, 1.0, 0.9),
     obstacles=(Obstacle(start=(1.2, 1.0, 0.0), end=(1.2, 1.0, 2.0), radius=0.03),),
 )
-REAL = Setup(robot=ROBOT, camera={"source": 0, "note": "beside the table"})
+REAL = Setup(robot=ROBOT, camera=CameraSettings(source=0))
 
 
 @pytest.mark.parametrize("setup", [Setup(), OTHER, REAL], ids=["default", "other", "real"])
@@ -56,7 +57,7 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
     [
         ("robots: {}\n", r"unknown keys \['robots'\]: known are"),
         ("robot: {}\n", r"robot lacks the keys \['address', 'box_high', 'box_low', 'payload_cog'"),
-        ("camera: 7\n", "camera must be a mapping, not int"),
+        ("camera: 7\n", "camera must be a mapping"),
         ("arm: {model: ur7}\n", "unknown arm model 'ur7': one of ur5, ur5e"),
         ("arm: {base_height: high}\n", "arm base_height = 'high' is not a number"),
         ("arm: {measured: 1}\n", "must be true or false"),
