@@ -25,7 +25,7 @@ ROBOT = RobotConfig(
     box_high=(1.0, 1.0, 0.9),
     obstacles=(Obstacle(start=(1.2, 1.0, 0.0), end=(1.2, 1.0, 2.0), radius=0.03),),
 )
-REAL = Setup(robot=ROBOT, camera=CameraSettings(source=0))
+REAL = Setup(robot=ROBOT, camera=CameraSettings(source="0"))
 
 
 @pytest.mark.parametrize("setup", [Setup(), OTHER, REAL], ids=["default", "other", "real"])
