@@ -1,0 +1,71 @@
+"""The vector environment as Stable-Baselines3 wants it: its VecEnv is older than Gymnasium's."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from cablecast.gym.env import CastVectorEnv
+
+
+class CastVecEnv(VecEnv):
+    """A `CastVectorEnv` for the learners of Stable-Baselines3.
+
+    Args:
+        env: Many casts at once.
+    """
+
+    def __init__(self, env: CastVectorEnv):
+        self.env = env
+        self._actions: Any = None
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+
+    def reset(self) -> Any:
+        """Begin an episode in each environment; see `CastVectorEnv.reset`."""
+        seed = self._seeds[0]
+        self._reset_seeds()
+        return self.env.reset(seed=seed)[0]
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions of the next batch."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Make the batch of casts; see `CastVectorEnv.step`."""
+        observations, rewards, dones, _, info = self.env.step(self._actions)
+        infos = [
+            {
+                "terminal_observation": info["final_obs"][row],
+                "status": str(info["status"][row]),
+                "landing_xy": info["landing_xy"][row],
+            }
+            for row in range(self.num_envs)
+        ]
+        return observations, rewards.astype(np.float32), dones, infos
+
+    def close(self) -> None:
+        """Close the rig."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute, which all environments share."""
+        return [getattr(self.env, attr_name)] * len(self._rows(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute, which all environments share."""
+        setattr(self.env, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the shared environment once for each index."""
+        call = getattr(self.env, method_name)
+        return [call(*method_args, **method_kwargs) for _ in self._rows(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Return that no environment is wrapped."""
+        return [False] * len(self._rows(indices))
+
+    def _rows(self, indices: Any) -> Sequence[int]:
+        return list(self._get_indices(indices))

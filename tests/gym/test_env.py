@@ -1,0 +1,159 @@
+"""The environments keep Gymnasium's contract, and their rewards are those of the engine."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import cablecast.gym  # noqa: F401
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.gym.env import CastEnv, CastVectorEnv
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.rigs.engine import RigEngine
+from cablecast.setup import Setup
+from cablecast.workspace import load_targets
+
+ID = "cablecast.gym:cablecast/Cast-v0"
+
+# A world of a batch is simulated for as long as the longest motion of the batch, and a cable that
+# has settled still creeps a little [% of cable length].
+BATCH_TOLERANCE_PCT = 0.5
+
+RAW_ACTION = np.array([-0.9, 0.7, 0.6, 1.2])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"action_form": "raw", "observe_cable": False}, {"tries": 3, "spread": 0.5}],
+    ids=["plain", "raw", "cables"],
+)
+def test_the_checker_of_gymnasium_finds_nothing(options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Raw actions are in radians and metres on purpose.
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized space")
+        # A cast has no picture: there are no render modes to check.
+        check_env(gymnasium.make(ID, **options).unwrapped, skip_render_check=True)
+
+
+def test_the_reward_is_minus_the_miss_of_the_cast_that_the_engine_makes():
+    setup, target = Setup(), load_targets()[20]
+    env = CastEnv(setup, action_form="raw")
+    env.reset(seed=0, options={"target_xy": target})
+    _, reward, terminated, truncated, info = env.step(RAW_ACTION)
+    rollout = EngineWarp().rollout(
+        setup.cable, setup.cable.params, cast_grip_paths(RAW_ACTION[None], setup)
+    )
+    miss = np.linalg.norm(rollout.endpoint_xy[0, -1] - target) / setup.cable.length
+    assert reward == pytest.approx(-100 * miss, abs=BATCH_TOLERANCE_PCT)
+    assert (terminated, truncated, info["status"]) == (True, False, "ok")
+
+
+def test_a_vector_step_makes_the_casts_of_single_environments():
+    count = 3
+    many = gymnasium.make_vec(ID, num_envs=count)
+    observations, _ = many.reset(seed=5)
+    actions = np.random.default_rng(1).uniform(-1, 1, size=(count, 4))
+    targets = many.unwrapped._casts.target_xy.copy()
+    _, rewards, terminated, _, info = many.step(actions)
+    assert terminated.all()
+    for row in range(count):
+        one = CastEnv()
+        observation, _ = one.reset(options={"target_xy": targets[row]})
+        assert observation == pytest.approx(observations[row])
+        _, reward, *_ = one.step(actions[row])
+        assert reward == pytest.approx(rewards[row], abs=BATCH_TOLERANCE_PCT)
+    assert np.array_equal(info["target_xy"], targets)
+
+
+def test_the_same_seed_gives_the_same_targets_and_cables():
+    first, second = (CastVectorEnv(8, spread=1.0) for _ in range(2))
+    assert np.array_equal(first.reset(seed=3)[0], second.reset(seed=3)[0])
+    assert not np.array_equal(first.reset(seed=4)[0], second.reset(seed=3)[0])
+
+
+def test_a_target_stays_for_its_tries_and_the_observation_tells_the_earlier_casts():
+    env = CastEnv(tries=2, observe_cable=False)
+    first, _ = env.reset(seed=0)
+    assert np.all(first[2:] == 0)
+    action = np.array([0.1, -0.2, 0.3, 0.4], dtype=np.float32)
+    _, _, _, _, info = env.step(action)
+    second, _ = env.reset()
+    assert second[:2] == pytest.approx(first[:2])
+    assert second[2:6] == pytest.approx(action)
+    side = np.sign(info["target_xy"][0])
+    reach = env.task.setup.workspace.reach(env.task.setup.cable.length)
+    assert second[6:9] == pytest.approx([*(info["landing_xy"] * [side, 1] / reach), 1.0])
+    env.step(action)
+    third, _ = env.reset()
+    assert third[:2] != pytest.approx(first[:2])
+    assert np.all(third[2:] == 0)
+
+
+def test_a_normalised_action_lands_mirrored_for_a_mirrored_target():
+    env = CastEnv(spread=0.0)
+    action, landings = np.array([0.2, 0.1, -0.3, 0.0]), []
+    for side in (1.0, -1.0):
+        observation, _ = env.reset(options={"target_xy": (side * 0.4, 0.8)})
+        assert observation[0] > 0
+        landings.append(env.step(action)[4]["landing_xy"])
+    assert landings[1] == pytest.approx(landings[0] * [-1, 1], abs=1e-3)
+
+
+def test_cables_are_drawn_from_the_ranges_of_tuning_as_widely_as_asked():
+    wide, narrow, none = (CastVectorEnv(500, spread=spread) for spread in (1.0, 0.2, 0.0))
+    widths = []
+    for env in (wide, narrow, none):
+        env.reset(seed=0)
+        widths.append(np.ptp(env._casts.cables, axis=0))
+    assert np.all(widths[0] > 0.97)
+    assert widths[1] == pytest.approx(0.2 * widths[0], rel=1e-6)
+    assert np.all(widths[2] == 0)
+    params = none.task.cable_params(none._casts.cables).to_array()
+    assert params == pytest.approx(np.tile(Setup().cable.params.to_array(), (500, 1)))
+
+
+def test_a_motion_that_the_arm_cannot_make_earns_the_reward_of_a_failure():
+    env = CastEnv(action_form="raw", fail_reward=-123.0)
+    env.reset(seed=0)
+    # Both arcs end on the same side.
+    _, reward, _, _, info = env.step(np.array([0.5, 0.5, 0.6, 0.6]))
+    assert (reward, info["status"]) == (-123.0, "infeasible")
+
+
+def test_any_rig_answers_the_environment():
+    setup = Setup()
+    rig = RigEngine(EngineWarp(), setup)
+    env, engine = CastEnv(setup, rig=rig, action_form="raw"), CastEnv(setup, action_form="raw")
+    rewards = []
+    for each in (env, engine):
+        each.reset(options={"target_xy": (0.3, 1.0)})
+        rewards.append(each.step(RAW_ACTION)[1])
+    assert rewards[0] == pytest.approx(rewards[1], abs=BATCH_TOLERANCE_PCT)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"spread": 1.5}, "spread = 1.5"),
+        ({"tries": 0}, "tries = 0"),
+        ({"action_form": "polar"}, "action_form 'polar'"),
+        ({"fail_reward": 3.0}, "fail_reward = 3"),
+        ({"rig": "virtual", "spread": 0.5}, "spread needs the engine"),
+        ({"targets": [(0.0, 9.0)]}, "out of reach"),
+    ],
+)
+def test_a_bad_option_is_refused_in_one_line(options, words):
+    with pytest.raises(InputError, match=words):
+        CastEnv(**options)
+
+
+def test_a_diverged_action_is_refused():
+    env = CastEnv()
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="not finite"):
+        env.step(np.array([np.nan, 0, 0, 0]))
