@@ -25,7 +25,7 @@ INFEASIBLE = "infeasible"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Landings:
-    """How a batch of casts ended.
+    """Ends of a batch of casts.
 
     Attributes:
         xy: Resting points [m], shape [cast, 2]; NaN where there is none.
@@ -37,7 +37,7 @@ class Landings:
 
 
 class Caster(Protocol):
-    """What an environment casts with."""
+    """Executor of the casts of an environment."""
 
     def cast(self, actions: NDArray[np.float64], params: CableParams) -> Landings:
         """Make a batch of casts, each from the reset state.
