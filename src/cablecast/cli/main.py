@@ -14,6 +14,8 @@ import cablecast
 from cablecast.cli.collect import Collect
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
+from cablecast.cli.export import Export
+from cablecast.cli.import_ import Import
 from cablecast.cli.plan import PlanVerb
 from cablecast.cli.repeat import Repeat
 from cablecast.cli.reproduce import Reproduce
@@ -55,6 +57,7 @@ experiment of the paper.
 
 VERBS: dict[str, type] = {
     "collect": Collect,
+    "import": Import,
     "tune": Tune,
     "repeat": Repeat,
     "select": Select,
@@ -63,6 +66,7 @@ VERBS: dict[str, type] = {
     "plan": PlanVerb,
     "evaluate": Evaluate,
     "track": Track,
+    "export": Export,
     "demo": Demo,
     "reproduce": Reproduce,
 }

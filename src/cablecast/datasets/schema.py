@@ -96,6 +96,18 @@ OPTIONAL_COLUMNS = (
         meaning="reported joint angles, six after six, one group per time",
     ),
     Column(
+        name="grip_times",
+        kind="list",
+        unit="s",
+        meaning="times of the tracked grip, where no arm moved it",
+    ),
+    Column(
+        name="grip_pose",
+        kind="list",
+        unit="m, rad",
+        meaning="x, y, z, yaw and pitch of the tracked grip, five after five, one group per time",
+    ),
+    Column(
         name="nodes",
         kind="list",
         unit="m",

@@ -4,10 +4,12 @@ import json
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
 from cablecast.datasets.reader import Dataset
 from cablecast.errors import DatasetError
+from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.joint_path import JointPath
 from cablecast.track import EndpointTrack, TrialStatus
 
@@ -52,6 +54,29 @@ def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:
         row: Index of the trial.
     """
     return _joint_path(dataset, "joint_times", "joint_q", row)
+
+
+def measured_poses(
+    dataset: Dataset, row: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the tracked poses of the grip in one trial; None if it was not tracked.
+
+    Args:
+        dataset: Trials that were imported.
+        row: Index of the trial.
+
+    Returns:
+        Times [s], shape [sample], and x, y, z [m], yaw and pitch [rad], shape [sample, 5].
+    """
+    times, poses = (_values(dataset, name, row) for name in ("grip_times", "grip_pose"))
+    if times is None or poses is None or not len(times):
+        return None
+    if len(poses) != len(CHANNELS) * len(times):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has {len(poses)} grip coordinates for "
+            f"{len(times)} times: they must be five for each"
+        )
+    return times, poses.reshape(-1, len(CHANNELS))
 
 
 def trial_rig(dataset: Dataset, row: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Measured gripper path, fitted to the joint angles that the arm reported.
+"""Measured gripper path, fitted to the joint angles that the arm reported, or to tracked poses.
 
 A servo lags behind its set points and rounds their corners, so the gripper does not follow the
 commanded path. A simulation that is compared with a trial must play the measured path.
@@ -48,7 +48,40 @@ def grip_path_from_joints(
     Raises:
         InputError: Too few samples, times that do not ascend, or values that are not finite.
     """
-    times, poses = _measured_poses(joint_path, arm)
+    times, q = joint_path.times, joint_path.q
+    _check(times, q, "joints")
+    return _fit_path(times, arm.grip_pose(q), "joints", knot_dt)
+
+
+def grip_path_from_poses(
+    times: NDArray[np.float64], poses: NDArray[np.float64], *, knot_dt: float = KNOT_DT
+) -> GripPath:
+    """Fit a smooth gripper path of few pieces to poses that a camera tracked.
+
+    As `grip_path_from_joints`, for a grip that no arm moved.
+
+    Args:
+        times: Times of the poses [s], shape [sample].
+        poses: x, y, z [m], yaw and pitch [rad], shape [sample, 5].
+        knot_dt: Longest distance between knots [s]; shortened where it is too coarse.
+
+    Raises:
+        InputError: Too few samples, times that do not ascend, or values that are not finite.
+    """
+    _check(times, poses, "grip poses")
+    return _fit_path(times, poses, "grip poses", knot_dt)
+
+
+def _fit_path(
+    times: NDArray[np.float64], poses: NDArray[np.float64], what: str, knot_dt: float
+) -> GripPath:
+    used = times >= 0.0
+    times, poses = times[used], poses[used]
+    if len(times) < _SAMPLES_MIN:
+        raise InputError(
+            f"{len(times)} samples of measured {what} are too few: a path needs {_SAMPLES_MIN}"
+        )
+    poses[:, 3] = np.unwrap(poses[:, 3])
     noise = _noise(times, poses)
     final = np.median(poses[-_PIECE_SAMPLES_MIN:], axis=0)
     at_rest = np.all(np.abs(poses - final) <= np.maximum(_REST_TOLERANCE, 5 * noise), axis=1)
@@ -70,27 +103,15 @@ def grip_path_from_joints(
         piece_count = min(piece_count + piece_count // 4 + 1, piece_max)
 
 
-def _measured_poses(
-    joint_path: JointPath, arm: ArmUR
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    times, q = joint_path.times, joint_path.q
-    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(q))):
-        raise InputError("measured joints must be finite")
+def _check(times: NDArray[np.float64], values: NDArray[np.float64], what: str) -> None:
+    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
+        raise InputError(f"measured {what} must be finite")
     if np.any(np.diff(times) <= 0):
         at = int(np.argmax(np.diff(times) <= 0)) + 1
         raise InputError(
-            f"measured joints must have ascending times, but time {at} is {times[at]:.6g} s after "
+            f"measured {what} must have ascending times, but time {at} is {times[at]:.6g} s after "
             f"{times[at - 1]:.6g} s"
         )
-    used = times >= 0.0
-    times, q = times[used], q[used]
-    if len(times) < _SAMPLES_MIN:
-        raise InputError(
-            f"{len(times)} samples of measured joints are too few: a path needs {_SAMPLES_MIN}"
-        )
-    poses = arm.grip_pose(q)
-    poses[:, 3] = np.unwrap(poses[:, 3])
-    return times, poses
 
 
 def _noise(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.tuning.result import params_file, write_params
-from cablecast.tuning.servo import ServoFit, identify_servo
+from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
 from cablecast.tuning.tune import TuneConfig, TuneProgress, split_tracks, tune_params
 
@@ -115,7 +115,7 @@ def _search(
     training, validation = split
     cable = casts.cable
     servo = None
-    if has_measured_joints(casts):
+    if has_measured_joints(casts) and can_identify_servo(casts):
         report(Progress(task="Identifying the arm's servo"))
         servo = identify_servo(casts, len(training))
     task = f"Tuning {cable.name}"

@@ -128,6 +128,14 @@ class _Motions:
         return np.einsum("ks,ksj->sj", weights, values.reshape(-1, JOINT_COUNT)[indices])
 
 
+def can_identify_servo(dataset: Dataset) -> bool:
+    """Return whether some trial has both commanded and measured joints."""
+    return any(
+        commanded_joints(dataset, row) is not None and measured_joints(dataset, row) is not None
+        for row in range(len(dataset))
+    )
+
+
 def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     """Fit delay, frequency and damping of every joint to its measured angles, by least squares.
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from cablecast.checks import check_count
 from cablecast.datasets.reader import Dataset
-from cablecast.datasets.trials import measured_joints, trial_track
+from cablecast.datasets.trials import measured_joints, measured_poses, trial_track
 from cablecast.errors import DatasetError, InputError
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.measured import grip_path_from_joints
+from cablecast.motion.measured import grip_path_from_joints, grip_path_from_poses
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
@@ -124,7 +124,7 @@ class MeasuredTracks:
                 xy[row] = np.nan
         xy[times <= 0.0] = np.nan
         if path_source == "auto":
-            path_source = "measured" if has_measured_joints(dataset) else "commanded"
+            path_source = "measured" if has_measured_motion(dataset) else "commanded"
         return cls(
             path_source=path_source,
             grip_path=_grip_paths(dataset, count, path_source),
@@ -153,15 +153,29 @@ def has_measured_joints(dataset: Dataset) -> bool:
     return all(measured_joints(dataset, row) is not None for row in range(len(dataset)))
 
 
+def has_measured_motion(dataset: Dataset) -> bool:
+    """Return whether the joints of every trial were reported, or its grip tracked."""
+    return all(
+        measured_joints(dataset, row) is not None or measured_poses(dataset, row) is not None
+        for row in range(len(dataset))
+    )
+
+
 def _grip_paths(dataset: Dataset, count: int, source: str) -> GripPath:
     """Return the commanded or the measured motions of the first trials."""
     if source == "commanded":
+        if np.any(missing := ~np.all(np.isfinite(dataset.actions[:count]), axis=1)):
+            name = str(dataset.path or "the dataset")
+            raise DatasetError(f"{name} holds no action of trial {int(np.argmax(missing))}")
         return cast_grip_paths(dataset.actions[:count], dataset.setup)
     paths, arm = [], dataset.setup.arm
     for row in range(count):
-        joints = measured_joints(dataset, row)
-        if joints is None:
+        joints, poses = measured_joints(dataset, row), measured_poses(dataset, row)
+        if joints is not None:
+            paths.append(grip_path_from_joints(joints, arm))
+        elif poses is not None:
+            paths.append(grip_path_from_poses(*poses))
+        else:
             name = str(dataset.path or "the dataset")
             raise DatasetError(f"{name} holds no measured joints of trial {row}")
-        paths.append(grip_path_from_joints(joints, arm))
     return GripPath.stack(paths)

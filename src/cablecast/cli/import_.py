@@ -1,0 +1,41 @@
+"""`cablecast import`: take casts that were recorded elsewhere into a dataset."""
+
+import dataclasses
+import pathlib
+from typing import Annotated
+
+import tyro
+
+from cablecast.cli.options import argument
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Import:
+    """Make a dataset to tune with from a table of casts that were recorded elsewhere.
+
+    A row of the table (CSV or Parquet) is one moment of one cast: cast, time_s, x_m and y_m of the
+    cable's end, and the motion as q1_rad to q6_rad, as grip_x_m and grip_y_m, or as an action.
+    Cells are empty where something was not measured. docs/data.md explains every column.
+    """
+
+    table: Annotated[tyro.conf.Positional[pathlib.Path], argument("TABLE")]
+    """CSV or Parquet file of samples."""
+    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
+    """Lab file that describes cable, table and arm of the casts."""
+    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
+    """Cable that was cast: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data")] = None
+    """Folder of the dataset."""
+
+    def run(self) -> None:
+        """Import, and print the number of casts."""
+        from cablecast.cli.options import load_lab
+        from cablecast.pipeline.import_casts import import_casts
+        from cablecast.runs.places import CASTS_FOLDERS, cable_folder
+
+        setup = load_lab(self.setup, self.cable)
+        out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS["tune"]
+        dataset = import_casts(self.table, setup, out=out)
+        counts = dataset.info["status_counts"]
+        ends = ", ".join(f"{count} {code}" for code, count in counts.items())
+        print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({ends})")

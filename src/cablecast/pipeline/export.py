@@ -1,0 +1,131 @@
+"""export_dataset: a dataset in the layout of another library."""
+
+import os
+import pathlib
+import shutil
+import tempfile
+import typing
+from collections.abc import Iterator
+from typing import Any
+
+from cablecast.checks import check_count
+from cablecast.datasets.lerobot import VIDEO_FILE, Episode, episodes_of, write_tables
+from cablecast.datasets.reader import Dataset
+from cablecast.errors import DatasetError, InputError
+from cablecast.pipeline.places import require
+from cablecast.runs.progress import ProgressCallback, counter
+from cablecast.tracking.video import Image, read_video, write_video
+
+ExportFormat = typing.Literal["lerobot"]
+
+FPS_MAX = 1000
+FILM_NAME = "{number:06d}.mp4"
+"""Name of the film of a cast."""
+
+
+def export_dataset(
+    dataset: Dataset,
+    out: str | os.PathLike[str],
+    *,
+    format: ExportFormat = "lerobot",
+    fps: int = 10,
+    films: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> pathlib.Path:
+    """Write the casts of a rig as a data set of another library.
+
+    Args:
+        dataset: Casts that `collect`, `evaluate` or `import_casts` made.
+        out: New or empty folder; it is written whole or not at all.
+        format: "lerobot", version 3 of its layout.
+        fps: Frames per second.
+        films: Folder with a film of each cast, 000000.mp4 and so on, which begins with the motion.
+        progress: Told how many films are done.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: An unknown format, a number out of bounds, a missing film, or a folder that is
+            not empty.
+        DatasetError: The casts were simulated, or have no tracks or joints.
+        MissingExtraError: There are films, and OpenCV is not installed.
+    """
+    if format not in typing.get_args(ExportFormat):
+        raise InputError(f"format {str(format)[:40]!r} must be one of lerobot")
+    check_count("fps", fps, high=FPS_MAX)
+    if dataset.kind == "sim":
+        raise DatasetError("simulated casts have no tracks of joints: export casts of a rig")
+    out = pathlib.Path(out)
+    if out.is_file() or (out.is_dir() and any(out.iterdir())):
+        raise InputError(f"{out} is not empty: --out needs a new folder")
+    if films is not None:
+        require("films", "cv2")
+    episodes = episodes_of(dataset, fps)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    part = pathlib.Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".tmp", dir=out.parent))
+    try:
+        video = None
+        if films is not None:
+            video = _join_films(pathlib.Path(films), part / VIDEO_FILE, episodes, fps, progress)
+        write_tables(part, dataset, episodes, fps, video)
+        # A temporary folder is its owner's alone; results are for sharing.
+        umask = os.umask(0)
+        os.umask(umask)
+        part.chmod(0o777 & ~umask)
+        if out.is_dir():
+            out.rmdir()
+        part.rename(out)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    return out
+
+
+def _join_films(
+    films: pathlib.Path,
+    file: pathlib.Path,
+    episodes: list[Episode],
+    fps: int,
+    progress: ProgressCallback | None,
+) -> dict[str, Any]:
+    """Write one film of all episodes, with one frame per frame of the data."""
+    report = counter(progress, "Joining films", "casts")
+    size: dict[str, Any] = {}
+
+    def frames() -> Iterator[Image]:
+        for done, episode in enumerate(episodes):
+            if report is not None:
+                report(done, len(episodes))
+            path = films / FILM_NAME.format(number=episode.number)
+            for frame in _film_frames(path, len(episode), fps):
+                height, width = frame.shape[:2]
+                size.setdefault("height", height)
+                size.setdefault("width", width)
+                if (size["height"], size["width"]) != (height, width):
+                    raise InputError(
+                        f"{path} has {width} x {height} px, others {size['width']} x "
+                        f"{size['height']}: films of one camera have one size"
+                    )
+                yield frame
+
+    write_video(file, frames(), fps)
+    if report is not None:
+        report(len(episodes), len(episodes))
+    return size
+
+
+def _film_frames(path: pathlib.Path, count: int, fps: int) -> Iterator[Image]:
+    """Yield the frames of a film nearest to times 1/fps apart; the last one goes on to the end."""
+    _, source = read_video(path)
+    last, done = None, 0
+    for time, frame in source:
+        while last is not None and done < count and done / fps < (time + last[0]) / 2:
+            yield last[1]
+            done += 1
+        last = (time, frame)
+        if done == count:
+            return
+    while last is not None and done < count:
+        yield last[1]
+        done += 1

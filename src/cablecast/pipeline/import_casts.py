@@ -1,0 +1,96 @@
+"""import_casts: a dataset to tune with, from casts that others recorded."""
+
+import json
+import os
+import pathlib
+from typing import Any
+
+from cablecast.datasets.reader import Dataset, read_dataset
+from cablecast.datasets.recordings import Recording, file_digest, read_recordings
+from cablecast.datasets.schema import (
+    ACTION_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+    SCHEMA_VERSION,
+    track_extent,
+)
+from cablecast.datasets.writer import DatasetWriter
+from cablecast.pipeline.places import folder_or_temporary
+from cablecast.runs.folder import record_run
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack
+
+
+def import_casts(
+    table: str | os.PathLike[str],
+    setup: Setup,
+    *,
+    out: str | os.PathLike[str] | None = None,
+) -> Dataset:
+    """Make a dataset of casts that were recorded elsewhere, for `tune`.
+
+    Args:
+        table: CSV or Parquet file of samples; see `read_recordings` for its columns.
+        setup: Cable, table and arm of the casts.
+        out: Folder that keeps the dataset; none where None.
+
+    Returns:
+        The casts, of kind "tune".
+
+    Raises:
+        InputError: There is no such file, or it cannot be understood.
+        DatasetError: The folder holds something else.
+    """
+    table = pathlib.Path(table)
+    recordings = read_recordings(table, setup)
+    rig = {"rig": "import", "file": table.name, "sha256": file_digest(table)}
+    with folder_or_temporary(out) as folder:
+        writer = DatasetWriter(
+            folder,
+            kind="tune",
+            settings={
+                "schema_version": SCHEMA_VERSION,
+                **setup.to_settings(),
+                "rig": rig,
+                "count": len(recordings),
+                "repeats": 1,
+            },
+            row_count=len(recordings),
+            shard_rows=len(recordings),
+        )
+        with writer:
+            if not writer.was_complete:
+                rows = [_row(number, cast, rig) for number, cast in enumerate(recordings)]
+                writer.write_shard(0, {name: [row[name] for row in rows] for name in rows[0]})
+                writer.finish()
+        dataset = read_dataset(folder)
+        if out is not None:
+            record_run(
+                folder,
+                "import",
+                dataset.info["settings"],
+                {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
+            )
+    return dataset
+
+
+def _row(number: int, cast: Recording, rig: dict[str, Any]) -> dict[str, Any]:
+    track = EndpointTrack(times=cast.times, endpoint_xy=cast.endpoint_xy, status=cast.status)
+    return {
+        "index": number,
+        **dict(zip(ACTION_COLUMNS, cast.action, strict=True)),
+        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
+        "status": cast.status.code,
+        "duration": cast.duration,
+        **dict(zip(EXTENT_COLUMNS, track_extent(cast.endpoint_xy[None])[0], strict=True)),
+        "repeat": 0,
+        "times": cast.times,
+        "track_x": cast.endpoint_xy[:, 0],
+        "track_y": cast.endpoint_xy[:, 1],
+        "actual_times": cast.joint_times,
+        "actual_q": None if cast.q is None else cast.q.ravel(),
+        "grip_times": cast.grip_times,
+        "grip_pose": None if cast.grip_poses is None else cast.grip_poses.ravel(),
+        "attempt": 0,
+        "rig": json.dumps({**rig, "cast": cast.name}, sort_keys=True, ensure_ascii=False),
+    }
