@@ -57,6 +57,10 @@ class RigError(CablecastError, RuntimeError):
     """A rig that cannot be created, or that failed during a trial."""
 
 
+class CameraError(RigError):
+    """A camera that cannot be opened, or that failed while it filmed."""
+
+
 class MissingExtraError(CablecastError, ImportError):
     """An optional library that is needed but not installed."""
 

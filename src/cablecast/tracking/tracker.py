@@ -40,6 +40,8 @@ class TrackerConfig:
             them it is searched where it was expected.
         start_radius: Largest distance of the first endpoint from where it is expected [m].
         edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
+        row_time: Time by which each row is exposed later than the one above it [s]; 0 for a global
+            shutter.
     """
 
     marker: MarkerConfig = dataclasses.field(default_factory=MarkerConfig)
@@ -51,6 +53,7 @@ class TrackerConfig:
     search_period: int = 3
     start_radius: float = 0.15
     edge_tolerance: float = 0.005
+    row_time: float = 0.0
 
     def __post_init__(self):
         check_count("tracker search_period", self.search_period, 1, 1000)
@@ -64,6 +67,7 @@ class TrackerConfig:
                 "acceleration_max": (1.0, 1e5, "m/s²"),
                 "start_radius": (0.01, 5.0, "m"),
                 "edge_tolerance": (0.0, 0.2, "m"),
+                "row_time": (0.0, 1e-3, "s"),
             },
             "tracker",
         )
@@ -103,6 +107,7 @@ class EndpointTracker:
         self._start_xy = None if start_xy is None else np.asarray(start_xy, dtype=float)
         self._seen: list[_Seen] = []
         self._times: list[float] = []
+        self._frame_time = -np.inf
         self._xy: list[NDArray[np.float64]] = []
         self._greenness: float | None = None
         self._area = 0.0
@@ -116,16 +121,15 @@ class EndpointTracker:
         """Look at the next frame, and return the endpoint in it.
 
         Args:
-            time: Middle of the exposure [s]; must rise.
+            time: Middle of the exposure of the frame's middle row [s]; must rise.
             grab: Returns pieces of the frame. The tracker asks for no more than it looks at.
 
         Returns:
             Endpoint on the table [m], shape [2]; NaN if it was not seen.
         """
-        if self._times and time <= self._times[-1]:
-            raise InputError(f"frame times must rise: {time} s follows {self._times[-1]} s")
-        frame = len(self._times)
-        self._times.append(time)
+        if self._times and time <= self._frame_time:
+            raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
+        frame, self._frame_time = len(self._times), time
         patch = None
         if not self._seen:
             patch = self._first(grab) if frame % self.config.search_period == 0 else None
@@ -135,11 +139,19 @@ class EndpointTracker:
             if patch is None and lost_count % self.config.search_period == 0:
                 patch = self._anywhere(time, grab)
         if patch is None:
-            self._xy.append(np.full(2, np.nan))
-            return self._xy[-1]
+            return self._add(time, np.full(2, np.nan))
         xy = self.view.to_table(patch.pixel, self.config.marker_z)
         self._seen.append(_Seen(frame=frame, time=time, pixel=patch.pixel, xy=xy))
+        # Rows below the middle one are exposed later.
+        time += self.config.row_time * (float(patch.pixel[1]) - (self._frame[3] - 1) / 2)
         self._learn(patch)
+        return self._add(time, xy)
+
+    def _add(self, time: float, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Keep the endpoint of a frame, and return it."""
+        # The row of one frame and that of the next may come close in time, but not change places.
+        last = self._times[-1] if self._times else -np.inf
+        self._times.append(max(time, float(np.nextafter(last, np.inf))))
         self._xy.append(xy)
         return xy
 
@@ -192,7 +204,10 @@ class EndpointTracker:
 
     @property
     def frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Time of every frame [s], shape [frame], and the endpoint in it [m], shape [frame, 2]."""
+        """Time of every frame [s], shape [frame], and the endpoint in it [m], shape [frame, 2].
+
+        With a rolling shutter the time is that of the row in which the marker was seen.
+        """
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
     def _first(self, grab: Grab) -> Patch | None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import Drawing, FilmedTrial
+from cablecast.rigs.virtual.camera_shutter import RollingDrawing
 from cablecast.rigs.virtual.camera_table import draw_background
 from cablecast.tracking.calibration import Board, Calibration
 from cablecast.tracking.marker import MarkerConfig
@@ -153,10 +154,10 @@ class Film:
         self._step_time = rng.uniform(0.0, max(end, 1.0))
         self._step = rng.uniform(-1.0, 1.0) * camera.config.light.step
         self._base = np.exp(rng.normal(0, 0.02))
-        self._drawn: tuple[int, Drawing] | None = None
+        self._drawn: tuple[int, Drawing | RollingDrawing] | None = None
 
     def time(self, frame: int) -> float:
-        """Return the middle of a frame's exposure, since the motion began [s]."""
+        """Return the middle of the exposure of a frame's middle row, since the motion began [s]."""
         return (frame - self.LEAD) * self.frame_dt
 
     def frame(self, frame: int) -> Image:
@@ -186,16 +187,20 @@ class Film:
         image = _expose(self.camera, canvas, (left, top), gains, self.seed, frame)
         return image[window[1] - top : window[3] - top, window[0] - left : window[2] - left]
 
-    def _drawing(self, frame: int) -> Drawing:
+    def _drawing(self, frame: int) -> Drawing | RollingDrawing:
         if self._drawn is None or self._drawn[0] != frame:
             self._drawn = (frame, self._make_drawing(frame))
         return self._drawn[1]
 
-    def _make_drawing(self, frame: int) -> Drawing:
-        camera = self.camera
-        return Drawing(
-            camera.config, camera.view, camera.shade, self.trial, self.marker, self.time(frame)
-        )
+    def _make_drawing(self, frame: int) -> Drawing | RollingDrawing:
+        camera, config = self.camera, self.camera.config
+
+        def draw(time: float) -> Drawing:
+            return Drawing(config, camera.view, camera.shade, self.trial, self.marker, time)
+
+        if config.row_time == 0.0:
+            return draw(self.time(frame))
+        return RollingDrawing(draw, self.time(frame), config.row_time, config.height)
 
     def _gains(self, time: float) -> NDArray[np.float64]:
         """Return the brightness of blue, green and red as a multiple of that of even light."""

@@ -71,7 +71,8 @@ class CameraConfig:
         width: Width of the images [px].
         height: Height of the images [px].
         frame_rate: Frames per second [1/s].
-        exposure: Time during which a frame is exposed [s].
+        exposure: Time during which a row is exposed [s].
+        row_time: Time by which each row is exposed later than the one above it [s].
         focal: Focal length [px]; the paper's camera has about 1360 at this size.
         centre_offset: Offset of the optical axis from the image's middle, u and v [px].
         distortion: Coefficients k1, k2, p1, p2, k3 of OpenCV's model [-].
@@ -89,6 +90,7 @@ class CameraConfig:
     height: int = 1080
     frame_rate: float = 60.0
     exposure: float = 0.006
+    row_time: float = 0.0
     focal: float = 1366.0
     centre_offset: tuple[float, float] = (7.5, -5.0)
     distortion: tuple[float, float, float, float, float] = (-0.062, 0.021, 6e-4, -4e-4, 0.0)
@@ -108,6 +110,7 @@ class CameraConfig:
             {
                 "frame_rate": (1.0, 1000.0, "1/s"),
                 "exposure": (0.0, 0.1, "s"),
+                "row_time": (0.0, 1e-3, "s"),
                 "focal": (10.0, 1e5, "px"),
                 "noise": (0.0, 40.0, ""),
                 "blur": (0.0, 5.0, "px"),
@@ -137,6 +140,22 @@ class CameraConfig:
         return cls(
             position=(x, y + (mount.centre_y - USUAL_CENTRE_Y), z * mount.scale),
             tilt=(*usual.tilt[:2], usual.tilt[2] + mount.quarter_turns * math.pi / 2),
+        )
+
+    def resized(self, width: int) -> "CameraConfig":
+        """Return the same camera with images of another width, for faster drawing.
+
+        Args:
+            width: Width of the images [px].
+        """
+        scale = width / self.width
+        return dataclasses.replace(
+            self,
+            width=width,
+            height=round(self.height * scale),
+            focal=self.focal * scale,
+            centre_offset=(self.centre_offset[0] * scale, self.centre_offset[1] * scale),
+            row_time=self.row_time / scale,
         )
 
     @property
