@@ -38,7 +38,7 @@ def broadcast():
 
 
 def read_or_none(camera):
-    """The next frame; None where the stream has ended."""
+    """Return the next frame; None where the stream has ended."""
     try:
         return camera.read()
     except CameraError:

@@ -127,6 +127,25 @@ def test_blur_noise_and_unsteady_light_do_not_lose_the_marker(calibration, works
     assert np.sqrt(np.mean(found**2)) < ERROR_RMS
 
 
+def test_a_rolling_shutter_shifts_the_times_of_rows_and_not_the_endpoint(calibration, workspace):
+    # A sensor that takes a whole frame's time to read its rows.
+    row_time = 1 / 60 / 1080
+    camera = VirtualCamera(CameraConfig(exposure=0.001, row_time=row_time), workspace)
+    trial = glide((0.1, 0.4), (0.3, 1.4), duration=0.35, rest=0.0)
+    film = camera.film(trial, 3)
+    rms = {}
+    for assumed in (0.0, row_time):
+        config = TrackerConfig(marker_z=CABLE.radius, row_time=assumed)
+        tracker = EndpointTracker(calibration.view, workspace, config, start_xy=(0.1, 0.4))
+        for frame in range(10, film.frame_count):
+            tracker.update(film.time(frame), film.grab(frame))
+        times, xy = tracker.frames
+        rms[assumed] = np.sqrt(np.mean(errors(trial.shape_at(times)[:, -1], xy) ** 2))
+    assert rms[row_time] < ERROR_RMS
+    # Eight milliseconds at up to 5 m/s: the sensor's effect is real, and it is undone.
+    assert rms[0.0] > 2 * rms[row_time]
+
+
 def test_below_the_arm_nothing_is_reported_and_behind_it_the_marker_is_found_again(
     virtual_camera, calibration
 ):

@@ -44,7 +44,7 @@ class Scene:
         self.stream.finish()
 
     def frames(self, camera, duration, speed=0.0):
-        """What a camera sees meanwhile."""
+        """Return what a camera sees meanwhile."""
         begin = self.time
         thread = threading.Thread(target=self.play, args=(duration, speed))
         thread.start()
@@ -67,7 +67,7 @@ def scene(stream):
 
 
 def tags(image):
-    """Centres of the tags that a picture shows [px]."""
+    """Return centres of the tags that a picture shows [px]."""
     return {tag_id: quad.mean(axis=0) for tag_id, quad in detect_tags(image).items()}
 
 
