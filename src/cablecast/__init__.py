@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from cablecast.motion.trajectory import (
         plan_trajectory as plan_trajectory,
     )
+    from cablecast.pipeline.aim import aim as aim
+    from cablecast.pipeline.aim import prepare_aim as prepare_aim
+    from cablecast.pipeline.aim_session import AimSession as AimSession
     from cablecast.pipeline.collect import collect as collect
     from cablecast.pipeline.evaluate import evaluate as evaluate
     from cablecast.pipeline.plan import plan_motion as plan_motion
@@ -57,6 +60,7 @@ if TYPE_CHECKING:
     )
     from cablecast.track import EndpointTrack as EndpointTrack
     from cablecast.track import TrialStatus as TrialStatus
+    from cablecast.tuning.least_squares import FitConfig as FitConfig
     from cablecast.tuning.tune import TuneConfig as TuneConfig
     from cablecast.workspace import Workspace as Workspace
     from cablecast.workspace import load_targets as load_targets
@@ -65,6 +69,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Action": "cablecast.motion.action",
+    "AimSession": "cablecast.pipeline.aim_session",
     "ArmUR": "cablecast.arm.ur",
     "Cable": "cablecast.cable",
     "CableParams": "cablecast.cable",
@@ -73,6 +78,7 @@ _HOMES = {
     "EndpointTrack": "cablecast.track",
     "EngineWarp": "cablecast.engines.warp_.engine",
     "Evaluation": "cablecast.evaluation.evaluate",
+    "FitConfig": "cablecast.tuning.least_squares",
     "ForwardSearchPolicy": "cablecast.policies.forward_search",
     "MotionConfig": "cablecast.setup",
     "Plan": "cablecast.policies.base",
@@ -86,6 +92,7 @@ _HOMES = {
     "TuneConfig": "cablecast.tuning.tune",
     "Tuned": "cablecast.pipeline.tuned",
     "Workspace": "cablecast.workspace",
+    "aim": "cablecast.pipeline.aim",
     "collect": "cablecast.pipeline.collect",
     "evaluate": "cablecast.pipeline.evaluate",
     "load_cable": "cablecast.cable",
@@ -95,6 +102,7 @@ _HOMES = {
     "make_rig": "cablecast.rigs.make",
     "plan_motion": "cablecast.pipeline.plan",
     "plan_trajectory": "cablecast.motion.trajectory",
+    "prepare_aim": "cablecast.pipeline.aim",
     "read_dataset": "cablecast.datasets.reader",
     "repeat": "cablecast.pipeline.repeat",
     "reproduce": "cablecast.pipeline.reproduce",
@@ -108,6 +116,7 @@ _HOMES = {
 
 __all__ = [
     "Action",
+    "AimSession",
     "ArmUR",
     "Cable",
     "CableParams",
@@ -116,6 +125,7 @@ __all__ = [
     "EndpointTrack",
     "EngineWarp",
     "Evaluation",
+    "FitConfig",
     "ForwardSearchPolicy",
     "MotionConfig",
     "Plan",
@@ -130,6 +140,7 @@ __all__ = [
     "Tuned",
     "Workspace",
     "__version__",
+    "aim",
     "collect",
     "evaluate",
     "load_cable",
@@ -139,6 +150,7 @@ __all__ = [
     "make_rig",
     "plan_motion",
     "plan_trajectory",
+    "prepare_aim",
     "read_dataset",
     "repeat",
     "reproduce",

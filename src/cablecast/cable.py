@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_keys, check_name, check_ranges
+from cablecast.checks import check_keys, check_name, check_number, check_ranges
 from cablecast.errors import InputError, UnknownNameError, UnreadableFileError
 from cablecast.files import write_text
 from cablecast.reading import read_yaml
@@ -51,6 +51,25 @@ PARAM_UNITS: dict[str, str] = {
     "linear_damping": "1/s",
     "angular_damping": "1/s",
 }
+
+DEFAULT_DEVIATIONS: dict[str, float] = {
+    "twist_stiffness": 5.0,
+    "bend_stiffness": 3.0,
+    "mass": 1.1,
+    "endpoint_mass": 1.3,
+    "lateral_friction": 0.25,
+    "worksurface_friction": 0.25,
+    "spinning_friction": 10.0,
+    "rolling_friction": 10.0,
+    "linear_damping": 10.0,
+    "angular_damping": 10.0,
+}
+"""Standard deviation of the truth about a believed value: a factor (1.1 is 10 % more or less), but
+for the two frictions a value of their own unit. A kitchen scale tells masses; an
+attachment is a point mass that stands for an extended body; stiffnesses are known to an order of
+magnitude; dampings and lever arms are hardly known at all."""
+
+_DIRECT_DEVIATIONS = ("lateral_friction", "worksurface_friction")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -160,7 +179,9 @@ class Cable:
         diameter: Outer diameter [m].
         attachment: Attachment at the free end.
         attachment_length: Length of the attachment beyond the cable [m].
-        params: Nominal values of the ten parameters, from which tuning starts.
+        params: Believed values of the ten parameters, from which tuning starts.
+        deviations: Believed deviations of some of them, by name, as in `DEFAULT_DEVIATIONS`, which
+            holds for the others.
     """
 
     name: str
@@ -169,6 +190,7 @@ class Cable:
     attachment: Attachment = Attachment.NONE
     attachment_length: float = 0.0
     params: CableParams
+    deviations: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
 
     def __post_init__(self):
         check_name(self.name, "cable")
@@ -185,6 +207,11 @@ class Cable:
             raise InputError(f"cable attachment = {self.attachment!r} is not an Attachment")
         if not isinstance(self.params, CableParams):
             raise InputError(f"cable params must be CableParams, not {type(self.params).__name__}")
+        given = check_keys(self.deviations, set(CableParams.names()), "cable deviations")
+        for name, value in given.items():
+            low, high = (1e-3, 2.0) if name in _DIRECT_DEVIATIONS else (1.001, 1e3)
+            check_number(f"deviation of {name}", value, low, high)
+        object.__setattr__(self, "deviations", {name: float(v) for name, v in given.items()})
 
     @property
     def radius(self) -> float:
@@ -194,7 +221,11 @@ class Cable:
     def to_dict(self) -> dict:
         """Return plain values for a config or YAML file."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return values | {"attachment": self.attachment.value, "params": self.params.to_dict()}
+        values |= {"attachment": self.attachment.value, "params": self.params.to_dict()}
+        # Left out where empty, so that casts of a cable without them belong together.
+        if not self.deviations:
+            del values["deviations"]
+        return values
 
     @classmethod
     def from_dict(cls, values: Mapping) -> "Cable":
@@ -204,7 +235,7 @@ class Cable:
             InputError: A key is missing, unknown, or its value out of bounds.
         """
         known = {field.name for field in dataclasses.fields(cls)}
-        optional = {"attachment", "attachment_length"}
+        optional = {"attachment", "attachment_length", "deviations"}
         values = check_keys(values, known, "cable", required=known - optional)
         names = set(CableParams.names())
         params = check_keys(values.pop("params"), names, "cable params", required=names)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Union
 import tyro
 
 import cablecast
+from cablecast.cli.aim import Aim
 from cablecast.cli.collect import Collect
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
@@ -49,13 +50,15 @@ class Stopped(KeyboardInterrupt):
 _DESCRIPTION = """\
 Teach a robot arm to throw the free end of a cable onto a target on a table.
 
-The verbs follow one another: collect casts on a real or virtual robot, tune a simulator to them,
-simulate many more, train a model on those, plan a motion for a target, evaluate on the robot.
-`cablecast demo` does all of this for one cable in minutes; `cablecast reproduce` repeats every
+`cablecast aim` does it all: a few casts, a fit, and casts at your targets, each of which teaches.
+The other verbs are its steps and those of the paper: collect casts on a real or virtual robot, tune
+a simulator to them, simulate many more, train a model on those, plan a motion for a target, evaluate
+on the robot. `cablecast demo` does all of this for one cable in minutes; `cablecast reproduce` repeats every
 experiment of the paper.
 """
 
 VERBS: dict[str, type] = {
+    "aim": Aim,
     "collect": Collect,
     "import": Import,
     "tune": Tune,

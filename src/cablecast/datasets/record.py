@@ -235,30 +235,41 @@ class _Recording:
     def _row(
         self, index: int, motion: Trajectory, track: EndpointTrack, failures: int
     ) -> dict[str, Any]:
-        commanded, actual = motion.joint_path, track.joint_path
-        action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
-        nodes = track.nodes if self.plan.keep_nodes else None
         values = {
             "index": index,
-            **dict(zip(ACTION_COLUMNS, action, strict=True)),
-            **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
-            "status": track.status.code,
-            "duration": motion.duration,
-            **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
+            **trial_values(motion, track),
             "repeat": index % self.plan.repeats,
-            "times": track.times,
-            "track_x": track.endpoint_xy[:, 0],
-            "track_y": track.endpoint_xy[:, 1],
-            "joint_times": None if commanded is None else commanded.times,
-            "joint_q": None if commanded is None else commanded.q.ravel(),
-            "actual_times": None if actual is None else actual.times,
-            "actual_q": None if actual is None else actual.q.ravel(),
             "attempt": failures,
             "rig": json.dumps(self.rig.description, sort_keys=True, ensure_ascii=False),
         }
         if self.plan.keep_nodes:
-            values["nodes"] = None if nodes is None else nodes.ravel()
+            values["nodes"] = None if track.nodes is None else track.nodes.ravel()
         return {name: [value] for name, value in values.items()}
+
+
+def trial_values(motion: Trajectory, track: EndpointTrack) -> dict[str, Any]:
+    """Return what one trial adds to a dataset: a value for each column of motion and track.
+
+    Args:
+        motion: Motion as commanded.
+        track: What the rig reported.
+    """
+    commanded, actual = motion.joint_path, track.joint_path
+    action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
+    return {
+        **dict(zip(ACTION_COLUMNS, action, strict=True)),
+        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
+        "status": track.status.code,
+        "duration": motion.duration,
+        **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
+        "times": track.times,
+        "track_x": track.endpoint_xy[:, 0],
+        "track_y": track.endpoint_xy[:, 1],
+        "joint_times": None if commanded is None else commanded.times,
+        "joint_q": None if commanded is None else commanded.q.ravel(),
+        "actual_times": None if actual is None else actual.times,
+        "actual_q": None if actual is None else actual.q.ravel(),
+    }
 
 
 def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:

@@ -15,6 +15,8 @@ from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.tuning.fit import fit_params
+from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.result import params_file, write_params
 from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
@@ -26,13 +28,17 @@ if TYPE_CHECKING:
 GENERATIONS_FOLDER = "generations"
 TRACKS_FILE = "tracks.png"
 
+HELD_OUT_FROM = 20
+"""Number of casts from which on the least-squares fit holds out a quarter of them. With fewer,
+every cast teaches, and the result is measured on the casts that it was fitted to."""
+
 PathSource = typing.Literal["auto", "commanded", "measured"]
 
 
 def tune(
     casts: Dataset,
     *,
-    config: TuneConfig | None = None,
+    config: FitConfig | TuneConfig | None = None,
     validation_count: int | None = None,
     path: PathSource = "auto",
     segment_count: int | None = None,
@@ -43,13 +49,15 @@ def tune(
 ) -> Tuned:
     """Find the ten parameters with which the simulator follows measured casts (section V-D).
 
-    The servo of the arm is identified from the same casts. A part of the casts is held out to
-    measure the result.
+    The servo of the arm is identified from the same casts. Where there are enough casts, some are
+    held out to measure the result.
 
     Args:
-        casts: Casts that `collect` recorded.
-        config: Search method, budget and seed.
-        validation_count: Casts that are held out; a quarter where None, as in the paper.
+        casts: Casts that `collect` recorded; two are enough for a fit by least squares.
+        config: A `FitConfig` for a fit by least squares with a prior, which is the default, or a
+            `TuneConfig` for the paper's search.
+        validation_count: Casts that are held out, possibly 0 for a fit by least squares. Where None
+            a quarter, as in the paper, but 0 for such a fit to fewer than 20 casts.
         path: Motion of the gripper to simulate: the commanded one, or what the arm reported.
             "auto" takes the reported one where there is one.
         segment_count: Segments of the simulated cable; what the convergence study chose where None.
@@ -67,15 +75,15 @@ def tune(
         MissingExtraError: The results are to be kept, and matplotlib is missing.
     """
     report = progress or ignore
-    config = config or TuneConfig()
+    config = config or FitConfig()
     if casts.kind == "sim":
         raise InputError("tuning needs casts of a rig: these were simulated")
     if out is not None:
         require("drawing the tracks", "matplotlib")
-    if config.method == "cmaes":
+    if isinstance(config, TuneConfig) and config.method == "cmaes":
         require("the search method cmaes", "cma")
     tracks = MeasuredTracks.from_dataset(casts, path_source=path)
-    split = split_tracks(tracks, validation_count)
+    split = _split(tracks, config, validation_count)
     engine = make_engine(segment_count, dt, device)
     coarse = make_engine(
         min(config.coarse_segment_count, engine.segment_count),
@@ -85,9 +93,9 @@ def tune(
     settings = {
         **casts.setup.to_settings(),
         "dataset_fingerprint": casts.fingerprint,
-        "tuning": dataclasses.asdict(config),
+        "tuning": {"method": method_name(config), **dataclasses.asdict(config)},
         "training_count": len(split[0]),
-        "validation_count": len(split[1]),
+        "validation_count": 0 if split[1] is None else len(split[1]),
         "path": tracks.path_source,
         "engine": engine_settings(engine),
         "coarse_engine": engine_settings(coarse),
@@ -106,9 +114,9 @@ def tune(
 def _search(
     run: RunFolder,
     casts: Dataset,
-    split: tuple[MeasuredTracks, MeasuredTracks],
+    split: tuple[MeasuredTracks, MeasuredTracks | None],
     engines: tuple[Any, Any],
-    config: TuneConfig,
+    config: FitConfig | TuneConfig,
     report: ProgressCallback,
     keep: bool,
 ) -> Tuned:
@@ -119,17 +127,25 @@ def _search(
         report(Progress(task="Identifying the arm's servo"))
         servo = identify_servo(casts, len(training))
     task = f"Tuning {cable.name}"
-    result = tune_params(
-        cable,
-        training,
-        validation,
-        *engines,
-        config,
-        checkpoint=run.parts(GENERATIONS_FOLDER) if keep else None,
-        progress=lambda state: report(_progress(task, state)),
-    )
+
+    def on_step(state: TuneProgress) -> None:
+        report(_progress(task, state))
+
+    if isinstance(config, FitConfig):
+        result = fit_params(cable, training, validation, *engines, config, progress=on_step)
+    else:
+        result = tune_params(
+            cable,
+            training,
+            validation or training,
+            *engines,
+            config,
+            checkpoint=run.parts(GENERATIONS_FOLDER) if keep else None,
+            progress=on_step,
+        )
     values = {
         "cable": cable.name,
+        "method": method_name(config),
         "dataset_fingerprint": casts.fingerprint,
         **params_file(result, cable.length, None if servo is None else servo.model),
     }
@@ -147,16 +163,36 @@ def _search(
     }
     if keep:
         report(Progress(task="Drawing the tracks"))
-        write_bytes(run.path / TRACKS_FILE, _figure(casts, validation, engines[1], result))
+        write_bytes(
+            run.path / TRACKS_FILE, _figure(casts, validation or training, engines[1], result)
+        )
         write_params(run.path, values)
         run.finish(metrics)
     return Tuned(
         setup=casts.setup,
         params=result.params,
         servo=None if servo is None else servo.model,
+        posterior=result.posterior,
         metrics=metrics,
         path=pathlib.Path(run.path) if keep else None,
     )
+
+
+def method_name(config: FitConfig | TuneConfig) -> str:
+    """Return the name of a method: "least-squares", "de" or "cmaes"."""
+    return "least-squares" if isinstance(config, FitConfig) else config.method
+
+
+def _split(
+    tracks: MeasuredTracks, config: FitConfig | TuneConfig, validation_count: int | None
+) -> tuple[MeasuredTracks, MeasuredTracks | None]:
+    """Return the tracks to fit and those to measure the result with, if there are any."""
+    if isinstance(config, FitConfig):
+        if len(tracks) < 2:
+            raise InputError(f"a fit needs at least 2 casts, not {len(tracks)}")
+        if validation_count == 0 or (validation_count is None and len(tracks) < HELD_OUT_FROM):
+            return tracks, None
+    return split_tracks(tracks, validation_count)
 
 
 def _progress(task: str, state: TuneProgress) -> Progress:
@@ -164,7 +200,7 @@ def _progress(task: str, state: TuneProgress) -> Progress:
         task=task,
         done=state.generation,
         total=state.generation_count,
-        unit="generations",
+        unit="steps",
         note=f"{state.stage}, best {state.best_pct:.2f} %, spread {state.spread_pct:.2f} %",
         seconds_left=state.seconds_left,
     )

@@ -8,6 +8,7 @@ from cablecast.cable import CableParams
 from cablecast.errors import InputError
 from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
+from cablecast.tuning.posterior import ParamPosterior
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -18,6 +19,8 @@ class Tuned:
         setup: Set-up of the casts that it was tuned to.
         params: Parameters of the cable.
         servo: Servo of the arm; None where no joints were reported.
+        posterior: What is known of the parameters; None for a search, which does not tell, and
+            where the result was read from a folder.
         metrics: Distances before and after, search history and the like, as metrics.json holds
             them; empty where nothing was searched.
         path: Folder of the results, if they were kept.
@@ -26,6 +29,7 @@ class Tuned:
     setup: Setup
     params: CableParams
     servo: ServoModel | None = None
+    posterior: ParamPosterior | None = None
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     path: pathlib.Path | None = None
 

@@ -258,7 +258,7 @@ class ForwardSearchPolicy:
     def _neighbors(self, targets: NDArray[np.float64], count: int):
         """Return distances and indices of the nearest candidates, shapes [target, candidate]."""
         count = min(count, len(self.actions))
-        distance, index = self._tree.query(targets, k=count)
+        distance, index = self.tree.query(targets, k=count)
         return np.reshape(distance, (-1, count)), np.reshape(index, (-1, count))
 
     def _refined(self, chosen: NDArray[np.intp], targets: NDArray[np.float64]):
@@ -282,7 +282,7 @@ class ForwardSearchPolicy:
         """
         targets = np.asarray(target_xy, dtype=float)
         folded = np.where(targets[..., :1] < 0, mirror_xy(targets), targets)
-        distance, _ = self._tree.query(folded)
+        distance, _ = self.tree.query(folded)
         return np.asarray(distance <= COVERAGE_PCT / 100 * self.setup.cable.length)
 
     def save(self, folder: str | pathlib.Path) -> None:
@@ -316,7 +316,8 @@ class ForwardSearchPolicy:
         return deviations(self.actions)
 
     @functools.cached_property
-    def _tree(self):
+    def tree(self):
+        """Tree of the predicted landings, for nearest neighbours."""
         from scipy.spatial import KDTree
 
         return KDTree(self.predicted_xy)

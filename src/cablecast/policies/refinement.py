@@ -1,10 +1,12 @@
 """Refinement: small changes of actions that move their predicted landings onto the targets."""
 
+from collections.abc import Sequence
+from typing import Any, Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.conventions import mirror_xy
-from cablecast.models.landing import LandingModel
 from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, mirror_actions
 from cablecast.motion.feasibility import check_actions
 
@@ -16,13 +18,35 @@ ITERATION_COUNT = 2
 _STEP_MAX = 2.0
 
 
+class Landings(Protocol):
+    """Interface of models for refinement; see `LandingModel`."""
+
+    setup: Any
+
+    def predict(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Predict landings [m], shape [action, 2]."""
+        ...
+
+    def landing_shifts(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the shift of the landing for each change of an action, [action, 2, change]."""
+        ...
+
+    def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Predict the distance that the free end keeps from the table's edges [m]."""
+        ...
+
+
 def refine_actions(
     actions: NDArray[np.float64],
     target_xy: NDArray[np.float64],
     changes: NDArray[np.float64],
     *,
-    model: LandingModel,
+    model: Landings,
     table_margin: float,
+    iterations: int = ITERATION_COUNT,
+    fractions: Sequence[float] = (1.0,),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move the predicted landings onto the targets by the smallest changes of the actions.
 
@@ -36,6 +60,8 @@ def refine_actions(
         changes: Perturbations of an action, see `deviations`, shape [change, 4].
         model: Model of landings, valid for theta2 > 0.
         table_margin: Distance that the free end must keep within the table's edges [m].
+        iterations: Number of Newton steps.
+        fractions: Parts of the way that are tried in turn until the arm can follow.
 
     Returns:
         Actions and their predicted landings [m], shapes [target, 4] and [target, 2].
@@ -45,7 +71,7 @@ def refine_actions(
     targets = np.where(left, mirror_xy(target_xy), target_xy)
     start_xy = model.predict(start)
     moved, moved_xy = start.copy(), start_xy
-    for _ in range(ITERATION_COUNT):
+    for _ in range(iterations):
         shifts = model.landing_shifts(moved, changes)
         step = (np.linalg.pinv(shifts, rcond=1e-3) @ (targets - moved_xy)[..., None])[..., 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
@@ -55,14 +81,19 @@ def refine_actions(
         moved[:, 1] = np.clip(moved[:, 1], THETA_MIN, THETA_MAX)
         moved[:, 3] = np.clip(moved[:, 3], moved[:, 1], PSI_MAX)
         moved_xy = model.predict(moved)
-    nearer = np.linalg.norm(moved_xy - targets, axis=1) < np.linalg.norm(start_xy - targets, axis=1)
-    if np.any(nearer):
-        rows = np.flatnonzero(nearer)
-        stays = model.predict_margin(moved[rows]) >= table_margin
-        feasible = check_actions(moved[rows], model.setup).mask
-        nearer[rows] = stays & feasible
-    final = np.where(nearer[:, None], moved, start)
-    final_xy = np.where(nearer[:, None], moved_xy, start_xy)
+    final, final_xy = start.copy(), start_xy.copy()
+    left_over = np.ones(len(start), dtype=bool)
+    start_miss = np.linalg.norm(start_xy - targets, axis=1)
+    for fraction in fractions:
+        tried = start + fraction * (moved - start)
+        tried_xy = moved_xy if fraction == 1.0 else model.predict(tried)
+        taken = left_over & (np.linalg.norm(tried_xy - targets, axis=1) < start_miss)
+        if np.any(taken):
+            rows = np.flatnonzero(taken)
+            stays = model.predict_margin(tried[rows]) >= table_margin
+            taken[rows] = stays & check_actions(tried[rows], model.setup).mask
+        final[taken], final_xy[taken] = tried[taken], tried_xy[taken]
+        left_over &= ~taken
     return (
         np.where(left, mirror_actions(final), final),
         np.where(left, mirror_xy(final_xy), final_xy),

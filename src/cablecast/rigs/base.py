@@ -10,7 +10,7 @@ from cablecast.errors import InputError, RigError
 from cablecast.motion.trajectory import Trajectory
 from cablecast.track import EndpointTrack
 
-PURPOSES = ("tune", "real", "repeat")
+PURPOSES = ("tune", "real", "repeat", "aim")
 """Purposes of trials; each draws chances of its own."""
 
 _ERROR_LENGTH_MAX = 300

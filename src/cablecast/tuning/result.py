@@ -54,6 +54,8 @@ def params_file(
         "derived": {name: float(value(result.params)) for name, value in _DERIVED.items()},
         "spread": _spread(result.population),
         "servo": None if servo is None else servo.to_dict(),
+        "posterior": None if result.posterior is None else result.posterior.to_dict(),
+        "open": [] if result.posterior is None else result.posterior.sentences(),
         "search_range": result.space.to_dict(),
         **rows,
         "simulation_count": result.simulation_count,

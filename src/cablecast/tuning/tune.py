@@ -14,6 +14,7 @@ from cablecast.errors import InputError
 from cablecast.runs.parts import Parts
 from cablecast.tuning.checkpoint import Checkpoint
 from cablecast.tuning.objective import TrackDistances, TrackObjective
+from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, make_search
 from cablecast.tuning.search_space import SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks
@@ -131,6 +132,7 @@ class TuneResult:
         coarse_simulation_count: Number of those at the coarse resolution.
         seconds: Duration of the search, summed over interrupted runs [s].
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
+        posterior: What is known of the parameters; None for a search, which does not tell.
     """
 
     params: CableParams
@@ -145,6 +147,7 @@ class TuneResult:
     coarse_simulation_count: int
     seconds: float
     history: list[tuple[str, float, float]]
+    posterior: ParamPosterior | None = None
 
 
 def split_tracks(

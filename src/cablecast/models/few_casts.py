@@ -1,0 +1,229 @@
+"""FewCastResidual: what real casts add to a simulated landing, from the first cast on.
+
+The residual of a cast, measured minus simulated landing, is modelled as s(a) (g(a) + e). g is a
+Gaussian process with a Matern 3/2 kernel over the features of the action, the simulated landing and
+the side of the table; e is scatter from cast to cast. The local size s(a) follows the sensitivity
+of the simulated landing to the action: a wide fast sweep misses, and scatters, by more than a short
+one. Four numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to
+begin with and a hundred may overrule it.
+"""
+
+import dataclasses
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.models.kernel import matern
+
+PLACE_COUNT = 7
+"""Coordinates of a place: four features, two of the simulated landing, and the side."""
+
+LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
+"""Length scales of the process along the normalised features of the action, the normalised
+landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
+
+_SHIFT_MIN = 1e-6
+_JITTER = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ResidualScales:
+    """Parameters of the process.
+
+    Attributes:
+        amplitude: Standard deviation of g along each of x and y [cable lengths].
+        noise: Standard deviation of the scatter e along each of x and y [cable lengths].
+        length: Factor of all length scales.
+        power: Exponent of the sensitivity in the local size.
+    """
+
+    amplitude: float = 0.06
+    noise: float = 0.015
+    length: float = 1.0
+    power: float = 0.5
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return the unconstrained numbers of the fit, shape [4]."""
+        return np.array(
+            [np.log(self.amplitude), np.log(self.noise), np.log(self.length), self.power]
+        )
+
+    @classmethod
+    def from_array(cls, values: NDArray[np.float64]) -> "ResidualScales":
+        """Return the scales of unconstrained numbers."""
+        amplitude, noise, length = np.exp(values[:3])
+        return cls(
+            amplitude=float(amplitude),
+            noise=float(noise),
+            length=float(length),
+            power=float(values[3]),
+        )
+
+
+PRIOR_DEVIATIONS = np.array([0.5, 0.6, 0.4, 0.3])
+"""Standard deviations of the numbers of `ResidualScales.to_array` about its defaults. They cover
+what was found on the casts of nine virtual laboratories (docs/aim.md)."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Places:
+    """Coordinates of some actions for the process.
+
+    Attributes:
+        inputs: Coordinates, shape [action, 7].
+        log_sizes: Logarithm of the sensitivity over that of a usual cast, shape [action].
+    """
+
+    inputs: NDArray[np.float64]
+    log_sizes: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    def __getitem__(self, rows) -> "Places":
+        return Places(inputs=self.inputs[rows], log_sizes=self.log_sizes[rows])
+
+    @classmethod
+    def join(cls, parts: "list[Places]") -> "Places":
+        """Return several as one."""
+        return cls(
+            inputs=np.concatenate([part.inputs for part in parts]),
+            log_sizes=np.concatenate([part.log_sizes for part in parts]),
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FewCastResidual:
+    """The process, conditioned on casts.
+
+    Attributes:
+        places: Places of the casts.
+        residuals: Measured minus simulated landings [cable lengths], shape [cast, 2].
+        scatter: Factor of each cast's noise beyond that of `scales`, shape [cast].
+        scales: Parameters of the process.
+    """
+
+    places: Places
+    residuals: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
+
+    @classmethod
+    def empty(cls, scales: ResidualScales | None = None) -> "FewCastResidual":
+        """Return the process before any cast."""
+        return cls(
+            places=Places(inputs=np.empty((0, PLACE_COUNT)), log_sizes=np.empty(0)),
+            residuals=np.empty((0, 2)),
+            scatter=np.empty(0),
+            scales=scales or ResidualScales(),
+        )
+
+    def __len__(self) -> int:
+        return len(self.residuals)
+
+    def with_cast(
+        self, place: Places, residual: NDArray[np.float64], scatter: float = 1.0
+    ) -> "FewCastResidual":
+        """Return the process with one more cast.
+
+        Args:
+            place: Place of the cast.
+            residual: Measured minus simulated landing [cable lengths], shape [2].
+            scatter: Factor of its noise.
+        """
+        return dataclasses.replace(
+            self,
+            places=Places.join([self.places, place]),
+            residuals=np.concatenate([self.residuals, np.reshape(residual, (1, 2))]),
+            scatter=np.append(self.scatter, scatter),
+        )
+
+    def predict(self, places: Places) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict residuals.
+
+        Args:
+            places: Places of actions.
+
+        Returns:
+            Expected residuals, shape [action, 2], and the variance along each of x and y of g
+            alone, without scatter, shape [action]; [cable lengths] and their square.
+        """
+        sizes = self._sizes(places)
+        if not len(self):
+            return np.zeros((len(places), 2)), (sizes * self.scales.amplitude) ** 2
+        kernel = sizes[:, None] * self._sizes(self.places) * self.correlation(places)
+        kernel = kernel * self.scales.amplitude**2
+        means = kernel @ self._solved
+        explained = np.einsum("ai,ai->a", kernel @ self._inverse, kernel)
+        return means, np.maximum((sizes * self.scales.amplitude) ** 2 - explained, 0.0)
+
+    def scatter_variance(self, places: Places) -> NDArray[np.float64]:
+        """Return the variance of the scatter along each axis, shape [action]."""
+        return (self._sizes(places) * self.scales.noise) ** 2
+
+    def correlation(self, places: Places, others: Places | None = None) -> NDArray[np.float64]:
+        """Return the correlation of g between places and others.
+
+        Args:
+            places: Places of actions.
+            others: Places to compare with; those of the casts where None.
+
+        Returns:
+            Correlation, shape [action, other].
+        """
+        others = self.places if others is None else others
+        scales = self.scales.length * LENGTH_SCALES
+        return matern(places.inputs / scales, others.inputs / scales)
+
+    def fitted(self) -> "FewCastResidual":
+        """Return the process with the most likely scales, given the prior and the casts."""
+        if len(self) < 2:
+            return self
+        from scipy.optimize import minimize
+
+        start = ResidualScales().to_array()
+        found = minimize(self._loss, start, method="L-BFGS-B", options={"maxiter": 60})
+        values = found.x if np.all(np.isfinite(found.x)) else start
+        return dataclasses.replace(self, scales=ResidualScales.from_array(values))
+
+    def _loss(self, values: NDArray[np.float64]) -> float:
+        """Return the negative log posterior density of the scales."""
+        offset = (values - ResidualScales().to_array()) / PRIOR_DEVIATIONS
+        prior = 0.5 * float(offset @ offset)
+        if np.max(np.abs(offset)) > 8.0:
+            return 1e6 + prior
+        trial = dataclasses.replace(self, scales=ResidualScales.from_array(values))
+        factor = np.linalg.cholesky(trial._covariance)
+        whitened = np.linalg.solve(factor, self.residuals)
+        volume = 2.0 * float(np.log(np.diag(factor)).sum())
+        return 0.5 * float(np.sum(whitened**2)) + volume + prior
+
+    def _sizes(self, places: Places) -> NDArray[np.float64]:
+        return np.exp(self.scales.power * places.log_sizes)
+
+    @functools.cached_property
+    def _covariance(self) -> NDArray[np.float64]:
+        """Covariance of the residuals of the casts, shape [cast, cast]."""
+        sizes = self._sizes(self.places)
+        shared = self.scales.amplitude**2 * self.correlation(self.places)
+        noise = (self.scales.noise * self.scatter) ** 2 + _JITTER
+        return np.outer(sizes, sizes) * (shared + np.diag(noise))
+
+    @functools.cached_property
+    def _inverse(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.inv(self._covariance), dtype=float)
+
+    @functools.cached_property
+    def _solved(self) -> NDArray[np.float64]:
+        return self._inverse @ self.residuals
+
+
+def log_sizes(sensitivity: NDArray[np.float64], usual: float) -> NDArray[np.float64]:
+    """Return the logarithm of sensitivities over that of a usual cast.
+
+    Args:
+        sensitivity: Sensitivities [m], shape [action].
+        usual: Sensitivity of a usual cast [m].
+    """
+    return np.asarray(np.log(np.maximum(sensitivity / usual, _SHIFT_MIN)), dtype=float)

@@ -1,0 +1,394 @@
+"""AimSession: targets, casts at them, and what each cast teaches, step by step."""
+
+import dataclasses
+import math
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.checks import check_count, check_number
+from cablecast.datasets.reader import Dataset
+from cablecast.datasets.record import ATTEMPT_COUNT, trial_values
+from cablecast.datasets.store import CastStore, StoredCast
+from cablecast.errors import InputError, RigError
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.policies.aiming import AimChoice, AimedCast, Aimer
+from cablecast.policies.base import check_targets
+from cablecast.policies.forward_search import ForwardSearchPolicy
+from cablecast.rigs.base import error_line
+from cablecast.rigs.checked import CheckedRig
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+
+WITHIN_PCT = 3.0
+"""Distance from the target at which a cast has hit [% of cable length]."""
+
+TRIES = 6
+"""Casts at one target at most."""
+
+# Two targets nearer to each other than this are the same [m].
+_SAME_TARGET = 1e-6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AimProposal:
+    """A cast that was planned and not made yet.
+
+    Attributes:
+        number: Number of the cast in the session, from 0.
+        try_number: Number of the cast at this target, from 1.
+        target_xy: Target [m], shape [2].
+        action: Action.
+        trajectory: Motion down to joint set points.
+        expected_xy: Expected landing [m], shape [2].
+        covariance: Covariance of the landing about it [m²], shape [2, 2].
+        scatter: Standard deviation along each axis of equal casts, a part of it [m].
+        failure: Chance that the cast leaves the table or ends hidden [-].
+        inside_coverage: Whether simulated casts land near the target.
+        cable_length: Length of the cable [m].
+        reason: Why this action, in words.
+    """
+
+    number: int
+    try_number: int
+    target_xy: NDArray[np.float64]
+    action: Action
+    trajectory: Trajectory
+    expected_xy: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    scatter: float
+    failure: float
+    inside_coverage: bool
+    cable_length: float
+    reason: str
+
+    def ellipse(self, share: float = 0.9) -> tuple[float, float, float]:
+        """Return the ellipse that the landing lies in with some probability.
+
+        Args:
+            share: Probability [-].
+
+        Returns:
+            Both half axes [m], the longer one first, and the angle of that one from the x axis
+            towards the y axis [rad].
+        """
+        check_number("share", share, 0.01, 0.9999)
+        values, vectors = np.linalg.eigh(self.covariance)
+        # A Gaussian in the plane lies within k standard deviations with 1 - exp(-k² / 2).
+        minor, major = np.sqrt(values * -2.0 * math.log1p(-share))
+        return float(major), float(minor), float(math.atan2(vectors[1, 1], vectors[0, 1]))
+
+    @property
+    def expected_miss_pct(self) -> float:
+        """Root of the expected squared distance to the target [% of cable length]."""
+        left = float(np.sum((self.expected_xy - self.target_xy) ** 2))
+        return 100.0 * math.sqrt(left + float(np.trace(self.covariance))) / self.cable_length
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AimTrial:
+    """A cast that was made.
+
+    Attributes:
+        number: Number of the cast in the session, from 0.
+        purpose: "aim", or what else the cast was made for.
+        try_number: Number of the cast at its target, from 1; 0 for a cast without a target.
+        target_xy: Target [m], shape [2]; NaN for a cast without a target.
+        action: Action, shape [4].
+        expected_xy: Landing that was expected [m], shape [2]; NaN where none was.
+        covariance: Covariance of that landing [m²], shape [2, 2].
+        status: How the cast ended.
+        final_xy: Landing [m], shape [2]; NaN for a cast without one.
+        miss_pct: Distance from the target [% of cable length]; NaN for a cast without a landing.
+        hit: Whether it landed near enough to the target.
+        change: What the cast taught, in words; empty for one that was read from a folder.
+    """
+
+    number: int
+    purpose: str
+    try_number: int
+    target_xy: NDArray[np.float64]
+    action: NDArray[np.float64]
+    expected_xy: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    status: TrialStatus
+    final_xy: NDArray[np.float64]
+    miss_pct: float
+    hit: bool
+    change: str = ""
+
+
+class AimSession:
+    """Aims at targets one after another, and learns from every cast.
+
+    ```
+    proposal = session.propose(r=1.10, theta_deg=16.7)
+    trial = session.cast(rig, proposal)
+    ```
+
+    A robot that is driven by something else plays `proposal.trajectory` and hands what it saw to
+    `session.observe(proposal, track)`. Each cast is kept before the call returns. A session that is
+    opened again in the same folder knows all of its casts.
+
+    Args:
+        policy: Policy of simulated casts alone, as `train(simulated)` returns it.
+        casts: Casts on the rig to begin with, such as those that the simulator was tuned to.
+        out: Folder that keeps the casts; none where None.
+        within_pct: Distance from a target at which a cast has hit [% of cable length].
+        tries: Casts at one target at most.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings.
+        store: All casts.
+        aimer: What chooses the casts and learns from them.
+
+    Raises:
+        InputError: The policy has learned from real casts, a value is out of bounds, or the folder
+            holds something else.
+    """
+
+    def __init__(
+        self,
+        policy: ForwardSearchPolicy,
+        *,
+        casts: Dataset | None = None,
+        out: str | os.PathLike[str] | None = None,
+        within_pct: float = WITHIN_PCT,
+        tries: int = TRIES,
+    ):
+        if "adaptation" in policy.model.info:
+            raise InputError(
+                "aiming learns from real casts itself: give it a policy of simulated casts alone"
+            )
+        self.setup: Setup = policy.setup
+        self.within_pct = check_number("within_pct", within_pct, 0.01, 100.0, "%")
+        self.tries = check_count("tries", tries, 1, 1000)
+        self.store = CastStore(self.setup, out)
+        if casts is not None:
+            self.store.add_dataset(casts)
+        self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
+        self.aimer = Aimer(policy)
+        self.aimer.learn([_aimed(cast) for cast in self.store.casts if _has_action(cast)])
+        self._fitted_count = len(self.store)
+
+    @property
+    def history(self) -> tuple[AimTrial, ...]:
+        """All casts, in the order in which they were made."""
+        return tuple(self._trials)
+
+    def trials_at(self, target_xy: ArrayLike) -> list[AimTrial]:
+        """Return the casts at one target.
+
+        Args:
+            target_xy: Target [m], shape [2].
+        """
+        target = np.asarray(target_xy, dtype=float)
+        return [
+            trial
+            for trial in self._trials
+            if np.linalg.norm(trial.target_xy - target) < _SAME_TARGET
+        ]
+
+    def is_done(self, target_xy: ArrayLike) -> bool:
+        """Return whether a target was hit, or all tries at it are used.
+
+        Args:
+            target_xy: Target [m], shape [2].
+        """
+        trials = self.trials_at(target_xy)
+        return len(trials) >= self.tries or any(trial.hit for trial in trials)
+
+    def propose(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: float | None = None,
+        theta_deg: float | None = None,
+    ) -> AimProposal:
+        """Plan the next cast at a target, and say what to expect of it.
+
+        Args:
+            target_xy: Target [m], shape [2]; or else r and theta_deg.
+            r: Distance from the robot's base [m].
+            theta_deg: Angle from straight ahead, positive to the robot's right [deg].
+
+        Raises:
+            TargetError: The target is not finite, out of reach, or off the table.
+        """
+        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        if len(targets) != 1:
+            raise InputError(f"a proposal has one target, not {len(targets)}")
+        choice = self.aimer.choose(targets[0])
+        action = Action.from_array(choice.action)
+        earlier = self.trials_at(choice.target_xy)
+        return AimProposal(
+            number=len(self._trials),
+            try_number=len(earlier) + 1,
+            target_xy=choice.target_xy,
+            action=action,
+            trajectory=plan_trajectory(action, self.setup),
+            expected_xy=choice.expected_xy,
+            covariance=choice.covariance,
+            scatter=choice.scatter,
+            failure=choice.failure,
+            inside_coverage=choice.inside_coverage,
+            cable_length=self.setup.cable.length,
+            reason=self._reason(choice, earlier),
+        )
+
+    def cast(self, rig: CheckedRig, proposal: AimProposal) -> AimTrial:
+        """Make a proposed cast on a rig, and learn from it.
+
+        Args:
+            rig: Rig that `make_rig` returned, with the set-up of the session.
+            proposal: Cast that `propose` returned.
+
+        Raises:
+            RigError: The cast failed too often.
+            InputError: The proposal is not the next cast of the session.
+        """
+        self._check_next(proposal)
+        return self.observe(proposal, self.play(rig, proposal.trajectory, proposal.number))
+
+    def play(self, rig: CheckedRig, motion: Trajectory, number: int) -> EndpointTrack:
+        """Reset a rig and play one motion; a cast that fails is repeated.
+
+        Args:
+            rig: Rig that `make_rig` returned, with the set-up of the session.
+            motion: Motion to play.
+            number: Number of the cast, which a rig that draws by chance draws from.
+
+        Raises:
+            RigError: The cast failed too often.
+        """
+        if rig.setup != self.setup:
+            raise InputError("the rig has another set-up than the session")
+        reason = ""
+        for _ in range(ATTEMPT_COUNT):
+            try:
+                if hasattr(rig, "seek"):
+                    rig.seek(number, "aim")
+                rig.reset()
+                track = rig.execute(motion)
+            # A rig is foreign code: whatever it raises, the cast has failed.
+            except Exception as error:
+                reason = str(error) if isinstance(error, RigError) else error_line(error)
+                continue
+            if track.status is not TrialStatus.ABORTED:
+                return track
+            reason = "the rig reported it as aborted"
+        raise RigError(
+            f"cast {number} failed {ATTEMPT_COUNT} times, the last time because: {reason}. Earlier "
+            "casts are kept"
+        )
+
+    def observe(self, proposal: AimProposal, track: EndpointTrack) -> AimTrial:
+        """Learn from a proposed cast that was made.
+
+        Args:
+            proposal: Cast that `propose` returned.
+            track: What the rig saw of it.
+
+        Raises:
+            InputError: The proposal is not the next cast of the session.
+        """
+        self._check_next(proposal)
+        cast = StoredCast(
+            purpose="aim",
+            values=trial_values(proposal.trajectory, track),
+            note={
+                "target_xy": proposal.target_xy.tolist(),
+                "try_number": proposal.try_number,
+                "expected_xy": proposal.expected_xy.tolist(),
+                "covariance": proposal.covariance.tolist(),
+                "reason": proposal.reason,
+            },
+        )
+        self.store.add(cast)
+        # The scales of the process change slowly: fitting them at each cast would be wasted.
+        refit = len(self.store) >= 1.3 * self._fitted_count
+        self.aimer.learn([_aimed(cast)], refit=refit)
+        if refit:
+            self._fitted_count = len(self.store)
+        trial = self._trial(len(self._trials), cast)
+        trial = dataclasses.replace(trial, change=self._change(proposal, trial))
+        self._trials.append(trial)
+        return trial
+
+    def _check_next(self, proposal: AimProposal) -> None:
+        if proposal.number != len(self._trials):
+            raise InputError(
+                f"the proposal is cast {proposal.number} of the session, whose next cast is "
+                f"{len(self._trials)}: propose again, since it has learned meanwhile"
+            )
+
+    def _trial(self, number: int, cast: StoredCast) -> AimTrial:
+        """Return a stored cast as a trial of the session."""
+        note: dict[str, Any] = cast.note
+        target = np.array(note.get("target_xy", (np.nan, np.nan)), dtype=float)
+        final_xy = cast.endpoint_xy
+        miss_pct = 100.0 * float(np.linalg.norm(final_xy - target)) / self.setup.cable.length
+        return AimTrial(
+            number=number,
+            purpose=cast.purpose,
+            try_number=int(note.get("try_number", 0)),
+            target_xy=target,
+            action=cast.action,
+            expected_xy=np.array(note.get("expected_xy", (np.nan, np.nan)), dtype=float),
+            covariance=np.array(note.get("covariance", np.full((2, 2), np.nan)), dtype=float),
+            status=TrialStatus.from_code(cast.status),
+            final_xy=final_xy,
+            miss_pct=miss_pct,
+            hit=bool(miss_pct <= self.within_pct),
+        )
+
+    def _reason(self, choice: AimChoice, earlier: list[AimTrial]) -> str:
+        """Return why an action was chosen, in words."""
+        landed = [trial for trial in earlier if np.all(np.isfinite(trial.final_xy))]
+        if not earlier:
+            return f"first cast at this target, after {len(self.store)} casts of this cable"
+        if not landed:
+            return "another action, since the last one had no landing"
+        step = [_step(choice.action, trial.action) for trial in landed]
+        nearest = landed[int(np.argmin(step))]
+        if min(step) > _OTHER_ACTION:
+            return "another action, which is expected to land nearer than a correction of the last"
+        theta1, theta2, r2, psi = choice.action - nearest.action
+        return (
+            f"try {nearest.try_number} changed by {math.degrees(theta1):+.1f} and "
+            f"{math.degrees(theta2):+.1f} deg of theta, {100 * r2:+.1f} cm of r2 and "
+            f"{math.degrees(psi):+.1f} deg of psi"
+        )
+
+    def _change(self, proposal: AimProposal, trial: AimTrial) -> str:
+        """Return what a cast taught, in words."""
+        if not np.all(np.isfinite(trial.final_xy)):
+            return "no landing: actions like this one are avoided from now on"
+        xy, _, scatter = self.aimer.predict(proposal.action.to_array())
+        moved = 100.0 * (xy[0] - proposal.expected_xy)
+        length = self.setup.cable.length
+        return (
+            f"this action is now expected {moved[0]:+.1f} cm in x and {moved[1]:+.1f} cm in y from "
+            f"before, with a scatter of {100 * scatter[0] / length:.1f} % of the cable's length"
+        )
+
+
+# Steps of this many degrees or centimetres, together, lead to another action.
+_OTHER_ACTION = 12.0
+
+
+def _step(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the size of the step between two actions in degrees and centimetres."""
+    offset = (first - second) * np.array([57.3, 57.3, 100.0, 57.3])
+    return float(np.linalg.norm(offset))
+
+
+def _has_action(cast: StoredCast) -> bool:
+    return bool(np.all(np.isfinite(cast.action)))
+
+
+def _aimed(cast: StoredCast) -> AimedCast:
+    return AimedCast(action=cast.action, endpoint_xy=cast.endpoint_xy)

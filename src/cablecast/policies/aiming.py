@@ -1,0 +1,359 @@
+"""Aimer: chooses casts under uncertainty, and learns from every one of them.
+
+The landings of a policy's candidates are known from the simulator. A Gaussian process adds what
+real casts showed (`FewCastResidual`), and says how surely. For a target the aimer takes the action
+with the least expected squared miss: the distance left, the uncertainty of the prediction, the
+scatter of the action, and the cost of a cast that may end out of sight. After a cast near a target
+the process is almost certain there, so the next action is a small step from the last one, damped by
+the scatter as in a Kalman filter. An action that scatters more than expected loses this advantage
+to others.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.conventions import mirror_xy
+from cablecast.models.features import deviations
+from cablecast.models.few_casts import FewCastResidual, Places, log_sizes
+from cablecast.motion.action import mirror_actions
+from cablecast.policies.base import check_targets
+from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
+from cablecast.policies.refinement import refine_actions
+
+REACH_PCT = 6.0
+"""Distance from the target within which candidates are compared by their expected miss [% of cable
+length]."""
+
+FAILURE_MISS = 0.5
+"""Miss that a cast without a landing counts as [cable lengths]."""
+FAILURE_SHARE = 0.02
+"""Share of casts without a landing that is expected before any cast."""
+
+_NEIGHBOR_COUNT = 3000
+_SHORTLIST_COUNT = 8
+# Earlier casts that came this near to a target [cable lengths] are candidates, too.
+_EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
+# Newton steps of a correction, and the parts of it that are tried until the arm can follow.
+_NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
+# Casts that the belief about scatter and failures is worth.
+_SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
+# The spread is known at the candidate, not at the action moved onto the target.
+_MOVE_COST = 0.15
+# Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
+_ALONG = 0.7
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AimedCast:
+    """A cast that the aimer learned from.
+
+    Attributes:
+        action: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [4].
+        endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
+    """
+
+    action: NDArray[np.float64]
+    endpoint_xy: NDArray[np.float64]
+
+    @property
+    def landed(self) -> bool:
+        """True if the cast has a landing."""
+        return bool(np.all(np.isfinite(self.endpoint_xy)))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AimChoice:
+    """An action for a target, and what to expect of it.
+
+    Attributes:
+        target_xy: Target [m], shape [2].
+        action: Action, shape [4].
+        expected_xy: Expected landing [m], shape [2].
+        covariance: Covariance of the landing, scatter included [m²], shape [2, 2].
+        scatter: Standard deviation along each axis of equal casts [m].
+        failure: Chance that the cast ends without a landing [-].
+        inside_coverage: Whether simulated casts land near the target.
+    """
+
+    target_xy: NDArray[np.float64]
+    action: NDArray[np.float64]
+    expected_xy: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    scatter: float
+    failure: float
+    inside_coverage: bool
+
+
+class Aimer:
+    """A policy that learns from each of its casts.
+
+    Args:
+        policy: Policy of simulated casts alone.
+    """
+
+    def __init__(self, policy: ForwardSearchPolicy):
+        self.policy = policy
+        self.model = policy.model
+        self.length = policy.setup.cable.length
+        self.residual = FewCastResidual.empty()
+        self.casts: list[AimedCast] = []
+        self.surprises: list[float] = []
+        self._weights: list[float] = []
+        self._failed = self._ended = self.residual.places
+        self._usual = float(np.median(policy.sensitivity))
+        self._changes = deviations(policy.actions)
+
+    def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
+        """Take casts into account, in the order in which they were made.
+
+        Args:
+            casts: Casts with or without a landing.
+            refit: Whether the scales of the process are fitted anew.
+        """
+        for cast in casts:
+            self._add(cast)
+        if refit and casts:
+            self._refit()
+
+    def _add(self, cast: AimedCast) -> None:
+        place, simulated_xy, hand = self._place(cast.action)
+        self.casts.append(cast)
+        self._ended = Places.join([self._ended, place])
+        if not cast.landed:
+            self._failed = Places.join([self._failed, place])
+            return
+        landing = cast.endpoint_xy * np.array([hand, 1.0])
+        residual = (landing - simulated_xy) / self.length
+        mean, variance = self.residual.predict(place)
+        scatter = self.residual.scatter_variance(place)
+        total = float(variance[0] + scatter[0])
+        # What the process did not know says nothing about scatter: count the share that is.
+        self.surprises.append(float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)))
+        self._weights.append(float(scatter[0]) / total)
+        self.residual = self.residual.with_cast(place, residual)
+        self._renew_scatter()
+
+    def _refit(self) -> None:
+        self.residual = self.residual.fitted()
+        self._renew_scatter()
+
+    def _renew_scatter(self) -> None:
+        factors = self._scatter_factor(self.residual.places)
+        self.residual = dataclasses.replace(self.residual, scatter=np.sqrt(factors))
+
+    def _scatter_factor(self, places: Places) -> NDArray[np.float64]:
+        """Return the variance of the scatter over that expected, from surprises nearby."""
+        near = self.residual.correlation(places) ** 4 * np.array(self._weights)
+        surprise = near @ np.array(self.surprises)
+        factor = (_SCATTER_CASTS + surprise) / (_SCATTER_CASTS + near.sum(axis=1))
+        return np.clip(factor, 0.25, 25.0)
+
+    def _failure_chance(self, places: Places) -> NDArray[np.float64]:
+        """Return the chance of a cast without a landing, from casts nearby."""
+        failed = (self.residual.correlation(places, self._failed) ** 4).sum(axis=1)
+        ended = (self.residual.correlation(places, self._ended) ** 4).sum(axis=1)
+        prior = _FAILURE_CASTS * FAILURE_SHARE
+        return (prior + failed) / (_FAILURE_CASTS + ended)
+
+    def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:
+        """Return the place of a cast, its simulated landing to the right [m], and its hand."""
+        (rightward,), (hand,) = _rightward(action[None])
+        simulated_xy = self.model.predict(rightward[None])
+        sensitivity = self.model.sensitivity(rightward[None], self._changes)
+        places = self._places(rightward[None], simulated_xy, sensitivity, np.array([hand]))
+        return places, simulated_xy[0], float(hand)
+
+    def _places(
+        self,
+        actions: NDArray[np.float64],
+        simulated_xy: NDArray[np.float64],
+        sensitivity: NDArray[np.float64],
+        hands: NDArray[np.float64],
+    ) -> Places:
+        """Return the places of actions to the right that are played with a hand (+1 or -1)."""
+        inputs = np.hstack(
+            [
+                self.model.normalize(actions).astype(float),
+                self.model.normalize_endpoints(simulated_xy),
+                hands[:, None],
+            ]
+        )
+        return Places(inputs=inputs, log_sizes=log_sizes(sensitivity, self._usual))
+
+    def predict(
+        self, actions: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Predict landings.
+
+        Args:
+            actions: Actions on either side, shape [action, 4].
+
+        Returns:
+            Expected landings [m], shape [action, 2]; their covariances, scatter included [m²],
+            shape [action, 2, 2]; standard deviation of equal casts along each axis [m], shape
+            [action].
+        """
+        actions = np.atleast_2d(np.asarray(actions, dtype=float))
+        rows = [self._predict_one(action) for action in actions]
+        xy, covariance, scatter = zip(*rows, strict=True)
+        return np.array(xy), np.array(covariance), np.array(scatter)
+
+    def _predict_one(self, action: NDArray[np.float64]):
+        place, simulated_xy, hand = self._place(action)
+        mean, variance = self.residual.predict(place)
+        scatter = self.residual.scatter_variance(place) * self._scatter_factor(place)
+        rightward, _ = _rightward(action[None])
+        shifts = self.model.landing_shifts(rightward, self._changes)[0]
+        along = shifts @ shifts.T / max(float(np.sum(shifts**2)), 1e-12)
+        shape = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
+        covariance = (variance[0] + scatter[0]) * self.length**2 * shape
+        flip = np.array([hand, 1.0])
+        xy = flip * (simulated_xy + self.length * mean[0])
+        return xy, covariance * np.outer(flip, flip), float(np.sqrt(scatter[0])) * self.length
+
+    def choose(self, target_xy: ArrayLike) -> AimChoice:
+        """Choose the action with the least expected squared miss.
+
+        Args:
+            target_xy: Target [m], shape [2].
+
+        Raises:
+            TargetError: The target is not finite, out of reach, or off the table.
+        """
+        target = check_targets(self.policy.setup, target_xy)[0]
+        actions, hands = self._shortlist(target)
+        goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
+        sensitivity = self.model.sensitivity(actions, self._changes)
+        moved, moved_xy = refine_actions(
+            actions,
+            goals,
+            self._changes,
+            model=_CorrectedLandings(self, hands, sensitivity),
+            table_margin=self.policy.info.get("table_margin", TABLE_MARGIN),
+            iterations=_NEWTON_STEPS,
+            fractions=_FRACTIONS,
+        )
+        simulated_xy = self.model.predict(moved)
+        sensitivity = self.model.sensitivity(moved, self._changes)
+        places = self._places(moved, simulated_xy, sensitivity, hands)
+        distance = np.linalg.norm(moved_xy - goals, axis=1) / self.length
+        risk, failure = self._risk(distance, places)
+        best = int(np.argmin(risk))
+        action = mirror_actions(moved[best]) if hands[best] < 0 else moved[best]
+        xy, covariance, scatter = self.predict(action)
+        return AimChoice(
+            target_xy=target,
+            action=action,
+            expected_xy=xy[0],
+            covariance=covariance[0],
+            scatter=float(scatter[0]),
+            failure=float(failure[best]),
+            inside_coverage=bool(self.policy.inside_coverage(target)),
+        )
+
+    def _risk(
+        self, distance: NDArray[np.float64], places: Places
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the expected squared miss of actions and their chance of failure.
+
+        Args:
+            distance: Distance left from expected landing to target [cable lengths], shape [action].
+            places: Places of the actions.
+
+        Returns:
+            Risk [square cable lengths] and chance [-], each of shape [action].
+        """
+        _, variance = self.residual.predict(places)
+        scatter = self.residual.scatter_variance(places) * self._scatter_factor(places)
+        failure = self._failure_chance(places)
+        risk = distance**2 + 2.0 * (variance + scatter) + failure * FAILURE_MISS**2
+        return risk, failure
+
+    def _shortlist(
+        self, target: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the most promising candidates and earlier actions for a target.
+
+        Args:
+            target: Target [m], shape [2].
+
+        Returns:
+            Actions to the right, shape [action, 4], and the hands to play them with, [action].
+        """
+        policy = self.policy
+        side = -1.0 if target[0] < 0 else 1.0
+        # The candidates land on the right: for a target on the left all are mirrored.
+        count = min(_NEIGHBOR_COUNT, len(policy.actions))
+        _, index = policy.tree.query(_to_right(target[None], np.array([side]))[0], k=count)
+        index = np.atleast_1d(index)
+        actions, turns = _rightward(policy.actions[index])
+        hands = side * turns
+        simulated_xy = _to_right(policy.predicted_xy[index], turns)
+        places = self._places(actions, simulated_xy, policy.sensitivity[index], hands)
+        expected_xy = simulated_xy + self.length * self.residual.predict(places)[0]
+        goals = _to_right(np.repeat(target[None], len(index), axis=0), hands)
+        distance = np.linalg.norm(expected_xy - goals, axis=1) / self.length
+        risk, _ = self._risk(_MOVE_COST * distance, places)
+        risk[distance > max(REACH_PCT / 100, float(distance.min()))] = np.inf
+        short = np.argsort(risk)[: min(_SHORTLIST_COUNT, len(risk))]
+        short = short[np.isfinite(risk[short])]
+        earlier, earlier_hands = _rightward(self._earlier(target))
+        return (
+            np.concatenate([actions[short], earlier]),
+            np.concatenate([hands[short], earlier_hands]),
+        )
+
+    def _earlier(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the actions that landed nearest to a target, shape [action, 4]."""
+        landed = [cast for cast in self.casts if cast.landed]
+        miss = [float(np.linalg.norm(cast.endpoint_xy - target)) / self.length for cast in landed]
+        near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < _EARLIER_REACH]
+        return np.array([landed[k].action for k in near]).reshape(-1, 4)
+
+
+class _CorrectedLandings:
+    """Landings of given actions with what real casts added, for `refine_actions`."""
+
+    def __init__(self, aimer: Aimer, hands: NDArray[np.float64], sensitivity: NDArray[np.float64]):
+        self.aimer = aimer
+        self.hands = hands
+        self.sensitivity = sensitivity
+        self.setup = aimer.policy.setup
+
+    def predict(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the expected landings [m], shape [action, 2]."""
+        aimer = self.aimer
+        simulated_xy = aimer.model.predict(actions)
+        places = aimer._places(actions, simulated_xy, self.sensitivity, self.hands)
+        return simulated_xy + aimer.length * aimer.residual.predict(places)[0]
+
+    def landing_shifts(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the shift of the landing for each change of an action, [action, 2, change]."""
+        shifts = [
+            (self.predict(actions + change) - self.predict(actions - change)) / 2
+            for change in changes
+        ]
+        return np.stack(shifts, axis=2)
+
+    def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distance that the free end keeps from the table's edges [m]."""
+        return self.aimer.model.predict_margin(actions)
+
+
+def _rightward(actions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return actions as the model knows them, with theta2 > 0, and the hands they are played with.
+
+    Returns:
+        Actions, shape [action, 4], and +1, or -1 for those that were mirrored, shape [action].
+    """
+    hands = np.where(actions[:, 1] < 0, -1.0, 1.0)
+    return np.where(hands[:, None] < 0, mirror_actions(actions), actions), hands
+
+
+def _to_right(xy: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points as the model sees them for actions of given hands, shape [action, 2]."""
+    return np.where(hands[:, None] < 0, mirror_xy(xy), xy)

@@ -1,0 +1,187 @@
+"""Fit of a cable by least squares: starts, resolutions, bounds that are widened, and the result."""
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
+from cablecast.engines.base import Engine
+from cablecast.tuning.least_squares import (
+    MISFIT_START,
+    FitConfig,
+    FitState,
+    TrackFit,
+    run_fit,
+)
+from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
+from cablecast.tuning.prior import ParamPrior
+from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.tune import COARSE, FINE, TuneProgress, TuneResult
+
+WIDEN_MAX = 2
+"""Times that ranges are widened at most."""
+
+# A parameter must be this much better known than before for its bound to be in the way.
+_KNOWN = 0.7
+
+
+def fit_params(
+    cable: Cable,
+    training: MeasuredTracks,
+    validation: MeasuredTracks | None,
+    coarse_engine: Engine,
+    engine: Engine,
+    config: FitConfig | None = None,
+    *,
+    progress: Callable[[TuneProgress], None] | None = None,
+) -> TuneResult:
+    """Find the parameters by Levenberg-Marquardt with a prior, and how surely they are known.
+
+    Args:
+        cable: Cable that was cast, with what is believed of it.
+        training: Tracks to fit.
+        validation: Tracks to measure the result with; the training tracks where None.
+        coarse_engine: Simulator of the first steps.
+        engine: Simulator of the last steps, at the resolution at which the result will be used.
+        config: Settings of the fit.
+        progress: Called after every step.
+
+    Raises:
+        InputError: No sample of the tracks can be compared.
+    """
+    config = config or FitConfig()
+    began = time.monotonic()
+    coarse = TrackObjective(coarse_engine, cable, training)
+    fine = TrackObjective(engine, cable, training)
+    held_out = fine if validation is None else TrackObjective(engine, cable, validation)
+    space = SearchSpace.for_cable(cable)
+    report = _Report(config, cable.length, progress, began)
+    prior = ParamPrior.for_cable(cable, space)
+    fit = TrackFit(coarse, space, prior)
+    state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
+    state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
+    coarse_count = fit.simulation_count
+    points = state.best(config.fine_start_count).points
+    for attempt in range(WIDEN_MAX + 1):
+        prior = ParamPrior.for_cable(cable, space)
+        fit = TrackFit(fine, space, prior)
+        report.before = report.count
+        state = fit.start(points, state.misfit)
+        state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
+        posterior = _posterior(fit, state)
+        wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
+        if wider is None:
+            break
+        points = wider.to_unit(space.to_params(state.best(config.fine_start_count).points))
+        space = wider
+        report.extend(config.fine_iterations)
+    best = state.best(len(state.points))
+    params = posterior.params
+    both = CableParams.from_array(np.stack([cable.params.to_array(), params.to_array()]))
+    return TuneResult(
+        params=params,
+        population=space.to_params(best.points),
+        population_losses=fine.distances(space.to_params(best.points)).loss,
+        space=space,
+        training=fine.distances(both),
+        validation=held_out.distances(both),
+        training_status=training.status,
+        validation_status=(training if validation is None else validation).status,
+        simulation_count=report.count,
+        coarse_simulation_count=coarse_count,
+        seconds=time.monotonic() - began,
+        history=report.history,
+        posterior=posterior,
+    )
+
+
+def _posterior(fit: TrackFit, state: FitState) -> ParamPosterior:
+    """Return the Gaussian whose curvature is that of F at the best point."""
+    best = state.best()
+    curve = fit.curvatures(best.points, best.misfit, expected=True)[0]
+    covariance = np.linalg.inv(curve.hessian)
+    return ParamPosterior(
+        space=fit.space,
+        prior=fit.prior,
+        mean=best.points[0],
+        covariance=(covariance + covariance.T) / 2,
+        misfit=best.misfit,
+    )
+
+
+def _widened(posterior: ParamPosterior, cable: Cable) -> SearchSpace | None:
+    """Return a space that is wider where the casts push a parameter against its bound.
+
+    Returns:
+        The wider space; None if no bound is in the way, or none can be moved.
+    """
+    space = posterior.space
+    known = posterior.deviation < _KNOWN * posterior.prior.deviation
+    low, high = space.low.copy(), space.high.copy()
+    for row, name in enumerate(CableParams.names()):
+        least, most = PARAM_BOUNDS[name]
+        if name in ("spinning_friction", "rolling_friction"):
+            # Beyond the cable's radius the contact would lie outside the cable.
+            most = min(most, cable.radius)
+        ratio = np.sqrt(high[row] / low[row]) if space.logarithmic[row] else 0.0
+        width = 0.5 * (high[row] - low[row])
+        if known[row] and posterior.mean[row] < BOUND_DISTANCE:
+            low[row] = low[row] / ratio if ratio else low[row] - width
+            low[row] = max(low[row], least, 1e-9 if ratio else 0.0)
+        if known[row] and posterior.mean[row] > 1.0 - BOUND_DISTANCE:
+            high[row] = min(high[row] * ratio if ratio else high[row] + width, most)
+    if np.array_equal(low, space.low) and np.array_equal(high, space.high):
+        return None
+    return dataclasses.replace(space, low=low, high=high)
+
+
+class _Report:
+    """Counts the simulations of a fit, and reports its steps."""
+
+    def __init__(
+        self,
+        config: FitConfig,
+        cable_length: float,
+        progress: Callable[[TuneProgress], None] | None,
+        began: float,
+    ):
+        self.total = config.coarse_iterations + config.fine_iterations
+        self.cable_length = cable_length
+        self.progress = progress
+        self.began = began
+        self.before = 0
+        self.count = 0
+        self.history: list[tuple[str, float, float]] = []
+
+    def extend(self, steps: int) -> None:
+        """Announce more steps: a range was widened."""
+        self.total += steps
+
+    def step(self, stage: str, fit: TrackFit) -> Callable[[FitState], None]:
+        """Return the callback of a stage."""
+
+        def after(state: FitState) -> None:
+            self.count = self.before + fit.simulation_count
+            best, spread = float(state.best().losses[0]), float(state.losses.std())
+            self.history.append((stage, best * self.cable_length, spread * self.cable_length))
+            if self.progress is None:
+                return
+            done = len(self.history)
+            pace = (time.monotonic() - self.began) / done
+            self.progress(
+                TuneProgress(
+                    stage=stage,
+                    generation=done,
+                    generation_count=self.total,
+                    best_pct=100.0 * best,
+                    spread_pct=100.0 * spread,
+                    simulation_count=self.count,
+                    seconds_left=pace * (self.total - done),
+                )
+            )
+
+        return after

@@ -1,0 +1,85 @@
+"""A policy and a rig with closed forms: the rig lands elsewhere than the policy believes."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from cablecast.models import ForwardModel
+from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
+from cablecast.policies import ForwardSearchPolicy
+from cablecast.rigs.base import RigLifecycle, purpose_seed
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+
+SETUP = Setup()
+LENGTH = SETUP.cable.length
+
+
+def linear_model() -> ForwardModel:
+    """Lands at (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20), and always keeps 1 m from the edges."""
+    weights = np.zeros((4, 2), dtype=np.float32)
+    weights[1, 0], weights[2, 1], weights[3, 1] = 0.9, 1.0, 0.05
+    axes = [np.linspace(*ends, 3) for ends in ((-1.4, -0.1), (0.1, 1.4), (0.35, 0.8), (0.0, 1.6))]
+    features = np.array(list(itertools.product(*axes)), dtype=np.float32)
+    return ForwardModel(
+        weights=((weights, np.array([-0.2, 0.6], dtype=np.float32)),),
+        feature_mean=np.zeros(4),
+        feature_scale=np.array([0.4, 0.4, 0.13, 0.45]),
+        endpoint_mean=np.zeros(2),
+        endpoint_scale=1.0,
+        margin_features=features,
+        margins=np.ones(len(features)),
+        info={"dataset": {"settings": SETUP.to_settings(), "fingerprint": "f00d"}},
+    )
+
+
+def make_policy() -> ForwardSearchPolicy:
+    model = linear_model()
+    scaled = model.weights[0][0] * model.feature_scale[:, None].astype(np.float32)
+    model = dataclasses.replace(model, weights=((scaled, model.weights[0][1]),))
+    return ForwardSearchPolicy.from_candidates(grid_actions(ActionRanges(), (3, 40, 20, 3)), model)
+
+
+class FormulaRig(RigLifecycle):
+    """Lands where the policy believes, plus a bias that follows the action, plus scatter.
+
+    Attributes:
+        bias: Size of the bias [cable lengths].
+        scatter: Standard deviation of equal casts along each axis [cable lengths].
+        drift: Growth of a shift along x with each cast [cable lengths].
+        hidden: Whether every cast ends hidden.
+    """
+
+    def __init__(self, policy, seed=0, bias=0.08, scatter=0.005, drift=0.0, hidden=False):
+        super().__init__()
+        self.policy, self.seed = policy, seed
+        self.bias, self.scatter, self.drift, self.hidden = bias, scatter, drift, hidden
+        self.description = {"rig": "formula", "seed": seed}
+        self.actions, self._draw = [], (seed, 0)
+
+    def seek(self, index, purpose=""):
+        self._draw = (purpose_seed(self.seed, purpose), index)
+
+    def landing(self, action):
+        """The landing of an action without scatter."""
+        action = np.asarray(action, dtype=float)
+        hand = np.sign(action[1])
+        rightward = mirror_actions(action) if hand < 0 else action
+        theta1, theta2, r2, psi = rightward
+        bias = self.bias * np.array([np.sin(3 * theta2 + hand), np.cos(2 * psi + 5 * r2 - theta1)])
+        xy = self.policy.model.predict(rightward[None])[0] + LENGTH * bias
+        return xy * np.array([hand, 1.0])
+
+    def execute(self, trajectory):
+        self._use_reset()
+        action = trajectory.action.to_array()
+        self.actions.append(action)
+        noise = np.random.default_rng(self._draw).normal(size=2)
+        drift = [self.drift * len(self.actions), 0.0]
+        xy = self.landing(action) + LENGTH * (self.scatter * noise + drift)
+        times = np.array([0.0, trajectory.duration + 1.0])
+        status = TrialStatus.OCCLUDED if self.hidden else TrialStatus.OK
+        last = np.full(2, np.nan) if self.hidden else xy
+        start = [0.0, SETUP.workspace.reset_y + LENGTH]
+        return EndpointTrack(times=times, endpoint_xy=np.array([start, last]), status=status)

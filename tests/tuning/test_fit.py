@@ -1,0 +1,116 @@
+"""Least squares with a prior: a handful of casts is enough, and what they leave open is said."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import CableParams
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.tuning.fit import fit_params
+from cablecast.tuning.least_squares import FitConfig, TrackFit
+from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.prior import ParamPrior
+from cablecast.tuning.search_space import SearchSpace
+
+CONFIG = FitConfig(start_count=4, coarse_iterations=6, fine_start_count=2, fine_iterations=3)
+FRICTION = 0.12
+"""The tracks of three casts tell friction about this well."""
+
+
+@pytest.fixture(scope="module")
+def few(good):
+    return good[np.arange(3)]
+
+
+@pytest.fixture(scope="module")
+def others(good):
+    return good[np.arange(3, len(good))]
+
+
+@pytest.fixture(scope="module")
+def result(cable, few, others):
+    engine = EngineWarp(segment_count=10, dt=2e-3)
+    return fit_params(cable, few, others, engine, engine, CONFIG)
+
+
+def test_three_casts_are_enough_to_predict_others(result, truth):
+    assert result.params.friction == pytest.approx(truth.friction, rel=FRICTION)
+    default, fitted = result.validation.loss
+    assert fitted < 0.25 * default
+
+
+def test_a_fit_is_repeatable(result, cable, few, others, engine):
+    again = fit_params(cable, few, others, engine, engine, CONFIG)
+    np.testing.assert_array_equal(again.params.to_array(), result.params.to_array())
+    np.testing.assert_array_equal(again.posterior.covariance, result.posterior.covariance)
+
+
+def test_what_the_casts_do_not_tell_keeps_the_belief(result, cable):
+    posterior = result.posterior
+    assert "twist_stiffness" in posterior.undetermined
+    assert result.params.mass == pytest.approx(cable.params.mass, rel=0.2)
+    assert "bend_stiffness" not in posterior.undetermined
+    assert any("do not determine twist stiffness" in line for line in posterior.sentences())
+    assert any("only the product" in line for line in posterior.sentences())
+    assert np.all(posterior.deviation < 1.001 * posterior.prior.deviation)
+
+
+def test_draws_stay_in_range_and_begin_with_the_most_likely(result):
+    posterior = result.posterior
+    draws = posterior.draw(50).to_array()
+    np.testing.assert_allclose(draws[0], result.params.to_array())
+    assert np.all(draws >= posterior.space.low)
+    assert np.all(draws <= posterior.space.high)
+    # The product is known, the factors are not.
+    friction = draws[:, 4] * draws[:, 5]
+    assert np.std(np.log(friction)) < 0.5 * np.std(np.log(draws[:, 4]))
+
+
+def test_a_bound_in_the_way_is_widened(cable, few, others, truth, engine):
+    """What is believed is off by a factor of 50: the range ends at 30."""
+    stiff = dataclasses.replace(cable.params, bend_stiffness=truth.bend_stiffness / 50.0)
+    believed = dataclasses.replace(cable, params=stiff, deviations={"bend_stiffness": 30.0})
+    result = fit_params(believed, few, others, engine, engine, CONFIG)
+    high = SearchSpace.for_cable(believed).high[CableParams.names().index("bend_stiffness")]
+    assert result.params.bend_stiffness > high
+
+
+def test_deviations_of_the_cables_file_are_the_prior(cable):
+    sure = dataclasses.replace(cable, deviations={"bend_stiffness": 1.01, "lateral_friction": 0.01})
+    space = SearchSpace.for_cable(sure)
+    prior = ParamPrior.for_cable(sure, space)
+    values = space.to_params(prior.mean + np.eye(10)[1] * prior.deviation[1]).to_array()
+    assert values[1] == pytest.approx(1.01 * cable.params.bend_stiffness)
+    assert prior.deviation[4] == pytest.approx(0.01 / 1.25)
+    assert prior.deviation[0] > 5 * prior.deviation[1]
+
+
+def test_derivatives_are_those_of_the_cost(cable, few, engine):
+    space = SearchSpace.for_cable(cable)
+    fit = TrackFit(TrackObjective(engine, cable, few), space, ParamPrior.for_cable(cable, space))
+    point = fit.prior.mean.copy()
+    curve = fit.curvatures(point[None], 0.05)[0]
+    step = 0.02 * np.eye(10)[4]
+    sign = -1.0 if point[4] > 0.5 else 1.0
+    costs = fit.start(np.stack([point, point + sign * step]), 0.05).costs
+    slope = (costs[1] - costs[0]) / (0.02 * sign)
+    # A forward difference of a curved function: the curvature explains most of what is left.
+    bend = 0.5 * curve.hessian[4, 4] * 0.02
+    assert abs(slope - curve.gradient[4]) < 2.0 * bend + 0.1 * abs(slope)
+
+
+@pytest.mark.parametrize(
+    "change", [{"start_count": 0}, {"fine_iterations": 0}, {"coarse_dt": 1.0}, {"seed": -1}]
+)
+def test_bad_settings_are_refused(change):
+    with pytest.raises(InputError, match=next(iter(change))):
+        FitConfig(**change)
+
+
+def test_bad_deviations_are_refused(cable):
+    with pytest.raises(InputError, match=r"deviation of mass = 0\.5 is outside"):
+        dataclasses.replace(cable, deviations={"mass": 0.5})
+    with pytest.raises(InputError, match="unknown keys"):
+        dataclasses.replace(cable, deviations={"colour": 1.5})
