@@ -51,10 +51,10 @@ _DESCRIPTION = """\
 Teach a robot arm to throw the free end of a cable onto a target on a table.
 
 `cablecast aim` does it all: a few casts, a fit, and casts at your targets, each of which teaches.
-The other verbs are its steps and those of the paper: collect casts on a real or virtual robot, tune
-a simulator to them, simulate many more, train a model on those, plan a motion for a target, evaluate
-on the robot. `cablecast demo` does all of this for one cable in minutes; `cablecast reproduce` repeats every
-experiment of the paper.
+The other verbs are its steps and those of the paper: collect casts on a real or virtual robot,
+tune a simulator to them, simulate many more, train a model on those, plan a motion for a target,
+evaluate on the robot. `cablecast demo` does this for one cable in minutes; `cablecast reproduce`
+repeats every experiment of the paper.
 """
 
 VERBS: dict[str, type] = {
