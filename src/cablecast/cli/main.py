@@ -26,6 +26,7 @@ from cablecast.cli.streams import drain, prepare_streams, say
 from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
+from cablecast.cli.view import View
 from cablecast.errors import CablecastError
 
 EXIT_BAD_INPUT = 2
@@ -70,6 +71,7 @@ VERBS: dict[str, type] = {
     "evaluate": Evaluate,
     "track": Track,
     "export": Export,
+    "view": View,
     "demo": Demo,
     "reproduce": Reproduce,
 }

@@ -18,6 +18,8 @@ _EXTRAS = {
     "safetensors": "learn",
     "cma": "tune",
     "cv2": "camera",
+    "viser": "view",
+    "trimesh": "view",
 }
 
 

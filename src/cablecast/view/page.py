@@ -1,0 +1,294 @@
+"""The page: the scene and the controls of a desk, for any number of tabs that see the same."""
+
+import dataclasses
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cablecast.conventions import polar_to_xy
+from cablecast.errors import CablecastError, MissingExtraError
+from cablecast.rigs.base import error_line
+from cablecast.view.controls import CastControls, WorkControls
+from cablecast.view.desk import Desk, Phase
+from cablecast.view.player import Player
+from cablecast.view.scene import BLUE, DARK, LIGHT, PURPLE, Figure, Marks, Room
+from cablecast.view.shapes import map_image, miss_map
+from cablecast.view.shown import ShownCast
+from cablecast.view.worker import Work, Worker
+
+if TYPE_CHECKING:
+    import viser
+
+HOST = "127.0.0.1"
+PORT = 8080
+
+SIMULATED_RIGS = ("virtual", "engine", "twin")
+"""Kinds of rigs that move nothing: any other is asked for twice."""
+
+
+class Page:
+    """Draws a desk and a worker, and hands clicks to them.
+
+    Args:
+        desk: State of the table.
+        worker: Thread for casts and long work.
+        make_model: Makes a model for the desk; called by the worker.
+        host: Address to listen on; only this computer by default.
+        port: Port to listen on; the next free one if it is taken.
+        dark: Whether the page begins dark.
+    """
+
+    def __init__(
+        self,
+        desk: Desk,
+        worker: Worker,
+        make_model: Work,
+        *,
+        host: str = HOST,
+        port: int = PORT,
+        dark: bool = False,
+    ):
+        self.desk, self.worker, self._make_model = desk, worker, make_model
+        self._lock = threading.RLock()
+        self.server = _serve(host, port)
+        self.server.gui.set_panel_label("cablecast")
+        self.server.gui.main_panel.dock_right()
+        self._room = Room(self.server, desk.setup, LIGHT)
+        self._marks = Marks(self.server, desk.setup)
+        self.solid = Figure(self.server, "/solid", desk.setup, BLUE)
+        self.ghost = Figure(self.server, "/ghost", desk.setup, PURPLE, opacity=0.45)
+        self.player = Player(self._on_frame)
+        self._place_camera()
+        self.cast_controls = CastControls(self)
+        self.work_controls = WorkControls(self)
+        self.set_dark(dark)
+        self._rest: ShownCast | None = None
+        self._map: Any = None
+        self.server.scene.on_click()(self._clicked)
+        worker.notify = self.refresh
+        self.show_rest()
+        self.refresh()
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    @property
+    def rig_is_real(self) -> bool:
+        """Whether a cast moves something, so that a person is asked twice."""
+        return self.desk.rig.description.get("rig") not in SIMULATED_RIGS
+
+    def close(self) -> None:
+        """Stop serving."""
+        self.player.close()
+        self.server.stop()
+
+    # What a person can do. Each answers an error of cablecast with its sentence.
+
+    def aim(self, xy: Any) -> None:
+        """Choose a target and show its plan."""
+        self.guard(lambda: self._show_plan(lambda: self.desk.aim(xy)))
+
+    def aim_polar(self, r: float, theta_deg: float) -> None:
+        """Choose a target by its distance [m] and its angle [deg]."""
+        self.aim(polar_to_xy([r, np.radians(theta_deg)]))
+
+    def cast(self) -> None:
+        """Cast as planned."""
+        self.guard(lambda: self.worker.submit("a cast", lambda report: self._cast()))
+
+    def correct(self) -> None:
+        """Plan again against the last miss, and cast."""
+
+        def work(report: Any) -> None:
+            self._show_plan(self.desk.correct)
+            self._cast()
+
+        self.guard(lambda: self.worker.submit("a corrected cast", work))
+
+    def undo(self) -> None:
+        """Take the last try back."""
+        self.guard(self.desk.undo)
+        self.show_rest()
+        self.refresh()
+
+    def stop(self) -> None:
+        """Stop the work under way."""
+        self.worker.stop()
+
+    def make_model(self) -> None:
+        """Make a model on the spot."""
+
+        def work(report: Any) -> None:
+            self._make_model(report)
+            self.desk.message = ""
+            self.refresh()
+
+        self.guard(lambda: self.worker.submit("making a model", work))
+
+    def replay(self, number: int) -> None:
+        """Show a try again, beside what was expected of it."""
+        if not 1 <= number <= len(self.desk.tries):
+            return
+        one = self.desk.tries[number - 1]
+        self.ghost.visible = False
+        self.solid.visible = True
+        self._marks.target(one.target_xy)
+        self._marks.landings(self.desk.tries_at(one.target_xy))
+        self.player.play([(self.solid, one.cast)])
+
+    def set_dark(self, dark: bool) -> None:
+        """Make the page dark or light."""
+        paint = DARK if dark else LIGHT
+        self.server.gui.configure_theme(
+            dark_mode=dark,
+            show_logo=False,
+            show_share_button=False,
+            brand_color=BLUE,
+            control_width="medium",
+        )
+        self._room.draw(paint)
+        self.solid.repaint(paint)
+
+    def show_map(self, visible: bool) -> None:
+        """Show or hide how far casts are expected to miss."""
+        policy = self.desk.policy
+        if not visible or policy is None:
+            if self._map is not None:
+                self._map.visible = False
+            return
+        shown, table = miss_map(policy), self.desk.setup.workspace
+        # An image lies in its own x-y plane with y down, so it is turned about x.
+        self._map = self.server.scene.add_image(
+            "/map",
+            map_image(shown, self.desk.setup.cable.length),
+            2 * table.half_width,
+            table.y_max - table.y_min,
+            format="png",
+            wxyz=(0.0, 1.0, 0.0, 0.0),
+            position=(0.0, (table.y_min + table.y_max) / 2, 0.001),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    # How it is shown.
+
+    def guard(self, action: Callable[[], Any]) -> None:
+        """Do something, and show the sentence of an error in every tab."""
+        try:
+            action()
+        except CablecastError as error:
+            self.say(str(error))
+        except Exception as error:
+            self.say(error_line(error))
+        self.refresh()
+
+    def say(self, text: str) -> None:
+        """Show a sentence in every tab."""
+        self.desk.message = text
+        for client in self.server.get_clients().values():
+            client.add_notification("", text, auto_close_seconds=8.0, color="orange")
+
+    def refresh(self) -> None:
+        """Bring the controls up to date with the desk and the worker."""
+        with self._lock:
+            self.cast_controls.refresh()
+            self.work_controls.refresh()
+
+    def show_rest(self) -> None:
+        """Show the arm and the cable as they are before a cast."""
+        last = self.desk.last
+        preview = self.desk.preview
+        self.ghost.visible = False
+        if last is not None:
+            self._marks.target(last.target_xy)
+            self._marks.landings(self.desk.tries_at(last.target_xy))
+            self.player.show([(self.solid, last.cast)], last.cast.duration)
+        elif preview is not None:
+            self.player.show([(self.solid, preview.cast)], 0.0)
+        elif (rest := self._resting()) is not None:
+            self.player.show([(self.solid, rest)], 0.0)
+
+    def _resting(self) -> ShownCast | None:
+        """Return the arm and the cable after a reset."""
+        from cablecast.motion.action import Action
+        from cablecast.motion.trajectory import plan_trajectory
+
+        if self._rest is None:
+            action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
+            try:
+                self._rest = self.desk.simulate(plan_trajectory(action, self.desk.setup))
+            except CablecastError:
+                return None
+        return self._rest
+
+    def _show_plan(self, plan: Callable[[], Any]) -> None:
+        preview = plan()
+        self.ghost.visible = True
+        self._marks.target(preview.target_xy)
+        self._marks.expectation(preview.predicted_xy, preview.expected_radius)
+        self._marks.landings(self.desk.tries_at(preview.target_xy))
+        self.solid.visible = True
+        self.player.play(
+            [(self.ghost, preview.cast), (self.solid, _still(preview.cast))], loop=True
+        )
+        self.refresh()
+
+    def _cast(self) -> None:
+        self.refresh()
+        one = self.desk.cast()
+        preview = self.desk.preview
+        acts: list[tuple[Any, ShownCast]] = [(self.solid, one.cast)]
+        if preview is not None:
+            acts.append((self.ghost, preview.cast))
+        landings = self.desk.tries_at(one.target_xy)
+        self._marks.landings(landings[:-1])
+        self.player.play(acts, done=lambda: self._landed(one.target_xy))
+
+    def _landed(self, target_xy: Any) -> None:
+        self._marks.landings(self.desk.tries_at(target_xy))
+        self.ghost.visible = False
+
+    def _clicked(self, event: "viser.SceneClickEvent") -> None:
+        """Aim where the ray through the pointer meets the table."""
+        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+        if direction[2] >= -1e-6:
+            return
+        self.aim((origin - direction * origin[2] / direction[2])[:2])
+
+    def _on_frame(self, time: float) -> None:
+        controls = getattr(self, "cast_controls", None)
+        if controls is not None:
+            controls.show_time(time, self.player.duration)
+
+    def _place_camera(self) -> None:
+        table, camera = self.desk.setup.workspace, self.server.initial_camera
+        middle = (table.y_min + table.y_max) / 2
+        span = max(2 * table.half_width, 1.4 * (table.y_max - table.y_min))
+        camera.look_at = (0.0, middle - 0.05, 0.0)
+        camera.position = (0.0, middle - 0.62 * span, 0.72 * span)
+        camera.fov = float(np.radians(52))
+
+
+def _still(cast: ShownCast) -> ShownCast:
+    """Return the first instant of a cast."""
+    return dataclasses.replace(
+        cast,
+        times=cast.times[:1],
+        endpoint_xy=cast.endpoint_xy[:1],
+        nodes=None if cast.nodes is None else cast.nodes[:1],
+    )
+
+
+def _serve(host: str, port: int) -> "viser.ViserServer":
+    try:
+        import viser
+    except ImportError:
+        raise MissingExtraError("viser", "view", "the page") from None
+    return viser.ViserServer(host=host, port=port, label="cablecast", verbose=False)
+
+
+__all__ = ["HOST", "PORT", "Page", "Phase"]

@@ -1,0 +1,220 @@
+"""Shapes of the scene as arrays: the arm of rods, the cable as a tube, lines, a colour map."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.arm.ur import ArmUR
+from cablecast.policies.base import Policy
+from cablecast.rigs.virtual.arm_shape import arm_shape
+from cablecast.setup import Setup
+
+Array = NDArray[np.float64]
+
+CABLE_RADIUS_MIN = 0.006
+"""Smallest radius at which a cable is drawn [m]: a thinner one vanishes on a screen."""
+
+TUBE_SIDES = 6
+"""Number of sides of a cable that is drawn."""
+
+MAP_STEP = 0.04
+"""Distance of the targets of the map of expected misses [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rods:
+    """Rounded rods.
+
+    Attributes:
+        starts: One end of each rod's axis [m], shape [rod, 3].
+        ends: Other end [m], shape [rod, 3].
+        radii: Radius [m], shape [rod].
+    """
+
+    starts: Array
+    ends: Array
+    radii: Array
+
+    @property
+    def scales(self) -> Array:
+        """Scales of a unit cylinder along z, shape [rod, 3]."""
+        length = np.linalg.norm(self.ends - self.starts, axis=1)
+        return np.stack([self.radii, self.radii, np.maximum(length, 1e-4)], axis=1)
+
+    @property
+    def centers(self) -> Array:
+        """Centres of the rods [m], shape [rod, 3]."""
+        return (self.starts + self.ends) / 2
+
+    @property
+    def quats_wxyz(self) -> Array:
+        """Rotations of a cylinder along z onto the rods, shape [rod, 4]."""
+        along = self.ends - self.starts
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        up = np.array([0.0, 0.0, 1.0])
+        u = np.where(length > 1e-9, along / np.maximum(length, 1e-9), up)
+        # The half-way rotation from z to u: (1 + z.u, z x u), which fails for u = -z only.
+        w = 1.0 + u[:, 2]
+        quats = np.stack([w, -u[:, 1], u[:, 0], np.zeros(len(u))], axis=1)
+        quats[w < 1e-9] = [0.0, 1.0, 0.0, 0.0]
+        return quats / np.linalg.norm(quats, axis=1, keepdims=True)
+
+    @property
+    def joints(self) -> tuple[Array, Array]:
+        """Balls that round the rods off: centres [m] and radii [m], shapes [ball, 3], [ball]."""
+        centers = np.concatenate([self.starts[:1], self.ends])
+        return centers, np.concatenate([self.radii[:1], self.radii])
+
+
+def arm_rods(q: ArrayLike, arm: ArmUR) -> Rods:
+    """Return the arm at joint angles.
+
+    Args:
+        q: Joint angles [rad], shape [6].
+        arm: Arm and gripper.
+    """
+    shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
+    return Rods(starts=shape.ends[0, :, 0], ends=shape.ends[0, :, 1], radii=shape.radii)
+
+
+def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
+    """Return the cable as one mesh, drawn at least visibly thick.
+
+    A browser moves the vertices of one mesh with far less work than a row of rods.
+
+    Args:
+        nodes: Nodes of the cable [m], shape [node, 3].
+        radius: Radius of the cable [m].
+
+    Returns:
+        Vertices [m], shape [node * side, 3], and faces, shape [face, 3].
+    """
+    radius = max(radius, CABLE_RADIUS_MIN)
+    along = np.gradient(nodes, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    # A cable on a table is nearly level; where it stands upright any side will do.
+    side = np.cross(along, [0.0, 0.0, 1.0])
+    width = np.linalg.norm(side, axis=1, keepdims=True)
+    side = np.where(width > 1e-3, side / np.maximum(width, 1e-9), [1.0, 0.0, 0.0])
+    up = np.cross(side, along)
+    turn = np.linspace(0.0, 2 * np.pi, TUBE_SIDES, endpoint=False)[None, :, None]
+    ring = np.cos(turn) * side[:, None] + np.sin(turn) * up[:, None]
+    vertices = (nodes[:, None] + radius * ring).reshape(-1, 3)
+    node, corner = np.arange(len(nodes) - 1)[:, None], np.arange(TUBE_SIDES)[None]
+    here, there = node * TUBE_SIDES + corner, (node + 1) * TUBE_SIDES + corner
+    after = (corner + 1) % TUBE_SIDES
+    here_next, there_next = node * TUBE_SIDES + after, (node + 1) * TUBE_SIDES + after
+    faces = np.concatenate(
+        [
+            np.stack([here, there, here_next], axis=-1).reshape(-1, 3),
+            np.stack([here_next, there, there_next], axis=-1).reshape(-1, 3),
+        ]
+    )
+    return vertices, faces.astype(np.uint32)
+
+
+def circle(center_xy: ArrayLike, radius: float, height: float, point_count: int = 49) -> Array:
+    """Return the segments of a level circle [m], shape [segment, 2, 3]."""
+    turn = np.linspace(0.0, 2 * np.pi, point_count)
+    x, y = np.asarray(center_xy, dtype=float)
+    points = np.stack(
+        [x + radius * np.cos(turn), y + radius * np.sin(turn), np.full(point_count, height)], axis=1
+    )
+    return polyline(points)
+
+
+def polyline(points: Array) -> Array:
+    """Return the segments between successive points, shape [point - 1, 2, 3]."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def level(xy: Array, height: float) -> Array:
+    """Return points on the table [m] at a height [m], shape [point, 3]."""
+    return np.concatenate([xy, np.full((len(xy), 1), height)], axis=1)
+
+
+def table_lines(setup: Setup, step: float, height: float) -> Array:
+    """Return lines across the table every `step` metres, shape [line, 2, 3]."""
+    table = setup.workspace
+    x0, x1, y0, y1 = -table.half_width, table.half_width, table.y_min, table.y_max
+    lines = []
+    for x in step * np.arange(np.ceil(x0 / step), np.floor(x1 / step) + 1):
+        lines.append([[x, y0, height], [x, y1, height]])
+    for y in step * np.arange(np.ceil(y0 / step), np.floor(y1 / step) + 1):
+        lines.append([[x0, y, height], [x1, y, height]])
+    return np.array(lines)
+
+
+def reach_arc(setup: Setup, height: float) -> Array:
+    """Return the edge of what can be reached at all, r_max + r_c, where it is on the table."""
+    radius = setup.workspace.reach(setup.cable.length)
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    points = np.stack([radius * np.sin(turn), radius * np.cos(turn)], axis=1)
+    segments = polyline(level(points, height))
+    inside = setup.workspace.on_table(segments[:, :, :2]).all(axis=1)
+    return segments[inside]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MissMap:
+    """Expected misses over the right and the left half of the table.
+
+    Attributes:
+        xy: Targets of a grid [m], shape [row, column, 2].
+        miss: Expected miss, prediction and scatter together [m]; NaN off the reach, shape
+            [row, column].
+        is_measured: Whether the scatter is that of real casts; otherwise it is the shift for errors
+            of the action of one degree and one centimetre.
+    """
+
+    xy: Array
+    miss: Array
+    is_measured: bool
+
+
+def miss_map(policy: Policy, step: float = MAP_STEP) -> MissMap:
+    """Return how far casts are expected to miss, over the whole table.
+
+    Args:
+        policy: Policy that would plan them.
+        step: Distance of the targets [m].
+    """
+    setup = policy.setup
+    table = setup.workspace
+    x = np.arange(-table.half_width + step / 2, table.half_width, step)
+    y = np.arange(table.y_min + step / 2, table.y_max, step)
+    xy = np.stack(np.meshgrid(x, y), axis=-1)
+    flat = xy.reshape(-1, 2)
+    inside = np.hypot(*flat.T) <= table.reach(setup.cable.length)
+    miss = np.full(len(flat), np.nan)
+    plan = policy.plan(flat[inside])
+    is_measured = bool(np.all(np.isfinite(plan.spread)))
+    # A standard deviation along each axis makes sqrt(2) of it in the plane.
+    scatter = np.sqrt(2.0) * plan.spread if is_measured else plan.sensitivity
+    offset = np.linalg.norm(plan.predicted_xy - plan.target_xy, axis=1)
+    miss[inside] = np.hypot(offset, np.nan_to_num(scatter))
+    return MissMap(xy=xy, miss=miss.reshape(xy.shape[:2]), is_measured=is_measured)
+
+
+# Colours of shares 0, 1/2 and 1 of the scale: sure, doubtful, out of reach. Blue to orange stays
+# distinct under colour blindness.
+_MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float)
+
+
+def map_image(shown: MissMap, length: float, full_share: float = 0.25) -> NDArray[np.uint8]:
+    """Return the map as an image whose first row is the far edge, shape [row, column, 4].
+
+    Args:
+        shown: Map.
+        length: Length of the cable [m].
+        full_share: Expected miss at the end of the scale [share of cable length].
+    """
+    share = np.clip(shown.miss / (full_share * length), 0.0, 1.0)
+    known = np.isfinite(share)
+    at = 2.0 * np.nan_to_num(share)
+    low = np.clip(at.astype(int), 0, 1)
+    part = (at - low)[..., None]
+    colors = (1.0 - part) * _MAP_COLORS[low] + part * _MAP_COLORS[low + 1]
+    image = np.concatenate([colors, np.where(known, 120.0, 0.0)[..., None]], axis=-1)
+    return np.flipud(image).astype(np.uint8)

@@ -1,0 +1,157 @@
+"""Worker: work that takes time, one piece at a time, in the thread that made it.
+
+A page answers clicks in threads of its own. Casts and long work run in the main thread instead:
+there the time limits of rigs hold (rigs/time_limit.py), and a stop reaches the work as Ctrl-C does,
+so that a robot stops, its connection is closed, and stored parts are kept.
+"""
+
+import dataclasses
+import queue
+import signal
+import threading
+import time
+from collections.abc import Callable
+
+from cablecast.errors import CablecastError, InputError
+from cablecast.rigs.base import error_line
+from cablecast.runs.progress import Progress, ProgressCallback
+
+Work = Callable[[ProgressCallback], None]
+
+_LOOK_EVERY = 0.2
+"""Time after which an idle worker looks whether it should end [s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WorkState:
+    """State of the worker, for the page.
+
+    Attributes:
+        name: Name of the work under way; empty where there is none.
+        progress: Latest report of the work, if it reported.
+        seconds_left: Expected time left [s]; None if unknown.
+        message: End of the last work in one sentence; empty after a success.
+        failed: Whether the last work failed; False after a stop.
+    """
+
+    name: str = ""
+    progress: Progress | None = None
+    seconds_left: float | None = None
+    message: str = ""
+    failed: bool = False
+
+
+class Worker:
+    """Runs one piece of work at a time.
+
+    Args:
+        notify: Called, in the worker's thread, whenever the state has changed.
+
+    Attributes:
+        state: Work under way, or the end of the last one.
+    """
+
+    def __init__(self, notify: Callable[[], None] | None = None):
+        self.state = WorkState()
+        self.notify = notify or (lambda: None)
+        self._lock = threading.Lock()
+        self._thread = threading.current_thread()
+        self._queue: queue.SimpleQueue[Work] = queue.SimpleQueue()
+        self._stops = 0
+        self._ended = False
+        self._begun = (0.0, 0)
+
+    @property
+    def busy(self) -> bool:
+        """Whether some work is under way or about to begin."""
+        return bool(self.state.name)
+
+    def submit(self, name: str, work: Work) -> None:
+        """Begin some work, or refuse it.
+
+        Args:
+            name: Name of the work as a person reads it, e.g. "casting".
+            work: Function of a progress callback.
+
+        Raises:
+            InputError: Other work is under way, maybe from another tab.
+        """
+        with self._lock:
+            if self.state.name:
+                raise InputError(f"the table is busy: {self.state.name} is under way")
+            self.state = WorkState(name=name)
+        self._queue.put(work)
+        self.notify()
+
+    def stop(self) -> bool:
+        """Interrupt the work under way as Ctrl-C would; return whether there was any.
+
+        A rig is interrupted where it stands, so that its own `finally` clauses stop the arm.
+        """
+        with self._lock:
+            if not self.state.name:
+                return False
+            self._stops += 1
+        signal.pthread_kill(self._thread.ident or 0, signal.SIGINT)
+        return True
+
+    def end(self) -> None:
+        """Let `run` return once the work under way is done."""
+        self._ended = True
+
+    def run(self) -> None:
+        """Do the work that is submitted, until `end` is called.
+
+        Raises:
+            KeyboardInterrupt: Somebody at the keyboard stopped the program.
+        """
+        while not self._ended:
+            try:
+                self._step()
+            except KeyboardInterrupt:
+                if not self._take_stop():
+                    raise
+                # It came when the work was just done, or before it began.
+                self._finish("stopped", failed=False)
+
+    def _step(self) -> None:
+        try:
+            work = self._queue.get(timeout=_LOOK_EVERY)
+        except queue.Empty:
+            return
+        try:
+            work(self._report)
+        except KeyboardInterrupt:
+            if not self._take_stop():
+                raise
+            self._finish(f"stopped: {self.state.name}", failed=False)
+        except CablecastError as error:
+            self._finish(str(error), failed=True)
+        except Exception as error:
+            # A rig is somebody else's code, and the page must live on.
+            self._finish(error_line(error), failed=True)
+        else:
+            self._finish("", failed=False)
+
+    def _take_stop(self) -> bool:
+        with self._lock:
+            asked, self._stops = self._stops, 0
+        return asked > 0
+
+    def _finish(self, message: str, *, failed: bool) -> None:
+        with self._lock:
+            self.state = WorkState(message=message, failed=failed)
+        self.notify()
+
+    def _report(self, progress: Progress) -> None:
+        now = time.monotonic()
+        before = self.state.progress
+        if before is None or before.task != progress.task:
+            self._begun = (now, progress.done)
+        begun, first_done = self._begun
+        left = progress.seconds_left
+        if left is None and progress.total and progress.done > first_done:
+            rate = (now - begun) / (progress.done - first_done)
+            left = rate * (progress.total - progress.done)
+        self.state = dataclasses.replace(self.state, progress=progress, seconds_left=left)
+        self.notify()

@@ -1,0 +1,90 @@
+"""A desk in a linear world: a policy with a closed form, and a rig that lands beside it."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.models import ForwardModel
+from cablecast.motion.action import ActionRanges, grid_actions
+from cablecast.policies import ForwardSearchPolicy
+from cablecast.rigs.base import RigLifecycle
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+
+SETUP = Setup()
+
+
+def linear_model():
+    """A model with a closed form: the landing is (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20)."""
+    weights = np.zeros((4, 2), dtype=np.float32)
+    weights[1, 0], weights[2, 1], weights[3, 1] = 0.9, 1.0, 0.05
+    axes = [np.linspace(*ends, 4) for ends in ((-1.4, -0.1), (0.1, 1.4), (0.35, 0.8), (0.0, 1.6))]
+    features = np.array(list(itertools.product(*axes)), dtype=np.float32)
+    return ForwardModel(
+        weights=((weights, np.array([-0.2, 0.6], dtype=np.float32)),),
+        feature_mean=np.zeros(4),
+        feature_scale=np.ones(4),
+        endpoint_mean=np.zeros(2),
+        endpoint_scale=1.0,
+        margin_features=features,
+        margins=np.full(len(features), 0.1, dtype=np.float32),
+        info={"dataset": {"settings": SETUP.to_dict(), "fingerprint": "f00d"}},
+    )
+
+
+class OffsetRig(RigLifecycle):
+    """Lands where the linear model says, plus an offset and whatever else a test asks for.
+
+    Attributes:
+        offset: Distance from the model's landing to the rig's [m], shape [2].
+        failure: Exception that the next cast raises, if any.
+        during: Called in the middle of each cast, if any.
+        status: End of the casts.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.description = {"rig": "offset"}
+        self.model = linear_model()
+        self.offset = np.array([0.06, -0.04])
+        self.failure = None
+        self.during = None
+        self.status = TrialStatus.OK
+        self.cast_count = 0
+
+    def execute(self, trajectory):
+        self._use_reset()
+        if self.during is not None:
+            self.during()
+        if self.failure is not None:
+            failure, self.failure = self.failure, None
+            raise failure
+        self.cast_count += 1
+        action = trajectory.action.to_array()
+        side = 1.0 if action[1] > 0 else -1.0
+        landed = self.model.predict((action * [side, side, 1.0, side])[None])[0]
+        landed = landed * [side, 1.0] + self.offset
+        times = np.array([0.0, 0.5, 1.0])
+        start = np.array([0.0, 1.2])
+        endpoint_xy = np.stack([start, (start + landed) / 2, landed])
+        nodes = np.zeros((3, 4, 3))
+        nodes[:, :, :2] = endpoint_xy[:, None] * np.linspace(0.5, 1.0, 4)[:, None]
+        return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=self.status, nodes=nodes)
+
+
+@pytest.fixture(scope="session")
+def policy():
+    actions = grid_actions(ActionRanges(), (3, 40, 20, 3))
+    return ForwardSearchPolicy.from_candidates(actions, linear_model())
+
+
+@pytest.fixture(scope="session")
+def engine():
+    return EngineWarp(segment_count=8, dt=2e-3)
+
+
+@pytest.fixture
+def rig():
+    return OffsetRig()

@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from cablecast.setup import Setup
+from cablecast.view.shapes import CABLE_RADIUS_MIN, Rods, arm_rods, map_image, miss_map, tube
+
+# Rounding of a rotation by a quaternion in double precision.
+ROUNDING = 1e-12
+
+
+def rotate(quat_wxyz, vector):
+    w, xyz = quat_wxyz[0], quat_wxyz[1:]
+    return vector + 2 * np.cross(xyz, np.cross(xyz, vector) + w * vector)
+
+
+def test_a_unit_cylinder_is_turned_onto_each_rod():
+    ends = np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, -1], [0.3, -0.4, 0.5]])
+    rods = Rods(starts=np.zeros((5, 3)), ends=ends, radii=np.full(5, 0.1))
+    for quat, center, scale, end in zip(
+        rods.quats_wxyz, rods.centers, rods.scales, ends, strict=True
+    ):
+        top = center + rotate(quat, np.array([0, 0, scale[2] / 2]))
+        assert np.allclose(top, end, atol=ROUNDING)
+
+
+def test_the_arm_ends_at_the_grip():
+    setup = Setup()
+    q = setup.arm.inverse(np.array([[0.2, 0.6, 0.02, 0.1, 0.0]]))[0]
+    tip = arm_rods(q, setup.arm).ends[-1]
+    # The cable leaves the fingers in front of the flange's axis.
+    assert np.linalg.norm(tip - [0.2, 0.6, 0.02]) == pytest.approx(setup.arm.grip_offset, abs=1e-9)
+
+
+def test_a_thin_cable_is_drawn_as_a_tube_that_can_be_seen():
+    s = np.linspace(0, 1, 20)
+    nodes = np.stack([np.sin(s), np.cos(s), 0.1 * s], axis=1)
+    vertices, faces = tube(nodes, 1e-4)
+    ring = vertices.reshape(20, -1, 3)
+    assert np.allclose(np.linalg.norm(ring - nodes[:, None], axis=2), CABLE_RADIUS_MIN)
+    assert faces.max() == len(vertices) - 1
+    # Faces look outwards: their normals point away from the axis.
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    near = nodes[faces[:, 0] // ring.shape[1]]
+    assert np.all(np.sum(np.cross(b - a, c - a) * ((a + b + c) / 3 - near), axis=1) > 0)
+
+
+def test_the_map_knows_the_reach_and_the_misses(policy):
+    shown = miss_map(policy, step=0.1)
+    radius = np.hypot(shown.xy[..., 0], shown.xy[..., 1])
+    reach = policy.setup.workspace.reach(policy.setup.cable.length)
+    assert np.array_equal(np.isfinite(shown.miss), radius <= reach)
+    inside = policy.inside_coverage(shown.xy) & np.isfinite(shown.miss)
+    assert np.median(shown.miss[inside]) < np.median(shown.miss[np.isfinite(shown.miss) & ~inside])
+    image = map_image(shown, policy.setup.cable.length)
+    assert image.shape == (*shown.miss.shape, 4)
+    # The first row of the picture is the far edge.
+    assert np.array_equal(image[0, :, 3] > 0, np.isfinite(shown.miss[-1]))

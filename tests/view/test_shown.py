@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.view.shown import FRAME_DT, ShownCast
+
+
+def track(endpoint_xy, nodes=None):
+    endpoint_xy = np.array(endpoint_xy, dtype=float)
+    times = 0.1 * np.arange(len(endpoint_xy))
+    return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=TrialStatus.OK, nodes=nodes)
+
+
+def test_between_samples_the_path_does_not_overshoot_and_rests_where_they_rest():
+    cast = ShownCast.of_track(track([[0, 1], [0.2, 1], [0.4, 1], [0.4, 1]]))
+    assert cast.times[1] == pytest.approx(FRAME_DT)
+    assert cast.endpoint_xy[:, 0].max() <= 0.4 + 1e-12
+    assert np.all(np.diff(cast.endpoint_xy[:, 0]) >= -1e-12)
+    assert np.allclose(cast.endpoint_at(0.25), [0.4, 1])
+
+
+def test_what_was_not_seen_is_not_drawn():
+    cast = ShownCast.of_track(track([[0, 1], [np.nan, np.nan], [0.4, 1], [0.5, 1]]))
+    assert np.isnan(cast.endpoint_at(0.1)).all()
+    assert np.isnan(cast.endpoint_at(0.06)).all()
+    assert np.allclose(cast.endpoint_at(0.3), [0.5, 1])
+    assert np.all(np.isfinite(cast.trail(1.0)))
+
+
+def test_the_cable_keeps_its_place_before_and_after_the_cast():
+    nodes = np.zeros((3, 2, 3))
+    nodes[:, 1, 0] = [0.0, 0.1, 0.3]
+    cast = ShownCast.of_track(track([[0, 1]] * 3, nodes))
+    assert np.allclose(cast.nodes_at(-1.0), nodes[0])
+    assert np.allclose(cast.nodes_at(9.0), nodes[-1])
+    assert np.allclose(cast.nodes_at(0.1), nodes[1])

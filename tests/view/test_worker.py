@@ -1,0 +1,136 @@
+import threading
+import time
+
+import pytest
+
+from cablecast.errors import InputError, RigError
+from cablecast.runs.progress import Progress
+from cablecast.view.worker import Worker
+
+
+def run_with(worker, scenario):
+    """Run the worker here, in the main thread, while a scenario acts from another."""
+    errors = []
+
+    def act():
+        try:
+            scenario()
+        except BaseException as error:
+            errors.append(error)
+        finally:
+            worker.end()
+
+    thread = threading.Thread(target=act)
+    thread.start()
+    worker.run()
+    thread.join()
+    if errors:
+        raise errors[0]
+
+
+def wait_until(condition):
+    for _ in range(500):
+        if condition():
+            return
+        time.sleep(0.01)
+    raise AssertionError("it never came")
+
+
+def test_work_is_done_in_the_thread_of_the_worker_and_reports():
+    seen = []
+    worker = Worker()
+
+    def work(report):
+        report(Progress(task="sweeping", done=1, total=2))
+        time.sleep(0.01)
+        report(Progress(task="sweeping", done=2, total=2))
+        seen.append((threading.current_thread(), worker.state))
+
+    def scenario():
+        worker.submit("sweeping", work)
+        wait_until(lambda: not worker.busy)
+
+    run_with(worker, scenario)
+    thread, state = seen[0]
+    assert thread is threading.main_thread()
+    assert state.name == "sweeping"
+    assert state.progress.done == 2
+    assert state.seconds_left == pytest.approx(0.0)
+    assert (worker.state.message, worker.state.failed) == ("", False)
+
+
+def test_a_second_work_is_refused_while_one_is_under_way():
+    worker, gate = Worker(), threading.Event()
+
+    def scenario():
+        worker.submit("a cast", lambda report: gate.wait(5.0))
+        with pytest.raises(InputError, match="busy: a cast is under way"):
+            worker.submit("another cast", lambda report: None)
+        gate.set()
+        wait_until(lambda: not worker.busy)
+        worker.submit("another cast", lambda report: None)
+
+    run_with(worker, scenario)
+
+
+def test_a_stop_interrupts_the_work_and_runs_its_cleanup():
+    worker, events = Worker(), []
+
+    def work(report):
+        try:
+            events.append("begun")
+            time.sleep(30.0)
+        finally:
+            events.append("arm stopped")
+
+    def scenario():
+        worker.submit("a cast", work)
+        wait_until(lambda: events)
+        assert worker.stop()
+        wait_until(lambda: not worker.busy)
+
+    run_with(worker, scenario)
+    assert events == ["begun", "arm stopped"]
+    assert worker.state.message == "stopped: a cast"
+    assert not worker.state.failed
+
+
+def test_a_stop_without_work_does_nothing():
+    worker = Worker()
+
+    def scenario():
+        assert not worker.stop()
+
+    run_with(worker, scenario)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [(RigError("the arm is off"), "the arm is off"), (KeyError("q7"), "KeyError: 'q7'")],
+)
+def test_work_that_fails_leaves_a_sentence_and_a_worker_that_goes_on(error, words):
+    worker, done = Worker(), []
+
+    def fail(report):
+        raise error
+
+    def scenario():
+        worker.submit("a cast", fail)
+        wait_until(lambda: not worker.busy)
+        assert worker.state.message == words
+        assert worker.state.failed
+        worker.submit("another", lambda report: done.append(1))
+        wait_until(lambda: done)
+
+    run_with(worker, scenario)
+
+
+def test_somebody_at_the_keyboard_ends_the_program():
+    worker = Worker()
+
+    def interrupted(report):
+        raise KeyboardInterrupt
+
+    worker.submit("a cast", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        worker.run()
