@@ -58,7 +58,7 @@ class Page:
         self._room = Room(self.server, desk.setup, LIGHT)
         self._marks = Marks(self.server, desk.setup)
         self.solid = Figure(self.server, "/solid", desk.setup, BLUE)
-        self.ghost = Figure(self.server, "/ghost", desk.setup, PURPLE, opacity=0.45)
+        self.ghost = Figure(self.server, "/ghost", desk.setup, PURPLE, opacity=0.5)
         self.player = Player(self._on_frame)
         self._place_camera()
         self.cast_controls = CastControls(self)
