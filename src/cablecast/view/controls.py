@@ -1,7 +1,7 @@
 """Controls of the page: the tabs beside the scene. They hold no state of their own."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,9 +9,7 @@ from cablecast.arm.limits import JOINT_NAMES
 from cablecast.conventions import xy_to_polar
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Phase, Preview
-
-if TYPE_CHECKING:
-    from cablecast.view.page import Page
+from cablecast.view.host import Host
 
 
 class CastControls:
@@ -21,7 +19,7 @@ class CastControls:
         page: Page that the controls act on.
     """
 
-    def __init__(self, page: "Page"):
+    def __init__(self, page: Host):
         self._page = page
         gui = page.server.gui
         self._status = gui.add_markdown("")
@@ -131,20 +129,6 @@ class CastControls:
         no.on_click(lambda _: answer(False))
 
 
-class WorkControls:
-    """Progress of long work.
-
-    Args:
-        page: Page that the controls act on.
-    """
-
-    def __init__(self, page: "Page"):
-        self._page = page
-
-    def refresh(self) -> None:
-        """Show the state of the worker."""
-
-
 def plan_text(preview: Preview, desk: Any) -> str:
     """Return what to expect of a plan, as a table in Markdown."""
     length = desk.setup.cable.length
@@ -174,7 +158,7 @@ def plan_text(preview: Preview, desk: Any) -> str:
     return "\n".join(lines)
 
 
-def tries_text(page: "Page") -> str:
+def tries_text(page: Host) -> str:
     """Return the last tries as a table in Markdown."""
     desk = page.desk
     lines = ["| try | target | miss |", "|---|---|---|"]
@@ -190,7 +174,7 @@ def tries_text(page: "Page") -> str:
     return "\n".join(lines)
 
 
-def _status_text(page: "Page") -> str:
+def _status_text(page: Host) -> str:
     desk, state = page.desk, page.worker.state
     if state.name:
         text = f"**{state.name[:1].upper()}{state.name[1:]} is under way.**"

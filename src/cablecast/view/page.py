@@ -10,8 +10,8 @@ import numpy as np
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, MissingExtraError
 from cablecast.rigs.base import error_line
-from cablecast.view.controls import CastControls, WorkControls
-from cablecast.view.desk import Desk, Phase
+from cablecast.view.controls import CastControls
+from cablecast.view.desk import Desk
 from cablecast.view.player import Player
 from cablecast.view.scene import BLUE, DARK, LIGHT, PURPLE, Figure, Marks, Room
 from cablecast.view.shapes import map_image, miss_map
@@ -62,7 +62,6 @@ class Page:
         self.player = Player(self._on_frame)
         self._place_camera()
         self.cast_controls = CastControls(self)
-        self.work_controls = WorkControls(self)
         self.set_dark(dark)
         self._rest: ShownCast | None = None
         self._map: Any = None
@@ -196,7 +195,6 @@ class Page:
         """Bring the controls up to date with the desk and the worker."""
         with self._lock:
             self.cast_controls.refresh()
-            self.work_controls.refresh()
 
     def show_rest(self) -> None:
         """Show the arm and the cable as they are before a cast."""
@@ -289,6 +287,3 @@ def _serve(host: str, port: int) -> "viser.ViserServer":
     except ImportError:
         raise MissingExtraError("viser", "view", "the page") from None
     return viser.ViserServer(host=host, port=port, label="cablecast", verbose=False)
-
-
-__all__ = ["HOST", "PORT", "Page", "Phase"]
