@@ -21,7 +21,7 @@ class CastControls:
 
     def __init__(self, page: Host):
         self._page = page
-        gui = page.server.gui
+        gui: Any = page.server.gui
         self._status = gui.add_markdown("")
         self._make = gui.add_button("Make a model", color="blue", icon="wand")
         self._make.on_click(lambda _: page.make_model())
@@ -114,7 +114,7 @@ class CastControls:
 
     def _ask(self, corrected: bool = False) -> None:
         """Ask before a real arm moves."""
-        gui = self._page.server.gui
+        gui: Any = self._page.server.gui
         with gui.add_modal("The arm will move") as modal:
             gui.add_markdown("Is everybody out of its reach, and the emergency stop at hand?")
             yes = gui.add_button("Yes, cast", color="red")

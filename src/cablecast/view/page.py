@@ -12,8 +12,9 @@ from cablecast.errors import CablecastError, MissingExtraError
 from cablecast.rigs.base import error_line
 from cablecast.view.controls import CastControls
 from cablecast.view.desk import Desk
+from cablecast.view.figure import BLUE, DARK, LIGHT, PURPLE, Figure
 from cablecast.view.player import Player
-from cablecast.view.scene import BLUE, DARK, LIGHT, PURPLE, Figure, Marks, Room
+from cablecast.view.scene import Marks, Room
 from cablecast.view.shapes import map_image, miss_map
 from cablecast.view.shown import ShownCast
 from cablecast.view.worker import Work, Worker

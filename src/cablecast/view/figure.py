@@ -1,0 +1,249 @@
+"""Figures in the browser: arm and cable of one cast, drawn with viser, and the colours of all."""
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.setup import Setup
+from cablecast.view.shapes import Rods, arm_rods, level, polyline, tube
+from cablecast.view.shown import ShownCast
+
+if TYPE_CHECKING:
+    import viser
+
+Color = tuple[int, int, int]
+
+# The palette of Okabe and Ito, as in report/style.py, which stays distinct under colour blindness.
+BLUE: Color = (0, 114, 178)
+VERMILLION: Color = (213, 94, 0)
+GREEN: Color = (0, 158, 115)
+PURPLE: Color = (204, 121, 167)
+INK: Color = (31, 41, 51)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Paint:
+    """Colours of a scene, light or dark."""
+
+    table: Color
+    side: Color
+    line: Color
+    text: Color
+    arm: Color
+    joint: Color
+
+
+LIGHT = Paint(
+    table=(226, 214, 194),
+    side=(176, 158, 132),
+    line=(196, 182, 160),
+    text=INK,
+    arm=(196, 203, 212),
+    joint=(94, 119, 145),
+)
+DARK = Paint(
+    table=(88, 80, 70),
+    side=(58, 52, 45),
+    line=(112, 103, 91),
+    text=(230, 234, 240),
+    arm=(150, 160, 172),
+    joint=(70, 96, 124),
+)
+
+LIFT = 0.002
+"""Height of lines above the table, so that they are not hidden in it [m]."""
+
+_BALL_RADIUS = 0.016  # Of the attachment at the free end [m].
+
+
+def linear(color: Color) -> Color:
+    """Return a colour as instanced meshes want it: viser takes theirs as linear light."""
+    red, green, blue = (round(255 * (value / 255) ** 2.2) for value in color)
+    return red, green, blue
+
+
+class RodsDrawing:
+    """Rounded rods in the browser, as one instanced mesh of cylinders and one of balls."""
+
+    def __init__(
+        self,
+        server: "viser.ViserServer",
+        name: str,
+        rods: Rods,
+        color: Color,
+        *,
+        joint_color: Color | None = None,
+        opacity: float | None = None,
+    ):
+        import trimesh
+
+        cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=14)
+        ball = trimesh.creation.uv_sphere(radius=1.0, count=[10, 14])
+        centers, radii = rods.joints
+        common: dict[str, Any] = {"opacity": opacity, "lod": "off", "receive_shadow": False}
+        if opacity is not None:
+            common["cast_shadow"] = False
+        add = server.scene.add_batched_meshes_simple
+        self._rods = add(
+            f"{name}/rods",
+            np.asarray(cylinder.vertices, dtype=np.float32),
+            np.asarray(cylinder.faces, dtype=np.uint32),
+            rods.quats_wxyz,
+            rods.centers,
+            batched_scales=rods.scales,
+            batched_colors=linear(color),
+            **common,
+        )
+        self._balls = add(
+            f"{name}/balls",
+            np.asarray(ball.vertices, dtype=np.float32),
+            np.asarray(ball.faces, dtype=np.uint32),
+            np.tile([1.0, 0.0, 0.0, 0.0], (len(radii), 1)),
+            centers,
+            batched_scales=np.repeat(radii[:, None], 3, axis=1),
+            batched_colors=linear(joint_color or color),
+            **common,
+        )
+
+    def move(self, rods: Rods) -> None:
+        """Move as many rods of the same radii."""
+        self._rods.batched_wxyzs = rods.quats_wxyz.astype(np.float32)
+        self._rods.batched_positions = rods.centers.astype(np.float32)
+        self._rods.batched_scales = rods.scales.astype(np.float32)
+        self._balls.batched_positions = rods.joints[0].astype(np.float32)
+
+    def recolor(self, color: Color, joint_color: Color | None = None) -> None:
+        """Paint the rods and the balls."""
+        self._rods.batched_colors = np.array(linear(color), dtype=np.uint8)
+        self._balls.batched_colors = np.array(linear(joint_color or color), dtype=np.uint8)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is drawn."""
+        return bool(self._rods.visible)
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if visible != self._rods.visible:
+            self._rods.visible = self._balls.visible = visible
+
+    def remove(self) -> None:
+        """Take it out of the scene."""
+        self._rods.remove()
+        self._balls.remove()
+
+
+class Figure:
+    """Arm and cable of one cast, moving.
+
+    Args:
+        server: Server of the page.
+        name: Name in the tree of the scene.
+        setup: Set-up with arm and cable.
+        color: Colour of the cable.
+        opacity: Opacity of a ghost; None for a solid figure.
+        with_arm: Whether the arm is drawn, too.
+    """
+
+    def __init__(
+        self,
+        server: "viser.ViserServer",
+        name: str,
+        setup: Setup,
+        color: Color,
+        *,
+        opacity: float | None = None,
+        with_arm: bool = True,
+        paint: Paint = LIGHT,
+    ):
+        self._server, self._name, self._setup = server, name, setup
+        self._color, self._opacity, self._with_arm = color, opacity, with_arm
+        self._paint = paint
+        self._arm: RodsDrawing | None = None
+        self._cable: Any = None
+        self._node_count = 0
+        self._visible = True
+        self._trail = server.scene.add_line_segments(
+            f"{name}/trail", np.zeros((1, 2, 3)), color, thickness=2.0, thickness_units="screen"
+        )
+        self._tip = server.scene.add_icosphere(
+            f"{name}/tip",
+            _BALL_RADIUS,
+            color,
+            subdivisions=2,
+            opacity=opacity,
+            cast_shadow=opacity is None,
+        )
+
+    def show(self, cast: ShownCast, time: float) -> None:
+        """Draw a cast at a time [s]."""
+        if not self._visible:
+            return
+        q, nodes = cast.joints_at(time), cast.nodes_at(time)
+        if q is not None and self._with_arm:
+            rods = arm_rods(q, self._setup.arm)
+            if self._arm is None:
+                self._arm = RodsDrawing(
+                    self._server,
+                    f"{self._name}/arm",
+                    rods,
+                    self._paint.arm if self._opacity is None else self._color,
+                    joint_color=self._paint.joint if self._opacity is None else None,
+                    opacity=None if self._opacity is None else 0.5 * self._opacity,
+                )
+            self._arm.move(rods)
+        if nodes is not None:
+            self._draw_cable(nodes)
+        tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
+        self._tip.visible = bool(np.all(np.isfinite(tip)))
+        if self._tip.visible:
+            self._tip.position = tip
+        trail = cast.trail(time)[::2]
+        self._trail.visible = len(trail) > 1
+        if len(trail) > 1:
+            self._trail.points = polyline(level(trail, 2 * LIFT)).astype(np.float32)
+
+    def _draw_cable(self, nodes: NDArray[np.float64]) -> None:
+        vertices, faces = tube(nodes, self._setup.cable.radius)
+        if self._cable is not None and self._node_count == len(nodes):
+            self._cable.vertices = vertices.astype(np.float32)
+            return
+        self._node_count = len(nodes)
+        self._cable = self._server.scene.add_mesh_simple(
+            f"{self._name}/cable",
+            vertices.astype(np.float32),
+            faces,
+            color=self._color,
+            opacity=self._opacity,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def repaint(self, paint: Paint) -> None:
+        """Take the arm's colours from a light or dark scene."""
+        self._paint = paint
+        if self._arm is not None and self._opacity is None:
+            self._arm.recolor(paint.arm, paint.joint)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the figure is drawn."""
+        return self._visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if visible == self._visible:
+            return
+        self._visible = visible
+        for part in (self._arm, self._cable, self._tip, self._trail):
+            if part is not None:
+                part.visible = visible
+
+    def remove(self) -> None:
+        """Take the figure out of the scene."""
+        for part in (self._arm, self._cable, self._tip, self._trail):
+            if part is not None:
+                part.remove()
