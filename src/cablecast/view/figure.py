@@ -121,7 +121,7 @@ class RodsDrawing:
 
     @property
     def visible(self) -> bool:
-        """Whether it is drawn."""
+        """True while it is drawn."""
         return bool(self._rods.visible)
 
     @visible.setter
@@ -230,7 +230,7 @@ class Figure:
 
     @property
     def visible(self) -> bool:
-        """Whether the figure is drawn."""
+        """True while the figure is drawn."""
         return self._visible
 
     @visible.setter

@@ -28,7 +28,7 @@ class Host(Protocol):
 
     @property
     def rig_is_real(self) -> bool:
-        """Whether a cast moves something, so that a person is asked twice."""
+        """True for a rig that moves something, so that a person is asked twice."""
         ...
 
     def aim_polar(self, r: float, theta_deg: float) -> None:

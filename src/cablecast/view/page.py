@@ -78,7 +78,7 @@ class Page:
 
     @property
     def rig_is_real(self) -> bool:
-        """Whether a cast moves something, so that a person is asked twice."""
+        """True for a rig that moves something, so that a person is asked twice."""
         return self.desk.rig.description.get("rig") not in SIMULATED_RIGS
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What stands on the table and around it in the browser: scale, target, landings."""
+"""Table, scale, target and landings in the browser."""
 
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ _THICKNESS = 0.04  # Of the table's top [m].
 
 
 class Room:
-    """What does not move: table, floor, scale, base frame.
+    """Table, scale and base frame, which do not move.
 
     Args:
         server: Server of the page.

@@ -63,7 +63,7 @@ class Worker:
 
     @property
     def busy(self) -> bool:
-        """Whether some work is under way or about to begin."""
+        """True while some work is under way or about to begin."""
         return bool(self.state.name)
 
     def submit(self, name: str, work: Work) -> None:
