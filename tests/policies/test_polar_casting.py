@@ -2,10 +2,12 @@
 
 import dataclasses
 import json
+import pathlib
 
 import numpy as np
 import pytest
 
+from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import TargetError
 from cablecast.evaluation.evaluate import evaluate_policy
@@ -16,6 +18,7 @@ from cablecast.setup import Setup
 from cablecast.track import TrialStatus
 from cablecast.workspace import load_targets
 
+ROOT = pathlib.Path(__file__).parents[2]
 # Cable 2 has hardly an attachment, which the engine does not know.
 SETUP = Setup(cable="cable_2")
 CABLE = SETUP.cable
@@ -32,6 +35,14 @@ def test_a_target_within_reach_is_planned_exactly():
     assert plan.inside_coverage.tolist() == [True]
     assert np.isnan(plan.actions).all()
     assert len(plan) == len(plan.trajectories) == 1
+
+
+@pytest.mark.parametrize("length", [0.6, 0.7, 0.85])
+def test_the_arm_can_swing_cables_of_one_s_own(length):
+    example = load_cable(ROOT / "examples" / "my_cable.yaml")
+    setup = Setup(cable=dataclasses.replace(example, length=length))
+    targets = load_targets()[::8]
+    assert len(PolarCastingPolicy(setup=setup).plan(targets).trajectories) == len(targets)
 
 
 def test_a_target_beyond_reach_gets_the_nearest_motion():

@@ -59,6 +59,7 @@ class PolarCastConfig:
         clearance: Height of the lowest point above the table for a cable that hangs straight [m];
             the bend at the gripper adds about 10 mm.
         hang_height_max: Largest height of the lift [m]; a longer cable keeps its end on the table.
+            The swing rises a fifth higher, where the arm can follow it up to 0.71 m.
         carry_height: Height at which the cable is carried in front of the base [m].
         carry_radius: Radius to which it is carried [m].
         carry_speed: Mean speed of the carry [m/s].
@@ -85,7 +86,7 @@ class PolarCastConfig:
 
     hang_radius: float = 0.483
     clearance: float = 0.005
-    hang_height_max: float = 0.73
+    hang_height_max: float = 0.70
     carry_height: float = 0.19
     carry_radius: float = 0.784
     carry_speed: float = 0.50
