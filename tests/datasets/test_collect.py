@@ -9,6 +9,7 @@ import pytest
 import stick_rig
 from stick_rig import CABLE, COUNT, NOISE, SERVO_DELAY, SETUP, ManyStickRig, StickRig, collect
 
+import cablecast
 from cablecast.datasets import read_dataset, writer
 from cablecast.datasets import record as record_module
 from cablecast.datasets.collect import sample_actions
@@ -17,6 +18,7 @@ from cablecast.errors import DatasetError, InputError, RigError
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.trajectory import Action, plan_trajectory
+from cablecast.setup import Setup
 from cablecast.track import TrialStatus
 
 # Files in the order in which they are renamed: info, the rows, stats, card, info.
@@ -305,3 +307,27 @@ def test_the_card_explains_every_column(unbroken):
         assert name in info["features"]
     assert "D_tune" in card
     assert "endless" not in card
+
+
+def test_a_collection_goes_on_after_an_update_of_the_package(tmp_path, monkeypatch):
+    """A later version has another number, and settings that this one did not know."""
+    settings_now = Setup.to_settings
+
+    def settings_before(setup):
+        values = settings_now(setup)
+        del values["motion"]["control_dt"], values["arm"]["grip_offset"]
+        return values
+
+    with monkeypatch.context() as before:
+        before.setattr(Setup, "to_settings", settings_before)
+        before.setattr(cablecast, "__version__", "0.0.9")
+        first = collect(tmp_path / "d")
+    sorted(tmp_path.glob("d/data/**/*.parquet"))[1].unlink()
+    kept = contents(tmp_path / "d/data")
+    second = collect(tmp_path / "d")
+    assert kept.items() <= contents(tmp_path / "d/data").items()
+    assert second.actions.tolist() == first.actions.tolist()
+    assert second.setup == SETUP
+    # What the user has changed is another matter.
+    with pytest.raises(DatasetError, match=r"motion.control_dt is 0.008 there and 0.01 here"):
+        collect(tmp_path / "d", setup=SETUP.with_motion(control_dt=0.01))

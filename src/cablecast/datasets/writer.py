@@ -25,10 +25,11 @@ from cablecast.datasets.schema import (
     check_columns,
 )
 from cablecast.datasets.shards import content_fingerprint, read_shard, shard_bytes
-from cablecast.errors import DatasetError
+from cablecast.errors import CablecastError, DatasetError
 from cablecast.files import write_bytes, write_json, write_text
 from cablecast.runs.claim import Claim
 from cablecast.runs.settings import fingerprint, plain_settings
+from cablecast.setup import SECTIONS, Setup
 
 
 class DatasetWriter:
@@ -201,11 +202,29 @@ class DatasetWriter:
             self._claim.refuse_foreign_files()
             return None
         check_info(info, self.path)
+        there = with_later_keys(info["settings"])
         self._claim.refuse_differences(
-            {"kind": info["kind"], "shard_rows": info["shard_rows"], **info["settings"]},
+            {"kind": info["kind"], "shard_rows": info["shard_rows"], **there},
             {"kind": self.kind, "shard_rows": self.shard_rows, **self.settings},
         )
+        # Its shards name these: keys that later versions added leave them as they are.
+        self.settings = info["settings"]
         return info
+
+
+def with_later_keys(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return stored settings with the keys that later versions added to the set-up, at defaults.
+
+    A collection on a robot that was begun before an update of the package goes on after it.
+
+    Args:
+        settings: Settings of a dataset.
+    """
+    try:
+        setup = Setup.from_dict({name: settings[name] for name in SECTIONS})
+    except (KeyError, CablecastError):
+        return dict(settings)
+    return {**settings, **plain_settings(setup.to_settings())}
 
 
 def _features(columns: Iterable[Column]) -> dict[str, dict[str, Any]]:
