@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import time
 
@@ -46,6 +47,22 @@ def test_stages_run_in_order_and_each_only_once(make_stages, tmp_path):
     assert reports[0].task == reports[3].task == "[1/3] stage a"
     assert reports[0].note.startswith("the whole: about")
     assert reports[3].note.startswith("done in")
+
+
+def test_a_stage_is_run_again_after_one_that_was_made_again(make_stages, tmp_path):
+    make, ran = make_stages
+    run_stages(make("a"), tmp_path)
+    stages = make("abc")
+    run_stages(stages, tmp_path)
+    (stages[1].folder / "metrics.json").unlink()
+    stages[1].folder.rmdir()
+    checked = [
+        dataclasses.replace(stage, work=lambda name=stage.name: ran.append(f"check {name}"))
+        for stage in (stages[0], stages[2])
+    ]
+    run_stages([checked[0], stages[1], checked[1]], tmp_path)
+    # What "c" read may have changed, what "a" read has not.
+    assert ran == ["a", "b", "c", "b", "check c"]
 
 
 def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_stages, tmp_path):

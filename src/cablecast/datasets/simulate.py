@@ -68,7 +68,8 @@ def simulate_dataset(
         ranges: Ranges of the actions; those that suit the set-up where None.
         servo: Servo of the simulated arm; it follows its set points exactly where None.
         shard_rows: Rows of each shard.
-        progress: Callback for the number of rows done and the total, after every shard.
+        progress: Callback for the number of rows done and the total, at the start and after every
+            shard.
 
     Returns:
         The finished dataset.
@@ -115,6 +116,8 @@ def simulate_dataset(
                 if progress is not None:
                     progress(done, count)
             writer.finish()
+        elif progress is not None:
+            progress(count, count)
     return read_dataset(path)
 
 

@@ -66,6 +66,7 @@ class Evaluation:
         target_xy: Targets [m], shape [target, 2].
         inside_coverage: Whether each target lies inside the simulated coverage, shape [target].
         trials: Casts, target by target.
+        fingerprint: Fingerprint of the casts.
         metrics: Metrics of the evaluation, as stored in metrics.json.
     """
 
@@ -74,6 +75,7 @@ class Evaluation:
     target_xy: NDArray[np.float64]
     inside_coverage: NDArray[np.bool_]
     trials: tuple[TargetCast, ...]
+    fingerprint: str = ""
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -201,4 +203,5 @@ def evaluate_policy(
         target_xy=target_xy,
         inside_coverage=inside,
         trials=casts,
+        fingerprint=dataset.fingerprint,
     )

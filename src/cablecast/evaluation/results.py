@@ -44,6 +44,7 @@ def evaluation_metrics(evaluation: Evaluation) -> dict:
         "target_count": len(evaluation.target_xy),
         "targets_inside_coverage": int(np.sum(evaluation.inside_coverage)),
         "trial_count": len(evaluation.trials),
+        "casts_fingerprint": evaluation.fingerprint,
         "status_counts": {
             status.code: count for status, count in evaluation.status_counts.items() if count
         },

@@ -9,7 +9,7 @@ from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
-from cablecast.runs.progress import ProgressCallback, counter
+from cablecast.runs.progress import ProgressCallback, resumed_counter
 
 SAMPLINGS: dict[str, Sampling] = {"tune": "uniform", "real": "grid"}
 """Choice of actions by purpose, as in the paper."""
@@ -62,7 +62,7 @@ def collect(
             sampling=sampling or SAMPLINGS[purpose],
             seed=seed,
             ranges=ActionRanges.for_config(setup.motion, psi),
-            progress=counter(progress, f"Casting {setup.cable.name}", "casts"),
+            progress=resumed_counter(progress, f"Casting {setup.cable.name}", "casts"),
         )
         if out is not None:
             record_run(

@@ -19,7 +19,7 @@ from cablecast.policies.base import Policy
 from cablecast.policies.forward_search import COVERAGE_PCT, ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
 from cablecast.runs.settings import settings_differences
 from cablecast.workspace import load_targets
 
@@ -75,7 +75,7 @@ def evaluate(
     task = f"Casting {policy.setup.cable.name} at targets"
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "evaluate", settings)
-        was_done = run.metrics is not None
+        stored = run.metrics
         with run.begun():
             evaluation = evaluate_policy(
                 run.path / CASTS_FOLDER,
@@ -83,11 +83,11 @@ def evaluate(
                 rig,
                 target_xy,
                 repeats=repeats,
-                progress=None if was_done else counter(progress, task, "casts"),
+                progress=resumed_counter(progress, task, "casts"),
             )
-            if was_done:
-                report(Progress(task=task, note=DONE_NOTE))
-                return dataclasses.replace(evaluation, metrics=run.metrics or {})
+            # Casts that were missing have just been made again: the old figures are not theirs.
+            if stored is not None and stored.get("casts_fingerprint") == evaluation.fingerprint:
+                return dataclasses.replace(evaluation, metrics=stored)
             metrics = evaluation_metrics(evaluation)
             model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
             if out is not None:

@@ -26,7 +26,8 @@ from cablecast.pipeline.places import folder_or_temporary
 from cablecast.reading import read_csv
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, counter, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
+from cablecast.runs.settings import plain_settings
 
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
@@ -119,12 +120,13 @@ def repeat(
                     setup,
                     actions=made,
                     repeats=repeats,
-                    progress=counter(progress, task, "casts"),
+                    progress=resumed_counter(progress, task, "casts"),
                 )
                 if out is not None:
                     save_actions(results[name], run.path / name / ACTIONS_FILE)
             metrics = {"combinations": [result.to_dict() for result in results.values()]}
-            if out is not None:
+            is_drawn = run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file()
+            if out is not None and not is_drawn:
                 report(Progress(task="Drawing the landings"))
                 _draw(run, list(results.values()), rig)
                 run.finish(metrics)

@@ -10,7 +10,7 @@ from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import record_run
-from cablecast.runs.progress import Progress, ProgressCallback, counter, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
 from cablecast.setup import Setup
 
 
@@ -65,7 +65,7 @@ def simulate(
             seed=seed,
             ranges=ActionRanges.for_config(setup.motion, psi),
             servo=tuned.servo,
-            progress=counter(progress, task, "casts"),
+            progress=resumed_counter(progress, task, "casts"),
         )
         if out is not None:
             record_run(

@@ -52,6 +52,32 @@ def counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallb
     return lambda done, total: report(Progress(task=task, done=done, total=total, unit=unit))
 
 
+def resumed_counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallback | None:
+    """Return a callback of two numbers for work that an earlier run may have done.
+
+    The work calls it first before its first unit. If nothing is left then, the callback says so.
+
+    Args:
+        report: Callback for the progress; None for no callback.
+        task: Name of the work.
+        unit: Name of a unit.
+    """
+    count = counter(report, task, unit)
+    if report is None or count is None:
+        return None
+    calls = 0
+
+    def show(done: int, total: int) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == 1 and done == total:
+            report(Progress(task=task, note=DONE_NOTE))
+        else:
+            count(done, total)
+
+    return show
+
+
 def duration_text(seconds: float) -> str:
     """Return a duration in words.
 

@@ -93,6 +93,9 @@ def run_stages(
 ) -> StageLog:
     """Run the stages that are not done yet, in order.
 
+    A stage that follows one that had work to do is run even if it is done: what it read may have
+    been made again. A verb compares that with its settings, and computes nothing where it is equal.
+
     Args:
         stages: All stages; each may read the results of earlier ones.
         folder: Folder that keeps the times.
@@ -102,12 +105,14 @@ def run_stages(
         Times of the stages.
     """
     log = StageLog(folder)
+    is_changed = False
     for place, stage in enumerate(stages):
         task = f"[{place + 1}/{len(stages)}] {stage.title}"
-        if stage.done:
+        if stage.done and not is_changed:
             taken = duration_text(log.seconds.get(stage.name, 0.0))
             report(Progress(task=task, note=f"done in {taken}"))
             continue
+        is_changed = True
         left = remaining_time(stages, log)
         end = datetime.datetime.now().astimezone() + datetime.timedelta(seconds=left)
         note = f"the whole: about {duration_text(left)} left, until {end:%H:%M}"
