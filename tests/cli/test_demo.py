@@ -1,6 +1,9 @@
 import contextlib
 import io
 import json
+import pathlib
+import re
+import shlex
 
 import pytest
 
@@ -37,7 +40,7 @@ def test_the_demo_goes_all_the_way_and_takes_up_what_is_done(demo, capsys):
     (root / "evaluate" / "metrics.json").unlink()
     assert main(["demo", *SMALL]) == 0
     second = capsys.readouterr()
-    assert second.err.count("already done, nothing changed") == 2
+    assert second.err.count("already done, nothing changed") == 5
     for done in ("epochs", "generations"):
         assert done not in second.err
     assert second.out == first
@@ -51,3 +54,40 @@ def test_the_demo_with_tuned_parameters_casts_and_tunes_none(demo):
     assert {path.name for path in (folder / "other").iterdir()} == {
         *("dataset", "model", "evaluate")
     }
+
+
+# What makes the commands of the README quick, after each verb.
+QUICK = {
+    "collect": ("--rig", "engine", "--count", "6"),
+    "tune": (
+        *("--population-size", "6", "--fine-population-size", "6", "--coarse-generations", "1"),
+        *("--fine-generations", "1", "--segment-count", "10", "--dt", "0.002"),
+    ),
+    "simulate": ("--count", "120", "--segment-count", "10", "--dt", "0.002"),
+    "train": ("--epochs", "2", "--candidate-count", "200"),
+    # The small model plans badly.
+    "plan": ("--miss-max", "1000"),
+    "evaluate": ("--rig", "engine"),
+}
+
+
+def test_the_commands_of_the_readme_run_in_the_folder_of_the_demo(demo, capsys):
+    folder, _ = demo
+    made = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    readme = (pathlib.Path(__file__).parents[2] / "README.md").read_text()
+    block = re.search(r"^## Use it$.*?^```$(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
+    lines = block[1].split("\n")
+    commands = [shlex.split(line)[1:] for line in lines if line.startswith("cablecast ")]
+    assert {words[0] for words in commands} == set(QUICK)
+    for words in commands:
+        assert main([*words, *QUICK[words[0]]]) == 0, capsys.readouterr().err
+    # They leave the results of the demo alone.
+    assert all(path.read_bytes() == content for path, content in made.items())
+    results = {path.name for path in (folder / "runs" / "cable_1").iterdir()}
+    assert results == {"tune-data", "tune", "dataset", "model", "evaluate-engine"}
+    # The same commands again compute nothing, and say so.
+    capsys.readouterr()
+    for words in commands:
+        if words[0] != "plan":
+            assert main([*words, *QUICK[words[0]]]) == 0
+            assert "already done, nothing changed" in capsys.readouterr().err

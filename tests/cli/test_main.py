@@ -1,4 +1,5 @@
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -7,9 +8,9 @@ import pytest
 
 import cablecast
 from cablecast.cli import main
+from cablecast.cli.main import VERBS
 from cablecast.cli.simulate import Simulate
 
-VERBS = ("simulate", "collect", "tune", "train", "plan", "evaluate", "repeat", "select", "demo")
 HEAVY = ("torch", "warp", "mujoco", "matplotlib", "scipy", "pyarrow", "jinja2", "ruckig")
 
 
@@ -37,6 +38,8 @@ def test_every_verb_explains_itself(verb, capsys):
     text = capsys.readouterr().out
     assert f"usage: cablecast {verb}" in text
     assert "None" not in text
+    # A person who starts a verb knows when to come back.
+    assert re.search(r"\b(second|minute|hour)s?\b", text)
 
 
 def test_no_arguments_show_the_verbs(capsys):
