@@ -30,7 +30,9 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 from tools.attack_cases import Case, all_cases, prepare
 
 HANG = 60.0
-"""A case that takes longer hangs [s]."""
+"""A case that computes for longer hangs: its processor time [s]."""
+WAIT = 600.0
+"""So does one that waits for longer [s]; a busy machine makes any case wait."""
 MEMORY_MAX = 2 * 2**30
 """Memory that no case may need [byte]."""
 STATUSES = (0, 2, 3)
@@ -43,7 +45,8 @@ class Outcome:
     Attributes:
         case: The case.
         status: Exit status; negative the number of the signal that ended it.
-        seconds: Time that it took [s].
+        seconds: Processor time that it took [s].
+        hung: Whether it was ended because it took too long.
         memory: Largest memory of its process [byte].
         out: Standard output.
         err: Standard error.
@@ -52,6 +55,7 @@ class Outcome:
     case: Case
     status: int
     seconds: float
+    hung: bool
     memory: int
     out: str
     err: str
@@ -59,7 +63,7 @@ class Outcome:
     @property
     def fault(self) -> str | None:
         """Fault of the command line; None where it behaved."""
-        if self.seconds > HANG:
+        if self.hung:
             return "hang"
         if "Traceback" in self.out + self.err or "Exception ignored" in self.err:
             return "traceback"
@@ -87,7 +91,7 @@ def run(case: Case, base: pathlib.Path) -> Outcome:
     folder = pathlib.Path(tempfile.mkdtemp(prefix="attack-"))
     shutil.copytree(base, folder, dirs_exist_ok=True)
     case.arrange(folder)
-    seconds, last = 0.0, time.monotonic()
+    waited, last, hung = 0.0, time.monotonic(), False
     child = os.fork()
     if child == 0:
         status = 70
@@ -98,16 +102,18 @@ def run(case: Case, base: pathlib.Path) -> Outcome:
         done, raw, usage = os.wait4(child, os.WNOHANG)
         if done:
             break
-        if seconds > HANG:
+        if waited > WAIT or _processor_time(child) > HANG:
+            hung = True
             os.killpg(child, signal.SIGKILL)
         time.sleep(0.01)
         # A machine that slept, or stopped the attack, made no case slower.
         now = time.monotonic()
-        seconds, last = seconds + min(now - last, 1.0), now
+        waited, last = waited + min(now - last, 1.0), now
     outcome = Outcome(
         case=case,
         status=os.waitstatus_to_exitcode(raw),
-        seconds=seconds,
+        seconds=usage.ru_utime + usage.ru_stime,
+        hung=hung,
         memory=usage.ru_maxrss * 1024,
         out=(folder / ".out").read_text(errors="replace"),
         err=(folder / ".err").read_text(errors="replace"),
@@ -118,6 +124,15 @@ def run(case: Case, base: pathlib.Path) -> Outcome:
             outcome = dataclasses.replace(outcome, err=f"{outcome.err}\nTraceback: {changed}")
     shutil.rmtree(folder)
     return outcome
+
+
+def _processor_time(process: int) -> float:
+    """Return the processor time of a running process [s]; 0 where the system does not tell."""
+    try:
+        fields = pathlib.Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    except (OSError, IndexError):
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _child(case: Case, folder: pathlib.Path) -> int:
