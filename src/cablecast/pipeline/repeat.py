@@ -125,20 +125,28 @@ def repeat(
                 if out is not None:
                     save_actions(results[name], run.path / name / ACTIONS_FILE)
             metrics = {"combinations": [result.to_dict() for result in results.values()]}
-            is_drawn = run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file()
-            if out is not None and not is_drawn:
-                report(Progress(task="Drawing the landings"))
-                _draw(run, list(results.values()), rig)
-                run.finish(metrics)
+            if out is not None:
+                _finish(run, metrics, list(results.values()), rig, report)
     return Repeated(results=results, metrics=metrics)
 
 
-def _draw(run: RunFolder, results: list[Repeatability], rig: CheckedRig) -> None:
+def _finish(
+    run: RunFolder,
+    metrics: dict[str, Any],
+    results: list[Repeatability],
+    rig: CheckedRig,
+    report: ProgressCallback,
+) -> None:
+    """Draw the landings and store the metrics, unless an earlier run has done so."""
+    if run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file():
+        return
     from cablecast.report.repeatability import repeatability_map
     from cablecast.report.style import png_bytes
 
+    report(Progress(task="Drawing the landings"))
     figure = repeatability_map(results, rig.setup.workspace)
     write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
+    run.finish(metrics)
 
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
