@@ -62,7 +62,7 @@ class FormulaRig(RigLifecycle):
         self._draw = (purpose_seed(self.seed, purpose), index)
 
     def landing(self, action):
-        """The landing of an action without scatter."""
+        """Return the landing of an action without scatter."""
         action = np.asarray(action, dtype=float)
         hand = np.sign(action[1])
         rightward = mirror_actions(action) if hand < 0 else action
