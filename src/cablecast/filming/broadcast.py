@@ -8,6 +8,7 @@ the camera's clock. `/camera.mjpg` is the stream of the usual network camera, wi
 import contextlib
 import http.server
 import queue
+import socket
 import threading
 from typing import Any
 
@@ -15,8 +16,10 @@ from cablecast.filming import matroska
 
 HOST = "127.0.0.1"
 
-_QUEUE_LENGTH = 4
+_QUEUE_LENGTH = 2
 """Pictures that wait for a viewer."""
+_SEND_BUFFER = 1 << 16
+"""Bytes that the system keeps for a viewer: little, for what waits there is old when it arrives."""
 _PATIENCE = 10.0
 """Time for which a viewer that takes no picture is waited for [s]."""
 _BOUNDARY = b"picture"
@@ -154,6 +157,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if self.path not in ("/camera.mkv", "/camera.mjpg"):
             self.send_error(404)
             return
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         timed = self.path.endswith(".mkv")
         multipart = f"multipart/x-mixed-replace; boundary={_BOUNDARY.decode()}"
         self.send_response(200)

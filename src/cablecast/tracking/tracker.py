@@ -175,16 +175,18 @@ class EndpointTracker:
         speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
         return speed * self.config.exposure_max
 
-    def track(self, duration: float | None = None) -> EndpointTrack:
-        """Return the track so far, one sample every `sample_dt` from time 0 on.
+    def track(self, duration: float | None = None, begin: float = 0.0) -> EndpointTrack:
+        """Return the track so far, one sample every `sample_dt` since the motion began.
 
         Args:
             duration: Time of the last sample [s]; by default that of the last frame.
+            begin: Time at which the motion began, in the clock of the frames [s].
 
         Raises:
-            InputError: There are no frames at or after time 0.
+            InputError: There are no frames at or after the beginning of the motion.
         """
         times, xy = self.frames
+        times = times - begin
         if not len(times) or times[-1] < 0:
             raise InputError("there is no frame at or after the beginning of the motion")
         dt = self.config.sample_dt

@@ -44,8 +44,12 @@ class TrialCamera(Protocol):
 
     description: dict[str, Any]
 
-    def check(self) -> None:
+    def check(self, after: float | None = None) -> None:
         """Check that frames arrive, are fresh and as exposed as before, and that no tag moved.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None, which is only as fresh as the way of a frame from the sensor is short.
 
         Raises:
             RigError: The camera cannot see a trial; says what to do.
@@ -75,8 +79,12 @@ class TrialCamera(Protocol):
         """Drop the film of a trial that was aborted; harmless where none runs."""
         ...
 
-    def locate(self) -> NDArray[np.float64] | None:
+    def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
         """Return where the endpoint is now.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None.
 
         Returns:
             Place on the table [m], shape [2]; None where it is not seen.

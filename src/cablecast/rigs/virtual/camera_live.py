@@ -89,13 +89,10 @@ class LiveFilm(Film):
         return frame
 
     @property
-    def still(self) -> bool:
-        """True if nothing moves in the frame that is due."""
-        first, last = self._states[0], self._states[-1]
-        pairs = [(first[2], last[2])]
-        if first[1] is not None and last[1] is not None:
-            pairs.append((first[1], last[1]))
-        return all(float(np.max(np.abs(b - a))) < _STILL for a, b in pairs)
+    def still(self) -> NDArray[np.float64] | None:
+        """Scene of the frame that is due, as one row of numbers; None if anything moves."""
+        first, last = _scene(self._states[0]), _scene(self._states[-1])
+        return last if _same(first, last) else None
 
     def _trial(self, states: list[_State]) -> FilmedTrial:
         times = np.array([time for time, _, _ in states])
@@ -137,6 +134,7 @@ class Studio:
         self._seed = seed
         self._fault: str | None = None
         self._still: list[bytes] = []
+        self._still_scene = np.empty(0)
         self._table = self.camera.background
 
     def show(self, state: _State) -> None:
@@ -166,9 +164,11 @@ class Studio:
             noise = np.random.default_rng([self._seed, frame, 9])
             size = (config.height, config.width, 3)
             return encode_jpeg((_DARK * noise.random(size)).astype(np.uint8))
-        if not self.film.still:
-            self._still = []
+        scene = self.film.still
+        if scene is None:
             return encode_jpeg(self.film.frame(frame))
+        if not _same(scene, self._still_scene):
+            self._still, self._still_scene = [], scene
         if len(self._still) < _STILL_COUNT:
             self._still.append(encode_jpeg(self.film.frame(frame)))
             return self._still[-1]
@@ -186,13 +186,31 @@ class Studio:
         return draw_background(view, config, workspace, layout, self._seed)[0]
 
 
+def _scene(state: _State) -> NDArray[np.float64]:
+    """Return an instant as one row of numbers."""
+    _, joints, nodes = state
+    return np.concatenate([np.empty(0) if joints is None else joints, nodes.ravel()])
+
+
+def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Return whether two scenes are equal but for what no picture shows."""
+    return a.shape == b.shape and float(np.max(np.abs(b - a))) < _STILL
+
+
 def serve(
-    pipe: Any, setup: Setup, config: CameraConfig, seed: int, clock: float, port: int
+    pipe: Any,
+    room: Any,
+    setup: Setup,
+    config: CameraConfig,
+    seed: int,
+    clock: float,
+    port: int,
 ) -> None:
     """Film what comes through a pipe until it ends; see `CameraStream`.
 
     Args:
         pipe: Connection to the process that shows the laboratory.
+        room: Semaphore to release for each instant that was filmed.
         setup: Gives the table, its tags, the cable and the arm.
         config: Settings of the camera.
         seed: Seed of the table's looks, of light and noise.
@@ -209,6 +227,7 @@ def serve(
             return
         if kind == "state":
             studio.show((content[0], content[1], content[2]))
+            room.release()
         elif kind == "fault":
             studio.fault(content[0])
         elif kind == "finish":

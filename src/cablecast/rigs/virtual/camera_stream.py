@@ -7,6 +7,7 @@ than the laboratory, and whoever looks at the stream goes by the times of its fr
 
 import contextlib
 import multiprocessing
+import threading
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +20,8 @@ from cablecast.rigs.virtual.camera_live import FAULTS, serve
 from cablecast.setup import Setup
 
 _START_TIMEOUT = 60.0
+_AHEAD_MAX = 10
+"""Instants by which the laboratory may be ahead of its camera."""
 
 
 class CameraStream:
@@ -46,8 +49,12 @@ class CameraStream:
         # A fork would copy whatever threads the caller has.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
+        self._lock = threading.Lock()
+        self._room = context.Semaphore(_AHEAD_MAX)
         self._process: Any = context.Process(
-            target=serve, args=(theirs, setup, self.config, seed, clock, port), daemon=True
+            target=serve,
+            args=(theirs, self._room, setup, self.config, seed, clock, port),
+            daemon=True,
         )
         self._process.start()
         theirs.close()
@@ -74,6 +81,9 @@ class CameraStream:
             nodes: Cable from grip to endpoint, base frame [m], shape [node, 3].
         """
         joints = None if q is None else np.asarray(q, dtype=float)
+        while not self._room.acquire(timeout=1.0):
+            if self._process is None or not self._process.is_alive():
+                raise RigError("the virtual camera has ended")
         self._send(("state", float(time), joints, np.asarray(nodes, dtype=float)))
 
     def fault(self, name: str | None) -> None:
@@ -110,7 +120,8 @@ class CameraStream:
 
     def _send(self, message: tuple[Any, ...]) -> None:
         try:
-            self._pipe.send(message)
+            with self._lock:
+                self._pipe.send(message)
         except OSError:
             raise RigError("the virtual camera has ended") from None
 

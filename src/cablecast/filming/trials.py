@@ -1,0 +1,340 @@
+"""CameraOfTrials: films the trials of a rig with a real camera, and tracks the endpoint in them."""
+
+import pathlib
+import threading
+import time
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.camera.settings import CameraSettings
+from cablecast.camera.tags import TagLayout, default_layout
+from cablecast.errors import CameraError
+from cablecast.filming.clock import controller_shift
+from cablecast.filming.live import Frame, LiveCamera
+from cablecast.filming.matroska import FilmWriter
+from cablecast.filming.watch import Brightness, FrameWatch
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack
+from cablecast.tracking.calibration import Calibration, calibrate_view
+from cablecast.tracking.marker import MarkerConfig
+from cablecast.tracking.tags import detect_tags
+from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
+from cablecast.tracking.trial_camera import TrialTiming
+
+_CALIBRATION_FRAMES = 8
+_CHECK_FRAMES = 6
+_LOCATE_FRAMES = 3
+_TAG_MOVE_MAX = 3.0
+"""Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
+_LATENCY_MAX = 0.25
+"""Longest way of a frame from the sensor to this process [s]."""
+_LOCATE_RADIUS = 0.5
+"""Distance from where the endpoint is expected within which it is looked for [m]."""
+
+
+class CameraOfTrials:
+    """The camera of a lab file behind the protocol `TrialCamera`.
+
+    Args:
+        setup: Set-up with the section `camera`.
+        films: Folder that keeps the film of each trial; none where None.
+
+    Raises:
+        CameraError: There is no camera, or it cannot be opened.
+        InputError: It does not see the tags of the layout.
+        MissingExtraError: OpenCV is not installed.
+    """
+
+    def __init__(self, setup: Setup, films: pathlib.Path | None = None):
+        self.setup = setup
+        self.settings = require_camera(setup)
+        self._films = films
+        self._film_count = 0
+        self._filming: _Filming | None = None
+        self._last_xy: NDArray[np.float64] | None = None
+        self._camera = LiveCamera(self.settings)
+        try:
+            images = [frame.image for frame in self._fresh(_CALIBRATION_FRAMES)]
+            self.calibration = calibrate_camera(images, setup)
+        except BaseException:
+            self._camera.close()
+            raise
+        self._usual = Brightness.of(images[-1])
+        self._tags = detect_tags(images[-1])
+        self.description: dict[str, Any] = {
+            "camera": self._camera.facts.kind,
+            **self.settings.to_dict(),
+            "calibration_rms_mm": 1e3 * self.calibration.rms,
+            "tags_used": len(self.calibration.tag_ids),
+            "tags_rejected": list(self.calibration.rejected_ids),
+        }
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def check(self, after: float | None = None) -> None:
+        """Check that frames arrive, are fresh and as exposed as before, and that no tag moved.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None.
+
+        Raises:
+            CameraError: The camera cannot see a trial; says what to do.
+        """
+        watch = FrameWatch(self.settings.source, self._usual)
+        frames = self._fresh(_CHECK_FRAMES, after)
+        for frame in frames:
+            watch.look(frame)
+        seen = detect_tags(frames[-1].image)
+        common = sorted(set(seen) & set(self._tags))
+        moved = [
+            tag_id
+            for tag_id in common
+            if np.linalg.norm(np.mean(seen[tag_id] - self._tags[tag_id], axis=0)) > _TAG_MOVE_MAX
+        ]
+        if len(moved) > len(common) / 2:
+            raise CameraError(
+                f"the camera was moved: {len(moved)} of {len(common)} tags are seen elsewhere. "
+                "Start anew, so that it is calibrated in its new place"
+            )
+        if moved:
+            raise CameraError(
+                f"tags {moved} were moved since the camera was calibrated: put them back, or "
+                "measure their new places and start anew"
+            )
+
+    def start(self) -> None:
+        """Begin to film: the motion starts after this returns."""
+        self.cancel()
+        self._camera.skip()
+        writer = None
+        if self._films is not None:
+            path = self._films / f"trial-{self._film_count:04}.mkv"
+            writer = FilmWriter(path, self.settings.rate)
+            self._film_count += 1
+        workspace = self.setup.workspace
+        start_xy = (0.0, workspace.reset_y + self.setup.cable.length)
+        watch = FrameWatch(self.settings.source, self._usual)
+        self._filming = _Filming(self._camera, self._tracker(start_xy), watch, writer)
+        self._filming.wait_begun()
+
+    def stop(self, timing: TrialTiming) -> EndpointTrack:
+        """End the film, and return the endpoint's track.
+
+        Args:
+            timing: Begin and end of the trial.
+
+        Raises:
+            CameraError: The film was not begun, or the camera failed while it filmed.
+        """
+        filming, self._filming = self._filming, None
+        if filming is None:
+            raise CameraError("the camera was not started before the motion")
+        # Times of frames and of the controller differ by this.
+        shift = self.settings.clock_offset
+        if self.settings.clock == "arrival":
+            shift -= controller_shift(timing.clock_pairs)
+        begin = timing.start_time - shift
+        tracker = filming.finish(timing.end_time - shift)
+        track = tracker.track(timing.end_time - timing.start_time, begin)
+        seen = tracker.frames[1]
+        seen = seen[np.isfinite(seen).all(axis=1)]
+        self._last_xy = seen[-1] if len(seen) else None
+        return EndpointTrack(
+            times=track.times,
+            endpoint_xy=track.endpoint_xy,
+            status=track.status,
+            joint_path=timing.joint_path,
+        )
+
+    def cancel(self) -> None:
+        """Drop the film of a trial that was aborted; harmless where none runs."""
+        filming, self._filming = self._filming, None
+        if filming is not None:
+            filming.drop()
+
+    def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
+        """Return where the endpoint is now [m], shape [2]; None where it is not seen.
+
+        It is looked for about its place after a reset, then about where it was seen last.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None.
+        """
+        frames = self._fresh(_LOCATE_FRAMES, after)
+        workspace = self.setup.workspace
+        places = [np.array([0.0, workspace.reset_y + self.setup.cable.length])]
+        places += [] if self._last_xy is None else [self._last_xy]
+        for place in places:
+            tracker = self._tracker(place, start_radius=_LOCATE_RADIUS)
+            for frame in frames:
+                xy = _look(tracker, frame)
+            if np.isfinite(xy).all():
+                return xy
+        return None
+
+    def close(self) -> None:
+        """Let go of the device; it may be called twice."""
+        self.cancel()
+        self._camera.close()
+
+    def _fresh(self, count: int, after: float | None = None) -> list[Frame]:
+        """Return the next frames, and none that has waited.
+
+        Args:
+            count: Number of frames.
+            after: Time by the controller's clock from which on frames count [s].
+        """
+        if self._filming is not None:
+            raise CameraError("the camera films a trial: end it first")
+        by_stamp = self.settings.clock == "device"
+        if by_stamp and after is not None:
+            begin = after - self.settings.clock_offset
+        else:
+            # What is on its way through cable and network shows what was.
+            by_stamp, begin = False, time.monotonic() + _LATENCY_MAX
+        frames: list[Frame] = []
+        while len(frames) < count and (frame := self._camera.read()) is not None:
+            now = frame.time if by_stamp else frame.arrival
+            if now > begin or self._camera.facts.kind == "file":
+                frames.append(frame)
+        if len(frames) < count:
+            raise CameraError(f"camera source {self.settings.source} has ended")
+        return frames
+
+    def _tracker(self, start_xy: Any, **changes: Any) -> EndpointTracker:
+        length, width = self.settings.marker
+        config = TrackerConfig(
+            marker=MarkerConfig(length=length, width=width),
+            marker_z=self.setup.cable.radius,
+            exposure_max=self.settings.exposure,
+            row_time=self.settings.row_time,
+            **changes,
+        )
+        return EndpointTracker(self.calibration.view, self.setup.workspace, config, start_xy)
+
+
+class _Filming:
+    """One film while it is made: a thread that reads frames and tracks the marker in them.
+
+    Args:
+        camera: Camera to read.
+        tracker: Tracker to show the frames to.
+        watch: Watch to show them to.
+        writer: Keeps the frames; None to keep none.
+    """
+
+    def __init__(
+        self,
+        camera: LiveCamera,
+        tracker: EndpointTracker,
+        watch: FrameWatch,
+        writer: FilmWriter | None,
+    ):
+        self._camera, self._tracker, self._watch, self._writer = camera, tracker, watch, writer
+        self._until = np.inf
+        self._error: BaseException | None = None
+        self._begun = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def wait_begun(self) -> None:
+        """Wait until the first frame has come.
+
+        Raises:
+            CameraError: None came.
+        """
+        self._begun.wait()
+        if self._error is not None:
+            self._raise()
+
+    def finish(self, until: float) -> EndpointTracker:
+        """Wait for the frames up to some time, and return the tracker that has seen them.
+
+        Args:
+            until: Time in the camera's clock [s].
+
+        Raises:
+            CameraError: The camera failed.
+        """
+        self._until = until
+        self._thread.join()
+        if self._error is not None:
+            self._raise()
+        if self._writer is not None:
+            self._writer.close()
+        return self._tracker
+
+    def drop(self) -> None:
+        """End the film, and forget it."""
+        self._until = -np.inf
+        self._thread.join()
+        if self._writer is not None:
+            self._writer.close(whole=False)
+
+    def _raise(self) -> None:
+        self.drop()
+        if self._error is not None:
+            raise self._error
+
+    def _run(self) -> None:
+        try:
+            while (frame := self._camera.read()) is not None:
+                self._watch.look(frame)
+                _look(self._tracker, frame)
+                if self._writer is not None:
+                    self._writer.write(frame.image, frame.time)
+                self._begun.set()
+                # A sample at the very end lies between two frames, with a shutter that rolls.
+                if frame.time > self._until + 1.5 / self._camera.settings.rate:
+                    return
+            raise CameraError(f"camera source {self._camera.settings.source} has ended")
+        except Exception as error:
+            self._error = error
+        finally:
+            self._begun.set()
+
+
+def require_camera(setup: Setup) -> CameraSettings:
+    """Return the camera of a set-up.
+
+    Raises:
+        CameraError: It has none.
+    """
+    if setup.camera is None:
+        raise CameraError("the lab file has no section `camera`: name its source there")
+    return setup.camera
+
+
+def calibrate_camera(images: list[NDArray[np.uint8]], setup: Setup) -> Calibration:
+    """Return where the camera of a set-up is, from the tags in its pictures.
+
+    Args:
+        images: Pictures from the unmoved camera.
+        setup: Set-up with the section `camera`.
+
+    Raises:
+        InputError: Too few tags are seen, or they are not where the layout has them.
+    """
+    settings = require_camera(setup)
+    view = float(np.radians(settings.view_deg))
+    return calibrate_view(images, tags_of(setup), lens=settings.lens, diagonal_view=view)
+
+
+def tags_of(setup: Setup) -> TagLayout:
+    """Return the tags on the table of a set-up."""
+    tags = None if setup.camera is None else setup.camera.tags
+    return default_layout(setup.workspace) if tags is None else tags
+
+
+def _look(tracker: EndpointTracker, frame: Frame) -> NDArray[np.float64]:
+    """Show a frame to a tracker, and return the endpoint in it."""
+    image = frame.image
+    return tracker.update(frame.time, lambda w: image[w[1] : w[3], w[0] : w[2]])
