@@ -8,9 +8,9 @@ from cablecast.filming.clock import controller_shift, fit_offset, lamp_signal
 
 RATE = 60.0
 OFFSET = -12.3456
-# A gripper swings to and fro for four seconds, and is seen with a noise of a twentieth. Its slope, 4/s
-# over 240 frames, then tells the offset to 0.05 / (4 sqrt(240)) = 0.8 ms; ten draws stay within 3.5
-# times that.
+# A gripper swings to and fro for four seconds and is seen with a noise of a twentieth. With a slope
+# of 4/s over 240 frames that tells the offset to 0.05 / (4 sqrt(240)) = 0.8 ms; ten draws stay
+# within 3.5 times that.
 OFFSET_MAX = 2.8e-3
 
 
