@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import RigError
 from cablecast.models import ForwardModel
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.policies import ForwardSearchPolicy
 from cablecast.rigs.base import RigLifecycle
+from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
 
@@ -18,6 +20,7 @@ SETUP = Setup()
 
 def linear_model():
     """Return a model in closed form: it lands at (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20)."""
+    """Return a model whose landing is (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20)."""
     weights = np.zeros((4, 2), dtype=np.float32)
     weights[1, 0], weights[2, 1], weights[3, 1] = 0.9, 1.0, 0.05
     axes = [np.linspace(*ends, 4) for ends in ((-1.4, -0.1), (0.1, 1.4), (0.35, 0.8), (0.0, 1.6))]
@@ -39,7 +42,7 @@ class OffsetRig(RigLifecycle):
 
     Attributes:
         offset: Distance from the model's landing to the rig's [m], shape [2].
-        failure: Exception that the next cast raises, if any.
+        failures: Number of casts to come that fail.
         during: Called in the middle of each cast, if any.
         status: End of the casts.
     """
@@ -49,7 +52,7 @@ class OffsetRig(RigLifecycle):
         self.description = {"rig": "offset"}
         self.model = linear_model()
         self.offset = np.array([0.06, -0.04])
-        self.failure = None
+        self.failures = 0
         self.during = None
         self.status = TrialStatus.OK
         self.cast_count = 0
@@ -58,9 +61,9 @@ class OffsetRig(RigLifecycle):
         self._use_reset()
         if self.during is not None:
             self.during()
-        if self.failure is not None:
-            failure, self.failure = self.failure, None
-            raise failure
+        if self.failures:
+            self.failures -= 1
+            raise RigError("the arm stopped: protective stop")
         self.cast_count += 1
         action = trajectory.action.to_array()
         side = 1.0 if action[1] > 0 else -1.0
@@ -86,5 +89,11 @@ def engine():
 
 
 @pytest.fixture
-def rig():
+def own():
+    """Return the rig itself, which tests change."""
     return OffsetRig()
+
+
+@pytest.fixture
+def rig(own):
+    return make_rig(own, SETUP)

@@ -5,30 +5,33 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError, RigError, TargetError
+from cablecast.pipeline.aim_session import AimSession
+from cablecast.rigs.make import make_rig
 from cablecast.runs.parts import Parts
 from cablecast.setup import Setup
 from cablecast.track import TrialStatus
+from cablecast.view.album import Album
 from cablecast.view.desk import Desk, Phase
-from cablecast.view.tries import TryStore
 
 TARGET = np.array([0.3, 1.15])
+LENGTH = Setup().cable.length
 
 # The refined plan lands on its aim to this distance [m]: the model is linear in single precision,
 # and the refinement stops after a few steps.
-ON_AIM = 1e-3
+ON_AIM = 2e-3
 
 
 @pytest.fixture
 def desk(rig, engine, policy):
-    return Desk(rig, Setup(), engine, policy=policy)
+    return Desk(rig, engine, session=AimSession(policy))
 
 
 def test_a_plan_says_what_to_expect(desk):
     preview = desk.aim(TARGET)
     assert desk.phase is Phase.PLANNED
-    assert np.linalg.norm(preview.predicted_xy - TARGET) < ON_AIM
+    assert np.linalg.norm(preview.proposal.expected_xy - TARGET) < ON_AIM
     assert preview.cast.nodes is not None
-    assert preview.cast.duration > preview.trajectory.duration
+    assert preview.cast.duration > preview.proposal.trajectory.duration
     assert np.all(preview.limit_shares <= 1.0)
     assert preview.margin == pytest.approx(0.1)
 
@@ -40,86 +43,85 @@ def test_a_plan_says_what_to_expect(desk):
         ((np.nan, 1.0), "not finite"),
         ((0.3, -0.2), "off the table"),
         ((0.3,), "shape"),
-        ("here", "could not convert"),
+        ("here", "two numbers"),
     ],
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused_and_changes_nothing(desk, target, words):
     before = desk.aim(TARGET)
-    with pytest.raises((TargetError, ValueError), match=words):
+    with pytest.raises(TargetError, match=words):
         desk.aim(target)
     assert desk.preview is before
 
 
-def test_a_cast_is_kept_with_its_landing_and_its_miss(desk, rig):
+def test_a_cast_is_kept_with_its_landing_and_its_miss(desk, own):
     desk.aim(TARGET)
     one = desk.cast()
     assert desk.phase is Phase.LANDED
-    assert desk.tries == [one]
-    assert one.miss == pytest.approx(np.linalg.norm(rig.offset), abs=ON_AIM)
+    assert [trial.number for trial in desk.tries] == [one.number]
+    miss = one.miss_pct / 100 * LENGTH
+    assert miss == pytest.approx(np.linalg.norm(own.offset), abs=ON_AIM)
+    assert np.allclose(desk.shown(one).endpoint_xy[-1], one.final_xy)
 
 
-def test_nothing_is_cast_before_it_is_planned(desk, rig):
+def test_nothing_is_cast_before_it_is_planned(desk, own):
     with pytest.raises(InputError, match="choose a target"):
         desk.cast()
-    assert rig.cast_count == 0
+    assert own.cast_count == 0
 
 
-def test_without_a_model_nothing_can_be_planned(rig, engine, policy):
-    desk = Desk(rig, Setup(), engine)
+def test_without_a_session_nothing_can_be_planned(rig, engine, policy):
+    desk = Desk(rig, engine)
     assert desk.phase is Phase.NO_MODEL
     with pytest.raises(InputError, match="no model"):
         desk.aim(TARGET)
-    desk.set_model(policy)
+    desk.set_session(AimSession(policy))
     assert desk.phase is Phase.READY
 
 
-def test_a_model_of_another_set_up_is_refused(rig, engine, policy):
-    desk = Desk(rig, Setup().with_motion(v_max=1.2), engine)
+def test_a_session_of_another_set_up_is_refused(own, engine, policy):
+    slow = Setup().with_motion(v_max=1.2)
+    desk = Desk(make_rig(own, slow), engine)
     with pytest.raises(InputError, match="another set-up"):
-        desk.set_model(policy)
+        desk.set_session(AimSession(policy))
 
 
-def test_each_correction_lands_nearer(desk):
-    desk.aim(TARGET)
-    misses = [desk.cast().miss]
+@pytest.mark.parametrize("side", [1, -1])
+def test_corrections_land_nearer(desk, side):
+    desk.aim(TARGET * [side, 1])
+    first = desk.cast().miss_pct
     for _ in range(3):
         desk.correct()
-        misses.append(desk.cast().miss)
-    # The first gain is 0.94 of the offset; what is left shrinks with every try.
-    assert misses[1] < 0.1 * misses[0]
-    assert misses[3] < 0.02 * misses[0]
+        last = desk.cast().miss_pct
+    # The session weighs a miss by how well it repeats, and this one repeats exactly.
+    assert last < 0.5 * first
 
 
-def test_a_correction_on_the_left_half_lands_nearer_too(desk):
-    desk.aim(TARGET * [-1, 1])
-    first = desk.cast().miss
-    desk.correct()
-    assert desk.cast().miss < 0.1 * first
-
-
-def test_an_undone_try_teaches_nothing(desk, rig):
-    desk.aim(TARGET)
+def test_a_cast_after_a_landing_is_a_corrected_one(desk):
+    first = desk.aim(TARGET)
     desk.cast()
-    rig.offset = np.array([-0.3, 0.2])
-    desk.cast()
-    desk.undo()
-    aim = desk.correct().aim_xy
-    assert [one.undone for one in desk.tries] == [False, True]
-    assert aim[0] < TARGET[0]
-    assert aim[1] > TARGET[1]
+    assert desk.cast().try_number == 2
+    assert not np.array_equal(desk.tries[1].action, first.proposal.action.to_array())
 
 
-def test_a_miss_without_a_landing_corrects_nothing(desk, rig):
-    rig.status = TrialStatus.OFF_TABLE
-    desk.aim(TARGET)
+def test_an_undone_try_teaches_nothing(desk, own):
+    before = desk.aim(TARGET).proposal.expected_xy
+    own.offset = np.array([-0.3, 0.2])
     one = desk.cast()
-    assert np.isnan(one.miss)
+    desk.undo()
+    assert desk.is_undone(one)
+    assert desk.last is None
+    assert desk.tries_at(TARGET) == []
+    assert np.allclose(desk.aim(TARGET).proposal.expected_xy, before)
+
+
+def test_a_cast_without_a_landing_says_why(desk, own):
+    own.status = TrialStatus.OFF_TABLE
+    desk.aim(TARGET)
+    assert np.isnan(desk.cast().miss_pct)
     assert "left the table" in desk.message
-    with pytest.raises(InputError, match="came to rest"):
-        desk.correct()
 
 
-def test_nobody_casts_or_aims_while_the_arm_moves(desk, rig):
+def test_nobody_casts_or_aims_while_the_arm_moves(desk, own):
     refused = []
 
     def disturb():
@@ -131,16 +133,16 @@ def test_nobody_casts_or_aims_while_the_arm_moves(desk, rig):
         assert desk.phase is Phase.CASTING
 
     desk.aim(TARGET)
-    rig.during = lambda: _in_thread(disturb)
+    own.during = lambda: _in_thread(disturb)
     desk.cast()
     assert len(refused) == 4
     assert all("under way" in text for text in refused)
-    assert rig.cast_count == 1
+    assert own.cast_count == 1
 
 
-def test_the_table_can_be_used_again_after_the_rig_failed(desk, rig):
+def test_the_table_can_be_used_again_after_the_rig_failed(desk, own):
     desk.aim(TARGET)
-    rig.failure = RigError("the arm stopped: protective stop")
+    own.failures = 3
     with pytest.raises(RigError, match="protective stop"):
         desk.cast()
     assert desk.phase is Phase.PLANNED
@@ -149,43 +151,41 @@ def test_the_table_can_be_used_again_after_the_rig_failed(desk, rig):
 
 
 def test_a_session_goes_on_where_it_was(rig, engine, policy, tmp_path):
-    store = TryStore(Parts(tmp_path))
-    desk = Desk(rig, Setup(), engine, policy=policy, store=store)
+    def open_desk():
+        session = AimSession(policy, out=tmp_path / "session")
+        return Desk(rig, engine, Album(Parts(tmp_path / "shapes")), session)
+
+    desk = open_desk()
     desk.aim(TARGET)
     desk.cast()
-    desk.correct()
     desk.cast()
     desk.undo()
-    again = Desk(rig, Setup(), engine, policy=policy, store=TryStore(Parts(tmp_path)))
-    assert [one.undone for one in again.tries] == [False, True]
-    assert again.message == ""
+    again = open_desk()
+    assert [again.is_undone(one) for one in again.tries] == [False, True]
     for before, after in zip(desk.tries, again.tries, strict=True):
         assert np.array_equal(before.action, after.action)
-        assert after.cast.status is TrialStatus.OK
         # Shapes are stored to a tenth of a millimetre.
-        assert np.allclose(before.cast.nodes, after.cast.nodes, atol=6e-5)
-    aim = again.correct().aim_xy
-    assert np.allclose(aim, desk.correct().aim_xy, atol=1e-6)
+        assert np.allclose(desk.shown(before).nodes, again.shown(after).nodes, atol=6e-5)
+    expected = [one.aim(TARGET).proposal.expected_xy for one in (desk, again)]
+    # The scales of the process are fitted anew in both, by a search with a tolerance.
+    assert np.allclose(*expected, atol=ON_AIM)
 
 
-def test_a_cast_that_the_process_did_not_survive_is_said(rig, engine, policy, tmp_path):
-    class Killed(BaseException):
-        pass
-
-    desk = Desk(rig, Setup(), engine, policy=policy, store=TryStore(Parts(tmp_path)))
+def test_a_cast_whose_shape_was_not_kept_is_shown_by_its_free_end(rig, engine, policy, tmp_path):
+    desk = Desk(rig, engine, session=AimSession(policy, out=tmp_path))
     desk.aim(TARGET)
-    rig.failure = Killed()
-    with pytest.raises(Killed):
-        desk.cast()
-    again = Desk(rig, Setup(), engine, policy=policy, store=TryStore(Parts(tmp_path)))
-    assert again.tries == []
-    assert "x = 0.300, y = 1.150 m was cut off" in again.message
+    one = desk.cast()
+    again = Desk(rig, engine, session=AimSession(policy, out=tmp_path))
+    shown = again.shown(again.tries[0])
+    assert shown.nodes is None
+    assert np.allclose(shown.endpoint_xy[-1], one.final_xy, atol=1e-6)
+    assert shown.joint_path is not None
 
 
 def test_the_simulated_cast_follows_the_parameters(desk):
     preview = desk.aim(TARGET)
     slippery = dataclasses.replace(desk.params, lateral_friction=0.05)
-    other = desk.simulate(preview.trajectory, slippery)
+    other = desk.simulate(preview.proposal.trajectory, slippery)
     ends = [cast.endpoint_xy[-1] for cast in (preview.cast, other)]
     assert np.linalg.norm(ends[0] - ends[1]) > 0.01
 

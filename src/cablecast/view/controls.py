@@ -7,9 +7,18 @@ import numpy as np
 
 from cablecast.arm.limits import JOINT_NAMES
 from cablecast.conventions import xy_to_polar
+from cablecast.pipeline.aim_session import AimTrial
 from cablecast.runs.progress import duration_text
-from cablecast.view.desk import Phase, Preview
+from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.host import Host
+from cablecast.view.scene import EXPECTED_SHARE
+from cablecast.view.worker import WorkState
+
+_ROWS = 8
+"""Number of tries in the table; the others can be chosen from the list below it."""
+
+_WORTH_SAYING = 0.1
+"""Chance of a cast without a landing that is worth a line."""
 
 
 class CastControls:
@@ -23,8 +32,8 @@ class CastControls:
         self._page = page
         gui: Any = page.server.gui
         self._status = gui.add_markdown("")
-        self._make = gui.add_button("Make a model", color="blue", icon="wand")
-        self._make.on_click(lambda _: page.make_model())
+        self._make = gui.add_button("Get ready", color="blue", icon="wand")
+        self._make.on_click(lambda _: page.prepare())
         self._cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
         self._cast.on_click(lambda _: self._ask() if page.rig_is_real else page.cast())
         self._correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
@@ -65,14 +74,12 @@ class CastControls:
         """Show the state of desk and worker."""
         desk, state = self._page.desk, self._page.worker.state
         phase, busy = desk.phase, bool(state.name)
-        _set(self._status, "content", _status_text(self._page))
+        _set(self._status, "content", status_text(desk, state))
         _set(self._make, "visible", phase is Phase.NO_MODEL)
         _set(self._make, "disabled", busy)
-        _set(self._cast, "visible", phase is not Phase.NO_MODEL)
+        _set(self._cast, "visible", phase in (Phase.READY, Phase.PLANNED, Phase.CASTING))
         _set(self._cast, "disabled", busy or desk.preview is None)
-        label = "Cast again" if phase is Phase.LANDED else "Cast"
-        _set(self._cast, "label", label)
-        _set(self._correct, "visible", desk.last is not None and phase is not Phase.NO_MODEL)
+        _set(self._correct, "visible", phase is Phase.LANDED)
         _set(self._correct, "disabled", busy)
         _set(self._stop, "visible", busy)
         _set(self._bar, "visible", busy)
@@ -83,8 +90,8 @@ class CastControls:
             _set(self._bar, "value", 100.0)
         _set(self._plan, "content", "" if desk.preview is None else plan_text(desk.preview, desk))
         _set(self._tries_folder, "visible", bool(desk.tries))
-        _set(self._table, "content", tries_text(self._page))
-        names = tuple(str(one.number) for one in desk.tries) or ("-",)
+        _set(self._table, "content", tries_text(desk))
+        names = tuple(_try_name(one) for one in desk.tries) or ("-",)
         if tuple(self._number.options) != names:
             self._number.options = names
             self._number.value = names[-1]
@@ -109,8 +116,9 @@ class CastControls:
         self._page.player.speed = 1.0 / float(over) if over else 1.0
 
     def _replay_chosen(self) -> None:
-        if str(self._number.value).isdigit():
-            self._page.replay(int(self._number.value))
+        for one in self._page.desk.tries:
+            if _try_name(one) == self._number.value:
+                self._page.guard(lambda number=one.number: self._page.replay(number))
 
     def _ask(self, corrected: bool = False) -> None:
         """Ask before a real arm moves."""
@@ -129,53 +137,51 @@ class CastControls:
         no.on_click(lambda _: answer(False))
 
 
-def plan_text(preview: Preview, desk: Any) -> str:
+def plan_text(preview: Preview, desk: Desk) -> str:
     """Return what to expect of a plan, as a table in Markdown."""
-    length = desk.setup.cable.length
-    r, theta = xy_to_polar(preview.target_xy)
-    offset = float(np.linalg.norm(preview.predicted_xy - preview.aim_xy))
+    proposal = preview.proposal
+    length = proposal.cable_length
+    r, theta = xy_to_polar(proposal.target_xy)
+    offset = float(np.linalg.norm(proposal.expected_xy - proposal.target_xy))
+    major, minor, _ = (100.0 / length * value for value in proposal.ellipse(EXPECTED_SHARE))
     shares = 100.0 * preview.limit_shares
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
-        ("target", f"r = {r:.3f} m, theta = {math.degrees(theta):.1f} deg"),
-        ("duration", f"{preview.trajectory.duration:.2f} s"),
-        ("predicted", f"{100 * offset / length:.1f} % of cable length from the aim"),
-    ]
-    if math.isfinite(preview.spread):
-        share = 100 * preview.expected_radius / length
-        rows.append(("95 % land", f"within {share:.0f} % of cable length"))
-    shift = float(np.linalg.norm(preview.aim_xy - preview.target_xy))
-    if shift > 1e-6:
-        rows.append(("aims", f"{100 * shift:.1f} cm beside the target"))
-    rows += [
-        ("peak speed", f"{shares[0, fastest]:.0f} % of the limit ({JOINT_NAMES[fastest]})"),
-        ("peak acceleration", f"{shares[1, hardest]:.0f} % ({JOINT_NAMES[hardest]})"),
+        ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
+        ("expected", f"{100 * offset / length:.1f} % of the cable's length beside it"),
+        (f"{100 * EXPECTED_SHARE:.0f} % land", f"within {major:.0f} by {minor:.0f} %"),
+        ("duration", f"{proposal.trajectory.duration:.2f} s"),
+        ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({JOINT_NAMES[fastest]})"),
+        ("acceleration", f"{shares[1, hardest]:.0f} % of its limit ({JOINT_NAMES[hardest]})"),
         ("table's edge", f"{100 * preview.margin:.0f} cm away"),
     ]
+    if proposal.failure > _WORTH_SAYING:
+        rows.append(("may fail", f"{100 * proposal.failure:.0f} % hidden or off the table"))
     lines = ["| plan | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)]
-    if not preview.inside_coverage:
+    if not proposal.inside_coverage:
         lines.append("\nNo simulated cast lands here: this is the nearest.")
     return "\n".join(lines)
 
 
-def tries_text(page: Host) -> str:
+def tries_text(desk: Desk) -> str:
     """Return the last tries as a table in Markdown."""
-    desk = page.desk
     lines = ["| try | target | miss |", "|---|---|---|"]
-    for one in desk.tries[-8:]:
+    for one in desk.tries[-_ROWS:]:
         r, theta = xy_to_polar(one.target_xy)
-        miss = one.cast.status.code.replace("_", " ")
-        if math.isfinite(one.miss):
-            share = 100 * one.miss / desk.setup.cable.length
-            miss = f"{100 * one.miss:.1f} cm, {share:.1f} %"
-        if one.undone:
-            miss += " (undone)"
-        lines.append(f"| {one.number} | {r:.2f} m, {math.degrees(theta):.0f}° | {miss} |")
+        miss = one.status.code.replace("_", " ")
+        if math.isfinite(one.miss_pct):
+            miss = f"{one.miss_pct * desk.setup.cable.length:.1f} cm, {one.miss_pct:.1f} %"
+        if desk.is_undone(one):
+            miss = f"~~{miss}~~"
+        lines.append(
+            f"| {one.try_number} | {r:.2f} m, {math.degrees(theta):.0f}° | "
+            f"{'**' + miss + '**' if one.hit else miss} |"
+        )
     return "\n".join(lines)
 
 
-def _status_text(page: Host) -> str:
-    desk, state = page.desk, page.worker.state
+def status_text(desk: Desk, state: WorkState) -> str:
+    """Return the state of the table, and what to do next."""
     if state.name:
         text = f"**{state.name[:1].upper()}{state.name[1:]} is under way.**"
         if state.progress is not None:
@@ -189,10 +195,16 @@ def _status_text(page: Host) -> str:
     news = state.message or desk.message
     last = desk.last
     head = desk.phase.value
-    if desk.phase is Phase.LANDED and last is not None and math.isfinite(last.miss):
-        share = 100 * last.miss / desk.setup.cable.length
-        head = f"Landed {100 * last.miss:.1f} cm ({share:.1f} %) from the target. {head}"
-    return f"**{head}**" + (f"\n\n{news}" if news else "")
+    if desk.phase is Phase.LANDED and last is not None and math.isfinite(last.miss_pct):
+        verdict = "Hit" if last.hit else "Landed"
+        centimetres = last.miss_pct * desk.setup.cable.length
+        head = f"{verdict}: {centimetres:.1f} cm ({last.miss_pct:.1f} %) from the target. {head}"
+    return f"**{head}**" + (f"\n\n{news[:1].upper()}{news[1:]}" if news else "")
+
+
+def _try_name(one: AimTrial) -> str:
+    r, theta = xy_to_polar(one.target_xy)
+    return f"{one.number}: {r:.2f} m, {math.degrees(theta):.0f}°, try {one.try_number}"
 
 
 def _set(handle: Any, name: str, value: Any) -> None:

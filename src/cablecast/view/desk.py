@@ -1,7 +1,8 @@
 """Desk: what a person does at the table, without a page: point, look at the plan, cast, correct.
 
-Every value that comes from a page is checked here. Methods may be called from any thread; a cast
-takes the desk for itself, so that two people never cast at once.
+The casts and what they teach are those of a session of `aim` (pipeline/aim_session.py). Every value
+that comes from a page is checked here. Methods may be called from any thread; a cast takes the desk
+for itself, so that two people never cast at once.
 """
 
 import dataclasses
@@ -13,34 +14,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
+from cablecast.datasets.reader import settings_object
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, TargetError
-from cablecast.evaluation.ellipse import CONFIDENCE
-from cablecast.models.features import deviations
-from cablecast.motion.action import Action
 from cablecast.motion.feasibility import Feasibility, check_grip_paths
 from cablecast.motion.servo import ServoModel
-from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
-from cablecast.policies.refinement import refine_actions
-from cablecast.rigs.base import Rig
+from cablecast.motion.trajectory import Trajectory
+from cablecast.pipeline.aim_session import AimProposal, AimSession, AimTrial
+from cablecast.policies.aiming import AimedCast, Aimer
+from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import status_of
 from cablecast.setup import Setup
-from cablecast.view.aiming import next_aim
+from cablecast.view.album import Album
 from cablecast.view.shown import FRAME_DT, ShownCast
-from cablecast.view.tries import Try, TryStore
-
-RADIUS_OF_CONFIDENCE = float(np.sqrt(-2.0 * np.log(1.0 - CONFIDENCE)))
-"""Radius of the circle that holds 95 % of a normal distribution in the plane, in standard
-deviations: sqrt(-2 ln(1 - 0.95)), the chi-squared quantile of two degrees of freedom."""
-
-_MOVE_COUNT = 4
 
 
 class Phase(enum.Enum):
     """State of the table; the value says what to do next."""
 
-    NO_MODEL = "Make a model first: the page does it in a minute."
+    NO_MODEL = "Get ready first: five casts, and a model that learns from them."
     READY = "Click on the table to choose a target."
     PLANNED = "Look at the plan, then cast."
     CASTING = "The arm moves: keep clear."
@@ -52,33 +44,21 @@ class Preview:
     """A planned cast and what to expect of it.
 
     Attributes:
-        target_xy: Target [m], shape [2].
-        aim_xy: Point that the plan aims at [m], shape [2].
-        action: Action.
-        trajectory: Motion down to joint set points.
-        predicted_xy: Predicted landing [m], shape [2].
-        spread: Standard deviation of the landing along each axis [m]; NaN if unknown.
-        margin: Predicted distance of the free end from the table's edges [m]; negative off it.
-        inside_coverage: Whether simulated casts land near the target.
+        proposal: Planned cast, with its ellipse.
         cast: Simulated cast.
         limits: Peaks of the joints and their bounds.
+        margin: Predicted distance of the free end from the table's edges [m]; negative off it.
     """
 
-    target_xy: NDArray[np.float64]
-    aim_xy: NDArray[np.float64]
-    action: Action
-    trajectory: Trajectory
-    predicted_xy: NDArray[np.float64]
-    spread: float
-    margin: float
-    inside_coverage: bool
+    proposal: AimProposal
     cast: ShownCast
     limits: Feasibility
+    margin: float
 
     @property
-    def expected_radius(self) -> float:
-        """Radius within which 95 % of the landings are expected [m]; NaN if unknown."""
-        return RADIUS_OF_CONFIDENCE * self.spread
+    def target_xy(self) -> NDArray[np.float64]:
+        """Target [m], shape [2]."""
+        return self.proposal.target_xy
 
     @property
     def limit_shares(self) -> NDArray[np.float64]:
@@ -91,49 +71,44 @@ class Desk:
 
     Args:
         rig: Rig that casts.
-        setup: Set-up of the rig.
         engine: Simulator of the previews.
-        policy: Policy that plans; None until one was made.
-        params: Parameters of the simulated cable; those of the model, or the cable's own, if None.
-        servo: Servo of the simulated arm.
-        store: Store of the tries.
+        album: Shapes of the casts that were seen.
+        session: Session that plans and learns; None until one was prepared.
 
     Attributes:
-        tries: All tries in order, with those that were undone.
+        setup: Set-up of the rig.
         preview: Plan for the current target; None before the first.
         message: Latest news in one sentence; empty if there are none.
     """
 
     def __init__(
         self,
-        rig: Rig,
-        setup: Setup,
+        rig: CheckedRig,
         engine: Engine,
-        *,
-        policy: ForwardSearchPolicy | None = None,
-        params: CableParams | None = None,
-        servo: ServoModel | None = None,
-        store: TryStore | None = None,
+        album: Album | None = None,
+        session: AimSession | None = None,
     ):
-        self.rig, self.setup, self.engine = rig, setup, engine
-        self._policy = policy
-        self._params, self._servo = params, servo
-        self._store = store or TryStore()
+        self.rig, self.engine = rig, engine
+        self.setup: Setup = rig.setup
+        self.album = album or Album()
+        self._session: AimSession | None = None
+        self._params, self._servo = self.setup.cable.params, None
         self._lock = threading.RLock()
         self._casting = False
-        self.tries = self._store.read()
         self.preview: Preview | None = None
         self.message = ""
-        if (target_xy := self._store.cut_off()) is not None:
-            self.message = (
-                f"A cast at x = {target_xy[0]:.3f}, y = {target_xy[1]:.3f} m was cut off: nothing "
-                "was seen of it."
-            )
+        if session is not None:
+            self.set_session(session)
 
     @property
-    def policy(self) -> ForwardSearchPolicy | None:
-        """Policy that plans."""
-        return self._policy
+    def session(self) -> AimSession | None:
+        """Session that plans and learns."""
+        return self._session
+
+    @property
+    def params(self) -> CableParams:
+        """Parameters of the simulated cable: those that the model learned from."""
+        return self._params
 
     @property
     def phase(self) -> Phase:
@@ -141,118 +116,100 @@ class Desk:
         with self._lock:
             if self._casting:
                 return Phase.CASTING
-            if self._policy is None:
+            if self._session is None:
                 return Phase.NO_MODEL
             if self.preview is None:
                 return Phase.READY
-            last = self.last
-            done = last is not None and last.is_at(self.preview.target_xy)
+            done = self.preview.proposal.number < len(self._session.history)
             return Phase.LANDED if done else Phase.PLANNED
 
     @property
-    def last(self) -> Try | None:
-        """Latest try that was not undone."""
-        return next((one for one in reversed(self.tries) if not one.undone), None)
+    def tries(self) -> list[AimTrial]:
+        """Casts at targets, in order, with those that were undone."""
+        history = () if self._session is None else self._session.history
+        return [trial for trial in history if trial.try_number > 0]
 
     @property
-    def params(self) -> CableParams:
-        """Parameters of the simulated cable."""
-        return self.setup.cable.params if self._params is None else self._params
+    def last(self) -> AimTrial | None:
+        """Latest try that was not undone."""
+        return next((one for one in reversed(self.tries) if not self.is_undone(one)), None)
 
-    def set_model(
-        self,
-        policy: ForwardSearchPolicy,
-        params: CableParams | None = None,
-        servo: ServoModel | None = None,
-    ) -> None:
-        """Plan with another policy from now on.
+    def is_undone(self, trial: AimTrial) -> bool:
+        """Return whether a try was taken back."""
+        return trial.number in self.album.undone
 
-        Args:
-            policy: Policy for the set-up of the rig.
-            params: Parameters of the cable that its casts were simulated with.
-            servo: Servo of the arm in these casts.
+    def tries_at(self, target_xy: NDArray[np.float64]) -> list[AimTrial]:
+        """Return the tries at a target [m] that were not undone, in order."""
+        if self._session is None:
+            return []
+        return [one for one in self._session.trials_at(target_xy) if not self.is_undone(one)]
+
+    def set_session(self, session: AimSession) -> None:
+        """Plan with a session from now on, and simulate with the cable that its model knows.
 
         Raises:
             InputError: It was made for another set-up, or a cast is under way.
         """
-        if policy.setup.to_settings() != self.setup.to_settings():
+        if session.setup.to_settings() != self.setup.to_settings():
             raise InputError("the model was made for another set-up than the rig's")
+        info: dict[str, Any] = session.aimer.policy.model.info.get("dataset", {})
+        settings = info.get("settings", {})
         with self._lock:
             self._refuse_casting()
-            self._policy, self._params, self._servo = policy, params, servo
-            self.preview = None
+            self._session, self.preview = session, None
+            if settings.get("params") is not None:
+                self._params = settings_object(_params_of, info, "params", "the model")
+            if settings.get("servo") is not None:
+                self._servo = settings_object(ServoModel.from_dict, info, "servo", "the model")
+            if self.album.undone:
+                self._forget_undone()
 
     def aim(self, target_xy: ArrayLike) -> Preview:
-        """Choose a target and plan the cast at it.
+        """Choose a target and plan the next cast at it, corrected by what earlier casts taught.
 
         Args:
             target_xy: Target [m], shape [2].
 
         Raises:
             TargetError: It is not finite, out of reach, or off the table.
-            InputError: There is no model, or a cast is under way.
+            InputError: There is no session, or a cast is under way.
         """
         with self._lock:
             self._refuse_casting()
-            target = np.asarray(target_xy, dtype=float)
+            session = self._need_session()
+            try:
+                target = np.asarray(target_xy, dtype=float)
+            except (TypeError, ValueError):
+                raise TargetError(f"target {str(target_xy)[:40]!r} must be two numbers") from None
             if target.shape != (2,):
                 raise TargetError(f"a target has shape {target.shape}: it must be [2]")
-            policy = self._need_policy()
-            plan = policy.plan(target)
-            self.preview = self._preview(
-                target,
-                target,
-                plan.actions[0],
-                plan.predicted_xy[0],
-                float(plan.spread[0]),
-                bool(plan.inside_coverage[0]),
+            proposal = session.propose(target)
+            action = proposal.action.to_array()
+            side = action if action[1] > 0 else action * [-1.0, -1.0, 1.0, -1.0]
+            self.preview = Preview(
+                proposal=proposal,
+                cast=self.simulate(proposal.trajectory),
+                limits=check_grip_paths(proposal.trajectory.grip_path, self.setup),
+                margin=float(session.aimer.policy.model.predict_margin(side[None])[0]),
             )
             self.message = ""
             return self.preview
 
     def correct(self) -> Preview:
-        """Plan the next cast at the target of the last one, moved against its misses.
-
-        The action is the last one, changed as little as moves its predicted landing to the new
-        point of aim: another action would miss in another way.
+        """Plan the next cast at the target of the last one.
 
         Raises:
             InputError: Nothing was cast, or a cast is under way.
         """
         with self._lock:
             self._refuse_casting()
-            last, policy = self.last, self._need_policy()
+            last = self.last
             if last is None:
                 raise InputError("there is nothing to correct yet: cast first")
-            tries = self.tries_at(last.target_xy)
-            landed = [one for one in tries if np.all(np.isfinite(one.landed_xy))]
-            if not landed:
-                raise InputError("no try at this target came to rest on the table: aim anew")
-            aim = next_aim(landed, self.setup.cable.length)
-            aim = np.clip(aim, *self._table_bounds())
-            actions = landed[-1].action[None]
-            # One call moves an action a bounded way; a large miss needs some.
-            for _ in range(_MOVE_COUNT):
-                actions, predicted = refine_actions(
-                    actions,
-                    aim[None],
-                    deviations(policy.actions),
-                    model=policy.model,
-                    table_margin=policy.info.get("table_margin", TABLE_MARGIN),
-                )
-            spread = policy.model.predict_spread(actions)
-            self.preview = self._preview(
-                last.target_xy,
-                aim,
-                actions[0],
-                predicted[0],
-                np.nan if spread is None else float(spread[0]),
-                bool(policy.inside_coverage(last.target_xy)),
-            )
-            return self.preview
+            return self.aim(last.target_xy)
 
-    def cast(self) -> Try:
-        """Cast as planned, and see where the free end comes to rest.
+    def cast(self) -> AimTrial:
+        """Cast as planned, see where the free end comes to rest, and learn from it.
 
         To be called in the thread that may use the rig.
 
@@ -262,35 +219,29 @@ class Desk:
         """
         with self._lock:
             self._refuse_casting()
-            preview = self.preview
-            if preview is None:
+            if self.preview is None:
                 raise InputError("nothing is planned: choose a target first")
-            number = len(self.tries) + 1
-            self._casting = True
+            session = self._need_session()
+            if self.phase is Phase.LANDED:
+                self.aim(self.preview.target_xy)
+            preview, self._casting = self.preview, True
         try:
-            self._store.begin(number, preview.target_xy)
-            self.rig.reset()
-            track = self.rig.execute(preview.trajectory)
-            one = Try(
-                number=number,
-                target_xy=preview.target_xy,
-                aim_xy=preview.aim_xy,
-                action=preview.action.to_array(),
-                predicted_xy=preview.predicted_xy,
-                cast=ShownCast.of_track(track, preview.trajectory),
-                landed_xy=np.array(track.final_xy, dtype=float),
-            )
-            self._store.write(one)
+            proposal = preview.proposal
+            track = session.play(self.rig, proposal.trajectory, proposal.number)
+            # The shape comes first: a cast that is in the session can always be shown.
+            shown = ShownCast.of_track(track, proposal.trajectory)
+            self.album.keep(proposal.number, shown)
+            trial = session.observe(proposal, track)
             with self._lock:
-                self.tries.append(one)
-                self.message = "" if np.isfinite(one.miss) else track.status.value
-            return one
+                seen = np.isfinite(trial.miss_pct)
+                self.message = trial.change if seen else track.status.value
+            return trial
         finally:
             with self._lock:
                 self._casting = False
 
-    def undo(self) -> Try:
-        """Take the last try back: it is kept, and teaches nothing.
+    def undo(self) -> AimTrial:
+        """Take the last try back: it is kept, and teaches nothing from now on.
 
         Raises:
             InputError: There is none, or a cast is under way.
@@ -300,14 +251,19 @@ class Desk:
             last = self.last
             if last is None:
                 raise InputError("there is no try to undo")
-            undone = dataclasses.replace(last, undone=True)
-            self._store.write(undone)
-            self.tries[last.number - 1] = undone
-            return undone
+            self.album.mark_undone(last.number)
+            self._forget_undone()
+            self.preview = None
+            self.message = f"Try {last.number} is taken back: it teaches nothing from now on."
+            return last
 
-    def tries_at(self, target_xy: NDArray[np.float64]) -> list[Try]:
-        """Return the tries at a target that were not undone, in order."""
-        return [one for one in self.tries if one.is_at(target_xy) and not one.undone]
+    def shown(self, trial: AimTrial) -> ShownCast:
+        """Return a try as it was seen."""
+        known = self.album.get(trial.number)
+        if known is not None:
+            return known
+        values = self._need_session().store.casts[trial.number].values
+        return ShownCast.of_values(values)
 
     def simulate(
         self, trajectory: Trajectory, params: CableParams | None = None, engine: Any = None
@@ -332,40 +288,27 @@ class Desk:
         status = status_of(rollout.endpoint_xy[0], self.setup.workspace)
         return ShownCast.of_rollout(rollout, trajectory, status=status)
 
-    def _preview(
-        self,
-        target: NDArray[np.float64],
-        aim: NDArray[np.float64],
-        action: NDArray[np.float64],
-        predicted: NDArray[np.float64],
-        spread: float,
-        inside: bool,
-    ) -> Preview:
-        trajectory = plan_trajectory(Action.from_array(action), self.setup)
-        side = action if action[1] > 0 else action * [-1.0, -1.0, 1.0, -1.0]
-        return Preview(
-            target_xy=target,
-            aim_xy=aim,
-            action=Action.from_array(action),
-            trajectory=trajectory,
-            predicted_xy=predicted,
-            spread=spread,
-            margin=float(self._need_policy().model.predict_margin(side[None])[0]),
-            inside_coverage=inside,
-            cast=self.simulate(trajectory),
-            limits=check_grip_paths(trajectory.grip_path, self.setup),
-        )
+    def _forget_undone(self) -> None:
+        """Let a new aimer learn from all casts but those that were undone."""
+        session = self._need_session()
+        aimer = Aimer(session.aimer.policy)
+        kept = [
+            AimedCast(action=cast.action, endpoint_xy=cast.endpoint_xy)
+            for number, cast in enumerate(session.store.casts)
+            if number not in self.album.undone and np.all(np.isfinite(cast.action))
+        ]
+        aimer.learn(kept)
+        session.aimer = aimer
 
-    def _table_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        table = self.setup.workspace
-        low = np.array([-table.half_width, table.y_min])
-        return low, np.array([table.half_width, table.y_max])
-
-    def _need_policy(self) -> ForwardSearchPolicy:
-        if self._policy is None:
+    def _need_session(self) -> AimSession:
+        if self._session is None:
             raise InputError("there is no model yet: make one first")
-        return self._policy
+        return self._session
 
     def _refuse_casting(self) -> None:
         if self._casting:
             raise InputError("a cast is under way: wait until the cable rests")
+
+
+def _params_of(values: dict[str, Any]) -> CableParams:
+    return CableParams(**values)

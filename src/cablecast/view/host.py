@@ -51,12 +51,12 @@ class Host(Protocol):
         """Stop the work under way."""
         ...
 
-    def make_model(self) -> None:
-        """Make a model on the spot."""
+    def prepare(self) -> None:
+        """Get ready for the first target: casts, fit, simulation, training."""
         ...
 
     def replay(self, number: int) -> None:
-        """Show a try again."""
+        """Show a cast of the session again, by its number."""
         ...
 
     def set_dark(self, dark: bool) -> None:

@@ -35,7 +35,7 @@ class Page:
     Args:
         desk: State of the table.
         worker: Thread for casts and long work.
-        make_model: Makes a model for the desk; called by the worker.
+        prepare: Gets the desk ready for the first target; called by the worker.
         host: Address to listen on; only this computer by default.
         port: Port to listen on; the next free one if it is taken.
         dark: Whether the page begins dark.
@@ -45,13 +45,13 @@ class Page:
         self,
         desk: Desk,
         worker: Worker,
-        make_model: Work,
+        prepare: Work,
         *,
         host: str = HOST,
         port: int = PORT,
         dark: bool = False,
     ):
-        self.desk, self.worker, self._make_model = desk, worker, make_model
+        self.desk, self.worker, self._prepare = desk, worker, prepare
         self._lock = threading.RLock()
         self.server = _serve(host, port)
         self.server.gui.set_panel_label("cablecast")
@@ -119,26 +119,24 @@ class Page:
         """Stop the work under way."""
         self.worker.stop()
 
-    def make_model(self) -> None:
-        """Make a model on the spot."""
-
-        def work(report: Any) -> None:
-            self._make_model(report)
-            self.desk.message = ""
-            self.refresh()
-
-        self.guard(lambda: self.worker.submit("making a model", work))
+    def prepare(self) -> None:
+        """Get ready for the first target: casts, fit, simulation, training."""
+        self.guard(lambda: self.worker.submit("getting ready", self._prepare))
 
     def replay(self, number: int) -> None:
-        """Show a try again, beside what was expected of it."""
-        if not 1 <= number <= len(self.desk.tries):
+        """Show a cast of the session again.
+
+        Args:
+            number: Number of the cast in its session, from 0.
+        """
+        one = next((trial for trial in self.desk.tries if trial.number == number), None)
+        if one is None:
             return
-        one = self.desk.tries[number - 1]
         self.ghost.visible = False
         self.solid.visible = True
         self._marks.target(one.target_xy)
         self._marks.landings(self.desk.tries_at(one.target_xy))
-        self.player.play([(self.solid, one.cast)])
+        self.player.play([(self.solid, self.desk.shown(one))])
 
     def set_dark(self, dark: bool) -> None:
         """Make the page dark or light."""
@@ -155,12 +153,12 @@ class Page:
 
     def show_map(self, visible: bool) -> None:
         """Show or hide how far casts are expected to miss."""
-        policy = self.desk.policy
-        if not visible or policy is None:
+        session = self.desk.session
+        if not visible or session is None:
             if self._map is not None:
                 self._map.visible = False
             return
-        shown, table = miss_map(policy), self.desk.setup.workspace
+        shown, table = miss_map(session.aimer.policy), self.desk.setup.workspace
         # An image lies in its own x-y plane with y down, so it is turned about x.
         self._map = self.server.scene.add_image(
             "/map",
@@ -205,7 +203,8 @@ class Page:
         if last is not None:
             self._marks.target(last.target_xy)
             self._marks.landings(self.desk.tries_at(last.target_xy))
-            self.player.show([(self.solid, last.cast)], last.cast.duration)
+            shown = self.desk.shown(last)
+            self.player.show([(self.solid, shown)], shown.duration)
         elif preview is not None:
             self.player.show([(self.solid, preview.cast)], 0.0)
         elif (rest := self._resting()) is not None:
@@ -228,7 +227,7 @@ class Page:
         preview = plan()
         self.ghost.visible = True
         self._marks.target(preview.target_xy)
-        self._marks.expectation(preview.predicted_xy, preview.expected_radius)
+        self._marks.expectation(preview.proposal)
         self._marks.landings(self.desk.tries_at(preview.target_xy))
         self.solid.visible = True
         self.player.play(
@@ -240,7 +239,7 @@ class Page:
         self.refresh()
         one = self.desk.cast()
         preview = self.desk.preview
-        acts: list[tuple[Any, ShownCast]] = [(self.solid, one.cast)]
+        acts: list[tuple[Any, ShownCast]] = [(self.solid, self.desk.shown(one))]
         if preview is not None:
             acts.append((self.ghost, preview.cast))
         landings = self.desk.tries_at(one.target_xy)

@@ -5,13 +5,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.pipeline.aim import ellipse_points
+from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
 from cablecast.view.figure import INK, LIFT, LIGHT, PURPLE, VERMILLION, Paint
-from cablecast.view.shapes import circle, level, reach_arc, table_lines
-from cablecast.view.tries import Try
+from cablecast.view.shapes import circle, level, polyline, reach_arc, table_lines
 
 if TYPE_CHECKING:
     import viser
+
+EXPECTED_SHARE = 0.9
+"""Share of the landings that the ellipse of a plan holds."""
 
 _THICKNESS = 0.04  # Of the table's top [m].
 
@@ -133,16 +137,10 @@ class Marks:
             thickness_units="screen",
         )
 
-    def expectation(self, xy: NDArray[np.float64], radius: float) -> None:
-        """Draw the predicted landing, and the circle in which 95 % of the landings are expected.
-
-        Args:
-            xy: Predicted landing [m], shape [2].
-            radius: Radius of the circle [m]; none is drawn where NaN.
-        """
-        lines = [circle(xy, 0.012, 2 * LIFT)]
-        if np.isfinite(radius):
-            lines.append(circle(xy, radius, 2 * LIFT, 73))
+    def expectation(self, proposal: AimProposal) -> None:
+        """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
+        outline = ellipse_points(proposal, EXPECTED_SHARE)
+        lines = [circle(proposal.expected_xy, 0.012, 2 * LIFT), polyline(level(outline, 2 * LIFT))]
         self._server.scene.add_line_segments(
             "/marks/expected",
             np.concatenate(lines).astype(np.float32),
@@ -151,19 +149,19 @@ class Marks:
             thickness_units="screen",
         )
 
-    def landings(self, tries: list[Try]) -> None:
+    def landings(self, trials: list[AimTrial]) -> None:
         """Draw the landings of tries at one target, numbered, each with a line to the target."""
         scene = self._server.scene
         scene.remove_by_name("/marks/tries")
         length = self._setup.cable.length
-        for one in tries:
-            if not np.all(np.isfinite(one.landed_xy)):
+        for one in trials:
+            if not np.all(np.isfinite(one.final_xy)):
                 continue
-            name, is_last = f"/marks/tries/{one.number}", one is tries[-1]
-            place = np.append(one.landed_xy, 0.012)
+            name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
+            place = np.append(one.final_xy, 0.012)
             color = INK if is_last else (123, 135, 148)
             scene.add_icosphere(f"{name}/ball", 0.014, color, position=place, cast_shadow=False)
-            ends = level(np.stack([one.target_xy, one.landed_xy]), 3 * LIFT)
+            ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
             scene.add_line_segments(
                 f"{name}/miss",
                 ends[None].astype(np.float32),
@@ -171,9 +169,9 @@ class Marks:
                 thickness=2.5 if is_last else 1.0,
                 thickness_units="screen",
             )
-            text = f"{one.number}"
+            text = f"{one.try_number}"
             if is_last:
-                text += f":  {100 * one.miss:.1f} cm, {100 * one.miss / length:.1f} %"
+                text += f":  {one.miss_pct * length:.1f} cm, {one.miss_pct:.1f} %"
             scene.add_label(
                 f"{name}/label", text, position=place + [0.0, 0.0, 0.03], anchor="bottom-center"
             )

@@ -3,79 +3,72 @@
 import os
 import pathlib
 from collections.abc import Callable
-from typing import Any
 
-from cablecast.datasets.reader import settings_object
-from cablecast.errors import CheckpointError
-from cablecast.motion.servo import ServoModel
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
 from cablecast.pipeline.places import require
-from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
+from cablecast.runs.folder import METRICS_FILE
+from cablecast.runs.parts import Parts
+from cablecast.runs.places import MODEL_FOLDER
 from cablecast.runs.progress import ProgressCallback
+from cablecast.view.album import Album
 from cablecast.view.desk import Desk
-from cablecast.view.quick_model import make_quick_model
-from cablecast.view.tries import TryStore, open_tries
-from cablecast.view.worker import Worker
+from cablecast.view.page import Page
+from cablecast.view.worker import Work, Worker
 
-MODEL_FOLDER = "quick-model"
+ALBUM_FOLDER = "shapes"
 
 SEGMENT_COUNT, STEP = 30, 1e-3
-"""Resolution of previews: a cast in a fraction of the time, the landing within some per cent of
-that of the full resolution (docs/engine.md)."""
+"""Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
+cable's length from that of the full resolution (docs/view.md)."""
 
 
-def make_desk(
-    rig: CheckedRig,
-    store: TryStore,
-    folder: pathlib.Path,
-    model: str | os.PathLike[str] | None = None,
-) -> Desk:
-    """Return the desk of a session.
+def make_desk(rig: CheckedRig, folder: pathlib.Path | None = None) -> Desk:
+    """Return the desk of a session, still without a model.
 
     Args:
-        rig: Rig that `make_rig` returned; gives the set-up.
-        store: Store of the tries.
-        folder: Folder of the session, which may hold a model that was made on the spot.
-        model: Folder of a trained model.
-
-    Raises:
-        CheckpointError: The model is damaged.
-        InputError: It was made for another set-up.
+        rig: Rig that `make_rig` returned.
+        folder: Folder of the session; nothing is kept where None.
     """
-    from cablecast.engines.warp_ import EngineWarp
-
-    engine = EngineWarp(segment_count=SEGMENT_COUNT, dt=STEP)
-    desk = Desk(rig, rig.setup, engine, store=store)
-    own = folder / MODEL_FOLDER / "model"
-    if model is not None:
-        use_model(desk, ForwardSearchPolicy.load(pathlib.Path(model)))
-    elif (own / "metrics.json").exists():
-        try:
-            use_model(desk, ForwardSearchPolicy.load(own))
-        except CheckpointError as error:
-            desk.message = f"{error}. Make the model again"
-    return desk
+    album = Album(None if folder is None else Parts(folder / ALBUM_FOLDER))
+    return Desk(rig, EngineWarp(segment_count=SEGMENT_COUNT, dt=STEP), album)
 
 
-def use_model(desk: Desk, policy: ForwardSearchPolicy) -> None:
-    """Plan with a policy, and simulate with the cable and the servo that it learned from."""
-    from cablecast.cable import CableParams
+def preparation(
+    desk: Desk, folder: pathlib.Path | None, *, calibration_count: int, count: int, seed: int
+) -> Work:
+    """Return the work that gets a desk ready: casts, fit, simulation, training.
 
-    info: dict[str, Any] = policy.model.info.get("dataset", {})
-    settings = info.get("settings", {})
-    params, servo = None, None
-    if settings.get("params") is not None:
-        params = settings_object(lambda values: CableParams(**values), info, "params", "the model")
-    if settings.get("servo") is not None:
-        servo = settings_object(ServoModel.from_dict, info, "servo", "the model")
-    desk.set_model(policy, params, servo)
+    Args:
+        desk: Desk to hand the session to.
+        folder: Folder of the session; what is done there is not done again.
+        calibration_count: Casts that the rig makes.
+        count: Simulated casts that the model learns from.
+        seed: Seed of everything that is drawn by chance.
+    """
+
+    def work(report: ProgressCallback) -> None:
+        session = prepare_aim(
+            desk.rig,
+            calibration_count=calibration_count,
+            count=count,
+            seed=seed,
+            out=folder,
+            progress=report,
+        )
+        desk.set_session(session)
+
+    return work
 
 
 def serve(
     rig: CheckedRig,
     folder: str | os.PathLike[str],
     *,
-    model: str | os.PathLike[str] | None = None,
+    calibration_count: int = CALIBRATION_COUNT,
+    count: int = SIMULATED_COUNT,
+    seed: int = 0,
     host: str,
     port: int,
     dark: bool = False,
@@ -85,29 +78,28 @@ def serve(
 
     Args:
         rig: Rig that `make_rig` returned.
-        folder: Folder of the session.
-        model: Folder of a trained model; the page makes one where None.
+        folder: Folder of the session, the same as that of `cablecast aim`.
+        calibration_count: Casts that the rig makes to begin with.
+        count: Simulated casts that the model learns from.
+        seed: Seed of everything that is drawn by chance.
         host: Address to listen on.
-        port: Port to listen on.
+        port: Port to listen on; the next free one if it is taken.
         dark: Whether the page begins dark.
         ready: Told the address once the page can be opened.
+
+    Raises:
+        MissingExtraError: A library of the page is not installed.
     """
-    from cablecast.view.page import Page
-
-    require("the page", "viser", "trimesh")
+    require("the page", "viser", "trimesh", "torch", "safetensors")
     folder = pathlib.Path(folder)
-    settings = {"rig": rig.description, **rig.setup.to_settings()}
-    with open_tries(folder, settings) as store:
-        desk, worker = make_desk(rig, store, folder, model), Worker()
-
-        def make_model(report: ProgressCallback) -> None:
-            policy = make_quick_model(rig.setup, folder / MODEL_FOLDER, progress=report)
-            use_model(desk, policy)
-
-        page = Page(desk, worker, make_model, host=host, port=port, dark=dark)
-        try:
-            if ready is not None:
-                ready(page.address)
-            worker.run()
-        finally:
-            page.close()
+    desk, worker = make_desk(rig, folder), Worker()
+    prepare = preparation(desk, folder, calibration_count=calibration_count, count=count, seed=seed)
+    page = Page(desk, worker, prepare, host=host, port=port, dark=dark)
+    try:
+        if ready is not None:
+            ready(page.address)
+        if (folder / MODEL_FOLDER / METRICS_FILE).exists():
+            page.prepare()
+        worker.run()
+    finally:
+        page.close()

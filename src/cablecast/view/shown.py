@@ -1,6 +1,8 @@
 """ShownCast: one cast as it is drawn, measured or simulated, at any instant."""
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +74,26 @@ class ShownCast:
             status=status,
         )
 
+    @classmethod
+    def of_values(cls, values: Mapping[str, Any]) -> "ShownCast":
+        """Return a cast of a store (datasets/store.py), which keeps the free end and the joints.
+
+        Args:
+            values: Columns of motion and track, see `trial_values`.
+        """
+        joints = None
+        for name in ("actual", "joint"):
+            if joints is None and values.get(f"{name}_q") is not None:
+                times, q = np.asarray(values[f"{name}_times"]), np.asarray(values[f"{name}_q"])
+                joints = joint_path_through(times, q.reshape(len(times), -1))
+        track = EndpointTrack(
+            times=np.asarray(values["times"], dtype=float),
+            endpoint_xy=np.stack([values["track_x"], values["track_y"]], axis=-1),
+            status=TrialStatus.from_code(values["status"]),
+            joint_path=joints,
+        )
+        return cls.of_track(track)
+
     @property
     def duration(self) -> float:
         """End of the cast [s]."""
@@ -111,6 +133,17 @@ class ShownCast:
         if step == self._last:
             return step, 0.0
         return step, (time - self.times[step]) / (self.times[step + 1] - self.times[step])
+
+
+def joint_path_through(times: NDArray[np.float64], q: NDArray[np.float64]) -> JointPath:
+    """Return the path through joint angles, with rates by differences.
+
+    Args:
+        times: Times [s], shape [tick].
+        q: Joint angles [rad], shape [tick, 6].
+    """
+    qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
+    return JointPath(times=times, q=q, qd=qd)
 
 
 def _smooth(
