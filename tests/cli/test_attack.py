@@ -200,7 +200,7 @@ def test_a_missing_extra_is_named_before_the_rig_is_connected(
     assert not (lab.path / "runs").exists()
 
 
-@pytest.mark.parametrize("verb", ["simulate", "select", "tune", "train", "evaluate"])
+@pytest.mark.parametrize("verb", ["simulate", "select", "tune", "train", "evaluate", "reproduce"])
 def test_a_device_that_is_not_here_is_refused_before_any_work(
     verb, lab, capsys, model_folder, dataset_folder, casts_folder
 ):
@@ -210,8 +210,26 @@ def test_a_device_that_is_not_here_is_refused_before_any_work(
         "evaluate": ["--model", model_folder, *lab.rig],
         "train": ["--dataset", dataset_folder],
         "tune": ["--dataset", casts_folder],
+        "reproduce": lab.rig,
     }.get(verb, [])
     assert "cuda" in refused([verb, *arguments, "--device", "cuda"], capsys)
+    assert lab.events == []
+    assert not (lab.path / "runs").exists()
+
+
+# A table that holds cable 1 but not cable 3, and one on which a target of the paper lies beside it.
+SMALL_TABLES = [
+    ("reproduce", "{table_depth: 1.26}", "y = 0.6 to 1.27 m"),
+    ("reproduce", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
+    ("demo", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
+]
+
+
+@pytest.mark.parametrize(("verb", "table", "words"), SMALL_TABLES)
+def test_what_the_last_step_cannot_do_is_refused_before_the_first(verb, table, words, lab, capsys):
+    (lab.path / "lab.yaml").write_text(f"workspace: {table}")
+    assert words in refused([verb, *lab.rig, "--setup", "lab.yaml"], capsys)
+    assert lab.events == []
     assert not (lab.path / "runs").exists()
 
 

@@ -65,6 +65,7 @@ class Demo:
         tuned = None if self.params is None else load_tuned(self.params, setup)
         made = {CASTS_FOLDERS["tune"], TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER, EVALUATION_FOLDER}
         check_demo(
+            setup=setup,
             tune_count=self.tune_count,
             count=self.count,
             epochs=self.epochs,

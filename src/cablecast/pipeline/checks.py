@@ -19,6 +19,8 @@ from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import require
 from cablecast.runs.claim import Claim
 from cablecast.runs.folder import refuse_other_work
+from cablecast.setup import Setup
+from cablecast.workspace import load_targets
 
 COMBINATIONS = {
     "1.2": (1.2, False),
@@ -113,8 +115,31 @@ def check_evaluate(
         engine_rig(model, device).close()
 
 
+def check_way(setups: Sequence[Setup], device: str) -> None:
+    """Check what later steps on the way from the first cast to the evaluation need.
+
+    Args:
+        setups: Set-up of each cable.
+        device: "cpu" or "cuda".
+
+    Raises:
+        InputError: The device is not here.
+        TargetError: A target of the evaluation is out of reach of arm and cable, or off the table.
+    """
+    from cablecast.pipeline.simulate import make_engine
+
+    make_engine(device=device)
+    if device != "cpu":
+        from cablecast.models.torch_ import check_device
+
+        check_device(device)
+    for setup in setups:
+        setup.workspace.check_target(load_targets(), setup.cable.length)
+
+
 def check_demo(
     *,
+    setup: Setup,
     tune_count: int,
     count: int,
     epochs: int,
@@ -127,6 +152,7 @@ def check_demo(
     """Check what `demo` is asked for.
 
     Args:
+        setup: Cable, workspace, arm and motion settings.
         tune_count: Number of casts to tune with.
         count: Number of simulated casts.
         epochs: Largest number of passes over them.
@@ -139,11 +165,11 @@ def check_demo(
     Raises:
         InputError: A number is out of bounds, the device is not here, or the folder holds other
             files.
+        TargetError: A target of the evaluation cannot be asked for.
         MissingExtraError: A library that a later step needs is missing.
     """
     require("the demo", "torch", "safetensors", "matplotlib", "jinja2")
     from cablecast.models.training import TrainingConfig
-    from cablecast.pipeline.simulate import make_engine
 
     # One cast to search with and one to measure the result; a model needs more.
     check_count("tune_count", tune_count, 2, ACTION_COUNT_MAX)
@@ -160,8 +186,4 @@ def check_demo(
             raise InputError(
                 f"{path} holds {other[0]}, which is none of the demo's: give a new or empty folder"
             )
-    make_engine(device=device)
-    if device != "cpu":
-        from cablecast.models.torch_ import check_device
-
-        check_device(device)
+    check_way([setup], device)

@@ -6,12 +6,15 @@ import pathlib
 from typing import Any
 
 from cablecast.files import write_text
+from cablecast.pipeline.checks import check_way
 from cablecast.pipeline.places import require
 from cablecast.pipeline.reproduce_stages import FULL, Budget, StageMaker
+from cablecast.policies.polar_casting import PolarCastingPolicy
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.runs.stages import StageLog, run_stages
 from cablecast.setup import Setup
+from cablecast.workspace import load_targets
 
 REPORT_FILE = "report.html"
 TABLES_FILE = "tables.md"
@@ -61,11 +64,19 @@ def reproduce(
         progress: Told how far the whole and each stage are.
 
     Raises:
-        InputError: The folder holds something else, or a value is out of bounds.
+        InputError: The folder holds something else, a value is out of bounds, or a cable does not
+            fit the table.
+        TargetError: A target of the paper cannot be asked for.
+        JointLimitError: The arm cannot follow a polar cast.
         MissingExtraError: A library that a later stage needs is missing.
     """
     require("the reproduction", "torch", "safetensors", "matplotlib", "jinja2", "shapely")
     report, setup = progress or ignore, setup or Setup()
+    # Hours of casts must not end at a table that is too small for the third cable.
+    setups = [dataclasses.replace(setup, cable=cable) for cable in budget.cables]
+    check_way(setups, device)
+    for first in setups[:1]:
+        _ = PolarCastingPolicy(setup=first).plan(load_targets()).trajectories
     settings = {
         "setup": setup.to_settings(),
         "rig": rig,
