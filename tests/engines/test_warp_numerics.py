@@ -191,14 +191,14 @@ def test_the_layout_of_cuda_gives_the_same_but_for_rounding():
     assert apart.max() < 1e-4
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_the_kernel_compiles_for_cuda_where_there_is_no_cuda_device(precision, tmp_path):
+def test_the_kernel_compiles_for_cuda_where_there_is_no_cuda_device(tmp_path):
     import warp as wp
 
     from cablecast.engines.warp_.rollout import rollout_kernel
 
     EngineWarp()
-    module = rollout_kernel(precision, 1).kernel.module
+    # Double precision is the same source; compiling it too would take a minute.
+    module = rollout_kernel("single", 1).kernel.module
     files = wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
     assert [file.suffix for file in files] == [".ptx"]
     assert ".entry" in files[0].read_text()

@@ -1,12 +1,14 @@
-"""Print the README's headline table in Markdown, from the folder of a reproduction.
+"""Print the tables that the pages quote of a reproduction, in Markdown, from its folder.
 
-    python tools/make_readme_table.py runs/reproduce            # print it
-    python tools/make_readme_table.py runs/reproduce --write    # put it into README.md
+    python tools/make_tables.py runs/reproduce            # print them
+    python tools/make_tables.py runs/reproduce --write    # put them into README.md and docs/
 
-All numbers come from the folder; the sentences around them stand here.
+The headline of the README, and the time that each stage took in docs/reproduce.md. All numbers come
+from the folder; the sentences around them stand here.
 """
 
 import argparse
+import collections
 import dataclasses
 import pathlib
 import re
@@ -21,8 +23,7 @@ from cablecast.report.text import five_cells, published_cells
 from cablecast.runs.progress import duration_text
 from cablecast.runs.settings import plain_settings
 
-README = pathlib.Path(__file__).parents[1] / "README.md"
-BEGIN, END = "<!-- headline: begin", "<!-- headline: end -->"
+ROOT = pathlib.Path(__file__).parents[1]
 
 
 def headline(folder: pathlib.Path) -> str:
@@ -36,8 +37,6 @@ def headline(folder: pathlib.Path) -> str:
     command = "cablecast reproduce" + " --quick" * is_quick
     seconds = read_json(folder / "metrics.json")["seconds"]
     lines = [
-        f"{BEGIN}. Written by `python tools/make_readme_table.py {folder} --write`. -->",
-        "",
         "Distance from target to landing over the 32 targets, in % of cable length:",
         "",
         "| casts | median | 1st quartile | 3rd quartile | min | max |",
@@ -61,8 +60,6 @@ def headline(folder: pathlib.Path) -> str:
         + f" `{command}` makes these tables, the figures of the paper in its own drawing, and one "
         f"report of them all; it took {duration_text(sum(seconds.values()))} on "
         f"{config['cpu_count']} processor cores.",
-        "",
-        END,
     ]
     return "\n".join(lines)
 
@@ -96,22 +93,53 @@ def _landed(results: Reproduction) -> str:
     return "Casts without a landing are left out, as in the paper: " + ", ".join(phrases) + "."
 
 
+def times(folder: pathlib.Path) -> str:
+    """Return the time of each kind of stage, summed over the cables."""
+    config = read_json(folder / "config.json")
+    seconds = read_json(folder / "metrics.json")["seconds"]
+    kinds: dict[str, list[float]] = collections.defaultdict(list)
+    for title, taken in seconds.items():
+        kinds[title.partition(": ")[2] or title].append(taken)
+    total = sum(seconds.values())
+    lines = [
+        f"On {config['cpu_count']} processor cores, rig `{config['settings']['rig']}`:",
+        "",
+        "| stage | runs | time | share |",
+        "|---|---|---|---|",
+    ]
+    for kind, taken in sorted(kinds.items(), key=lambda item: -sum(item[1])):
+        share = 100 * sum(taken) / total
+        lines.append(f"| {kind} | {len(taken)} | {duration_text(sum(taken))} | {share:.0f} % |")
+    lines.append(f"| all | {len(seconds)} | {duration_text(total)} | 100 % |")
+    return "\n".join(lines)
+
+
+def insert(page: pathlib.Path, name: str, text: str, folder: pathlib.Path) -> None:
+    """Replace what stands between the marks of a name in a page."""
+    begin, end = f"<!-- {name}: begin", f"<!-- {name}: end -->"
+    text = f"{begin}. Written by `python tools/make_tables.py {folder} --write`. -->\n\n{text}\n\n{end}"
+    pattern = re.escape(begin) + ".*?" + re.escape(end)
+    content, count = re.subn(pattern, lambda _: text, read_text(page), flags=re.DOTALL)
+    if count != 1:
+        raise SystemExit(f"{page} has {count} places between {begin} and {end}, not one")
+    write_text(page, content)
+    print(f"{page}: {name} of {folder}")
+
+
 def main() -> None:
-    """Print the headline, or put it into the README."""
+    """Print the tables, or put them into the pages."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=pathlib.Path, help="folder of `cablecast reproduce`")
-    parser.add_argument("--write", action="store_true", help="put it into README.md")
+    parser.add_argument("--write", action="store_true", help="put them into the pages")
     arguments = parser.parse_args()
-    text = headline(arguments.folder)
-    if not arguments.write:
-        print(text)
-        return
-    pattern = re.escape(BEGIN) + ".*?" + re.escape(END)
-    readme, count = re.subn(pattern, lambda _: text, read_text(README), flags=re.DOTALL)
-    if count != 1:
-        raise SystemExit(f"{README} has {count} headlines between {BEGIN} and {END}, not one")
-    write_text(README, readme)
-    print(f"{README}: headline of {arguments.folder}")
+    for name, page, table in (
+        ("headline", ROOT / "README.md", headline),
+        ("times", ROOT / "docs/reproduce.md", times),
+    ):
+        if arguments.write:
+            insert(page, name, table(arguments.folder), arguments.folder)
+        else:
+            print(table(arguments.folder), end="\n\n")
 
 
 if __name__ == "__main__":
