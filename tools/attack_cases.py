@@ -64,7 +64,8 @@ SMALL: dict[str, tuple[str, ...]] = {
     "collect real": (*STICK, "--purpose", "real", "--count", "30", "--out", "runs/real-data"),
     "repeat": (*STICK, "--action-count", "3", "--repeats", "3", "--out", "runs/repeat"),
     "tune": (
-        *("--dataset", "runs/tune-data", "--population-size", "6", "--fine-population-size", "6"),
+        *("--dataset", "runs/tune-data", "--method", "de"),
+        *("--population-size", "6", "--fine-population-size", "6"),
         *("--coarse-generations", "2", "--fine-generations", "1", *COARSE, "--out", "runs/tune"),
     ),
     "select": ("--grid", "2", "--grid-psi", "2", "--repeat", "runs/repeat", "--out", "runs/select"),

@@ -59,10 +59,7 @@ def test_the_demo_with_tuned_parameters_casts_and_tunes_none(demo):
 # What makes the commands of the README quick, after each verb.
 QUICK = {
     "collect": ("--rig", "engine", "--count", "6"),
-    "tune": (
-        *("--population-size", "6", "--fine-population-size", "6", "--coarse-generations", "1"),
-        *("--fine-generations", "1", "--segment-count", "10", "--dt", "0.002"),
-    ),
+    "tune": ("--segment-count", "10", "--dt", "0.002"),
     "simulate": ("--count", "120", "--segment-count", "10", "--dt", "0.002"),
     "train": ("--epochs", "2", "--candidate-count", "200"),
     # The small model plans badly.

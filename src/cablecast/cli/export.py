@@ -15,7 +15,7 @@ class Export:
     """Write casts of a rig as a LeRobot data set (version 3), one episode per cast.
 
     A frame holds the joints, the commanded joints of the next frame, and the cable's end. The
-    folder is written whole or not at all.
+    folder is written whole or not at all. Takes seconds, longer with films.
     """
 
     dataset: Annotated[tyro.conf.Positional[pathlib.Path], argument("DATASET")]

@@ -15,7 +15,8 @@ class Import:
 
     A row of the table (CSV or Parquet) is one moment of one cast: cast, time_s, x_m and y_m of the
     cable's end, and the motion as q1_rad to q6_rad, as grip_x_m and grip_y_m, or as an action.
-    Cells are empty where something was not measured. docs/data.md explains every column.
+    Cells are empty where something was not measured. Takes seconds. docs/data.md explains every
+    column.
     """
 
     table: Annotated[tyro.conf.Positional[pathlib.Path], argument("TABLE")]

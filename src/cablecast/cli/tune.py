@@ -69,16 +69,17 @@ class Tune:
         folder = find_casts(self.dataset, cable_name(self.setup, self.cable), "tune")
         casts = read_dataset(folder)
         check_same_setup(self.setup, self.cable, casts.setup, folder)
-        config: FitConfig | TuneConfig = FitConfig(seed=self.seed)
-        if self.method != "least-squares":
-            config = TuneConfig(
-                method=self.method,
-                population_size=self.population_size,
-                coarse_generations=self.coarse_generations,
-                fine_population_size=min(self.fine_population_size, self.population_size),
-                fine_generations=self.fine_generations,
-                seed=self.seed,
-            )
+        # Made whatever the method: a number that no method can have is refused, not ignored.
+        config: FitConfig | TuneConfig = TuneConfig(
+            method="de" if self.method == "least-squares" else self.method,
+            population_size=self.population_size,
+            coarse_generations=self.coarse_generations,
+            fine_population_size=min(self.fine_population_size, self.population_size),
+            fine_generations=self.fine_generations,
+            seed=self.seed,
+        )
+        if self.method == "least-squares":
+            config = FitConfig(seed=self.seed)
         out = self.out or cable_folder(casts.cable.name) / TUNE_FOLDER
         with console_progress() as progress:
             tuned = tune(

@@ -151,6 +151,7 @@ def _search(
     }
     metrics = {
         **values,
+        "held_out_count": 0 if validation is None else len(validation),
         "servo_fit": _servo_metrics(servo),
         "history": [
             {
