@@ -16,6 +16,7 @@ from cablecast.cli.collect import Collect
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.export import Export
+from cablecast.cli.film import Film
 from cablecast.cli.import_ import Import
 from cablecast.cli.plan import PlanVerb
 from cablecast.cli.repeat import Repeat
@@ -72,6 +73,7 @@ VERBS: dict[str, type] = {
     "track": Track,
     "export": Export,
     "view": View,
+    "film": Film,
     "demo": Demo,
     "reproduce": Reproduce,
 }

@@ -13,6 +13,9 @@ from cablecast.runs.parts import Parts
 from cablecast.track import TrialStatus
 from cablecast.view.shown import ShownCast, joint_path_through
 
+ALBUM_FOLDER = "shapes"
+"""Folder of the shapes beside a session of `aim`."""
+
 _UNDONE = "undone"
 
 _METRES, _RADIANS, _SECONDS = 4, 5, 4

@@ -1,56 +1,17 @@
-"""Figures in the browser: arm and cable of one cast, drawn with viser, and the colours of all."""
+"""Figures in the browser: arm and cable of one cast, drawn with viser."""
 
-import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.setup import Setup
+from cablecast.view.palette import LIGHT, Color, Paint
 from cablecast.view.shapes import Rods, arm_rods, level, polyline, tube
 from cablecast.view.shown import ShownCast
 
 if TYPE_CHECKING:
     import viser
-
-Color = tuple[int, int, int]
-
-# The palette of Okabe and Ito, as in report/style.py, which stays distinct under colour blindness.
-BLUE: Color = (0, 114, 178)
-VERMILLION: Color = (213, 94, 0)
-GREEN: Color = (0, 158, 115)
-PURPLE: Color = (204, 121, 167)
-INK: Color = (31, 41, 51)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Paint:
-    """Colours of a scene, light or dark."""
-
-    table: Color
-    side: Color
-    line: Color
-    text: Color
-    arm: Color
-    joint: Color
-
-
-LIGHT = Paint(
-    table=(226, 214, 194),
-    side=(176, 158, 132),
-    line=(196, 182, 160),
-    text=INK,
-    arm=(196, 203, 212),
-    joint=(94, 119, 145),
-)
-DARK = Paint(
-    table=(88, 80, 70),
-    side=(58, 52, 45),
-    line=(112, 103, 91),
-    text=(230, 234, 240),
-    arm=(150, 160, 172),
-    joint=(70, 96, 124),
-)
 
 LIFT = 0.002
 """Height of lines above the table, so that they are not hidden in it [m]."""

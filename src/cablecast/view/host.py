@@ -70,3 +70,7 @@ class Host(Protocol):
     def guard(self, action: Callable[[], Any]) -> None:
         """Do something, and show the sentence of an error in every tab."""
         ...
+
+    def clear_stage(self) -> None:
+        """Hide the figures and the marks of plan and cast."""
+        ...

@@ -1,6 +1,7 @@
 """The page: the scene and the controls of a desk, for any number of tabs that see the same."""
 
 import dataclasses
+import pathlib
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -8,14 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cablecast.conventions import polar_to_xy
-from cablecast.errors import CablecastError, MissingExtraError
+from cablecast.errors import CablecastError
 from cablecast.rigs.base import error_line
 from cablecast.view.controls import CastControls
 from cablecast.view.desk import Desk
-from cablecast.view.figure import BLUE, DARK, LIGHT, PURPLE, Figure
+from cablecast.view.figure import Figure
+from cablecast.view.look_controls import LookControls
+from cablecast.view.palette import BLUE, DARK, LIGHT, PURPLE
 from cablecast.view.player import Player
 from cablecast.view.scene import Marks, Room
-from cablecast.view.shapes import map_image, miss_map
+from cablecast.view.serving import start_server, stop_server
+from cablecast.view.shapes import map_image, miss_map, viewpoint
+from cablecast.view.share_controls import ShareControls
 from cablecast.view.shown import ShownCast
 from cablecast.view.worker import Work, Worker
 
@@ -39,6 +44,7 @@ class Page:
         host: Address to listen on; only this computer by default.
         port: Port to listen on; the next free one if it is taken.
         dark: Whether the page begins dark.
+        suggestion: Folder that is suggested to look at.
     """
 
     def __init__(
@@ -50,10 +56,11 @@ class Page:
         host: str = HOST,
         port: int = PORT,
         dark: bool = False,
+        suggestion: pathlib.Path | None = None,
     ):
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._lock = threading.RLock()
-        self.server = _serve(host, port)
+        self.server = start_server(host, port)
         self.server.gui.set_panel_label("cablecast")
         self.server.gui.main_panel.dock_right()
         self._room = Room(self.server, desk.setup, LIGHT)
@@ -62,11 +69,18 @@ class Page:
         self.ghost = Figure(self.server, "/ghost", desk.setup, PURPLE, opacity=0.5)
         self.player = Player(self._on_frame)
         self._place_camera()
-        self.cast_controls = CastControls(self)
+        tabs = self.server.gui.add_tab_group()
+        with tabs.add_tab("Cast"):
+            self.cast_controls = CastControls(self)
+        with tabs.add_tab("Look"):
+            self.look_controls = LookControls(self, suggestion)
+        with tabs.add_tab("Share"):
+            self.share_controls = ShareControls(self)
         self.set_dark(dark)
         self._rest: ShownCast | None = None
         self._map: Any = None
         self.server.scene.on_click()(self._clicked)
+        self.server.on_client_connect(self._welcome)
         worker.notify = self.refresh
         self.show_rest()
         self.refresh()
@@ -84,7 +98,7 @@ class Page:
     def close(self) -> None:
         """Stop serving."""
         self.player.close()
-        self.server.stop()
+        stop_server(self.server)
 
     # What a person can do. Each answers an error of cablecast with its sentence.
 
@@ -132,6 +146,7 @@ class Page:
         one = next((trial for trial in self.desk.tries if trial.number == number), None)
         if one is None:
             return
+        self.look_controls.hide()
         self.ghost.visible = False
         self.solid.visible = True
         self._marks.target(one.target_xy)
@@ -195,6 +210,11 @@ class Page:
         with self._lock:
             self.cast_controls.refresh()
 
+    def clear_stage(self) -> None:
+        """Hide the figures and the marks of plan and cast."""
+        self.solid.visible = self.ghost.visible = False
+        self._marks.clear()
+
     def show_rest(self) -> None:
         """Show the arm and the cable as they are before a cast."""
         last = self.desk.last
@@ -225,6 +245,7 @@ class Page:
 
     def _show_plan(self, plan: Callable[[], Any]) -> None:
         preview = plan()
+        self.look_controls.hide()
         self.ghost.visible = True
         self._marks.target(preview.target_xy)
         self._marks.expectation(preview.proposal)
@@ -263,12 +284,13 @@ class Page:
             controls.show_time(time, self.player.duration)
 
     def _place_camera(self) -> None:
-        table, camera = self.desk.setup.workspace, self.server.initial_camera
-        middle = (table.y_min + table.y_max) / 2
-        span = max(2 * table.half_width, 1.4 * (table.y_max - table.y_min))
-        camera.look_at = (0.0, middle - 0.05, 0.0)
-        camera.position = (0.0, middle - 0.62 * span, 0.72 * span)
-        camera.fov = float(np.radians(52))
+        camera = self.server.initial_camera
+        camera.position, camera.look_at, camera.fov = viewpoint(self.desk.setup)
+
+    def _welcome(self, client: "viser.ClientHandle") -> None:
+        """Step back for a narrow window, so that the whole table is seen."""
+        position, look_at, _ = viewpoint(self.desk.setup, client.camera.aspect)
+        client.camera.position, client.camera.look_at = position, look_at
 
 
 def _still(cast: ShownCast) -> ShownCast:
@@ -279,11 +301,3 @@ def _still(cast: ShownCast) -> ShownCast:
         endpoint_xy=cast.endpoint_xy[:1],
         nodes=None if cast.nodes is None else cast.nodes[:1],
     )
-
-
-def _serve(host: str, port: int) -> "viser.ViserServer":
-    try:
-        import viser
-    except ImportError:
-        raise MissingExtraError("viser", "view", "the page") from None
-    return viser.ViserServer(host=host, port=port, label="cablecast", verbose=False)

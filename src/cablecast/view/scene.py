@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from cablecast.pipeline.aim import ellipse_points
 from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
-from cablecast.view.figure import INK, LIFT, LIGHT, PURPLE, VERMILLION, Paint
+from cablecast.view.figure import LIFT
+from cablecast.view.palette import INK, LIGHT, PURPLE, VERMILLION, Paint
 from cablecast.view.shapes import circle, level, polyline, reach_arc, table_lines
 
 if TYPE_CHECKING:
@@ -118,6 +119,11 @@ class Marks:
 
     def __init__(self, server: "viser.ViserServer", setup: Setup):
         self._server, self._setup = server, setup
+
+    def clear(self) -> None:
+        """Take all marks away."""
+        for name in ("target", "expected", "tries"):
+            self._server.scene.remove_by_name(f"/marks/{name}")
 
     def target(self, xy: NDArray[np.float64]) -> None:
         """Draw the target as two rings and a cross."""

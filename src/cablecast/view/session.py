@@ -12,12 +12,10 @@ from cablecast.runs.folder import METRICS_FILE
 from cablecast.runs.parts import Parts
 from cablecast.runs.places import MODEL_FOLDER
 from cablecast.runs.progress import ProgressCallback
-from cablecast.view.album import Album
+from cablecast.view.album import ALBUM_FOLDER, Album
 from cablecast.view.desk import Desk
 from cablecast.view.page import Page
 from cablecast.view.worker import Work, Worker
-
-ALBUM_FOLDER = "shapes"
 
 SEGMENT_COUNT, STEP = 30, 1e-3
 """Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
@@ -94,7 +92,7 @@ def serve(
     folder = pathlib.Path(folder)
     desk, worker = make_desk(rig, folder), Worker()
     prepare = preparation(desk, folder, calibration_count=calibration_count, count=count, seed=seed)
-    page = Page(desk, worker, prepare, host=host, port=port, dark=dark)
+    page = Page(desk, worker, prepare, host=host, port=port, dark=dark, suggestion=folder)
     try:
         if ready is not None:
             ready(page.address)

@@ -15,6 +15,11 @@ Array = NDArray[np.float64]
 CABLE_RADIUS_MIN = 0.006
 """Smallest radius at which a cable is drawn [m]: a thinner one vanishes on a screen."""
 
+_BALL_SHARE = 1.03
+
+# A picture of this shape shows the whole width of a table from a distance of its width.
+_ASPECT = 1.65
+
 TUBE_SIDES = 6
 """Number of sides of a cable that is drawn."""
 
@@ -64,7 +69,8 @@ class Rods:
     def joints(self) -> tuple[Array, Array]:
         """Balls that round the rods off: centres [m] and radii [m], shapes [ball, 3], [ball]."""
         centers = np.concatenate([self.starts[:1], self.ends])
-        return centers, np.concatenate([self.radii[:1], self.radii])
+        # A little wider than the rods, or both surfaces would show in patches.
+        return centers, _BALL_SHARE * np.concatenate([self.radii[:1], self.radii])
 
 
 def arm_rods(q: ArrayLike, arm: ArmUR) -> Rods:
@@ -154,6 +160,25 @@ def reach_arc(setup: Setup, height: float) -> Array:
     segments = polyline(level(points, height))
     inside = setup.workspace.on_table(segments[:, :, :2]).all(axis=1)
     return segments[inside]
+
+
+def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float]:
+    """Return a place from which the whole table is seen, behind the robot.
+
+    Args:
+        setup: Set-up with the table.
+        aspect: Width of the picture by its height [-].
+
+    Returns:
+        Position and point looked at [m], shape [3], and the vertical field of view [rad].
+    """
+    table = setup.workspace
+    middle = (table.y_min + table.y_max) / 2
+    # A picture narrower than the table is seen from farther away.
+    width = 2 * table.half_width * max(1.0, _ASPECT / max(aspect, 0.2))
+    span = max(width, 1.7 * (table.y_max - table.y_min))
+    look_at = np.array([0.0, middle - 0.04 * span, 0.0])
+    return look_at + span * np.array([0.0, -0.52, 0.74]), look_at, float(np.radians(44))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

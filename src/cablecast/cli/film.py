@@ -1,0 +1,66 @@
+"""`cablecast film`: casts as a file to share."""
+
+import dataclasses
+import pathlib
+from typing import Annotated
+
+from cablecast.cli.options import argument
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Film:
+    """Film casts into one file, without a display.
+
+    The ending of --out says the kind: an HTML file holds all that it needs to turn, zoom and play
+    the scene in any browser; an MP4 or a GIF shows it from behind the robot. Casts are blue as they
+    were seen; beside them, in purple, the simulator. Takes about ten seconds a cast.
+    """
+
+    casts: Annotated[pathlib.Path, argument("DIR")]
+    """Folder that `cablecast aim`, `view`, `evaluate`, `collect` or `simulate` wrote."""
+    out: Annotated[pathlib.Path, argument("FILE")]
+    """File to write: .html, .mp4 or .gif."""
+    select: Annotated[tuple[int, ...], argument("N [N ...]", "the last cast")] = ()
+    """Numbers of the casts, from 0, in the order of the film."""
+    width: int = 960
+    """Width of the picture [pixel], even."""
+    height: int = 540
+    """Height of the picture [pixel], even."""
+    fps: int = 25
+    """Frames a second."""
+    speed: float = 1.0
+    """Shown seconds per second; 0.25 is slow motion."""
+    dark: bool = False
+    """Film in dark colours."""
+    force: bool = False
+    """Overwrite the file if it exists."""
+
+    def run(self) -> None:
+        """Read the casts, and write the film."""
+        from cablecast.cli.progress import console_progress
+        from cablecast.engines.warp_ import EngineWarp
+        from cablecast.errors import InputError
+        from cablecast.pipeline.plan import check_writable
+        from cablecast.view.film import KINDS, FilmConfig, write_film
+        from cablecast.view.look import open_collection
+
+        if self.out.suffix.lower() not in KINDS:
+            raise InputError(f"--out {self.out} must end in one of {', '.join(KINDS)}")
+        check_writable(self.out, self.force)
+        config = FilmConfig(
+            width=self.width,
+            height=self.height,
+            frames_per_second=self.fps,
+            speed=self.speed,
+            dark=self.dark,
+        )
+        collection = open_collection(self.casts)
+        if not len(collection):
+            raise InputError(f"{self.casts} holds no cast yet")
+        engine = EngineWarp()
+        chosen = self.select or (len(collection) - 1,)
+        shots = [collection.shot(index, engine) for index in chosen]
+        with console_progress() as progress:
+            write_film(self.out, collection.setup, shots, config, progress)
+        size = self.out.stat().st_size
+        print(f"film     {self.out} ({len(shots)} casts, {size / 1e6:.2f} MB)")

@@ -1,0 +1,130 @@
+import io
+import re
+
+import numpy as np
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import plan_trajectory
+from cablecast.setup import Setup
+from cablecast.view.film import FilmConfig, frame_times, write_film
+from cablecast.view.palette import LIGHT
+from cablecast.view.picture import Camera, Painter, Shot
+from cablecast.view.shown import ShownCast
+
+SETUP = Setup()
+TARGET = np.array([-0.6, 1.2])
+SMALL = FilmConfig(width=128, height=72, frames_per_second=4)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    """Return a cast of a straight cable that is turned to the right."""
+    times = np.linspace(0.0, 1.0, 11)
+    turn = np.linspace(0.0, 1.0, 11)[:, None]
+    s = np.linspace(0.6, 1.2, 9)[None]
+    nodes = np.stack([s * np.sin(turn), s * np.cos(turn), np.full((11, 9), 0.01)], axis=-1)
+    motion = plan_trajectory(Action(theta1=-0.5, theta2=0.3, r2=0.6), SETUP)
+    cast = ShownCast(
+        times=times, endpoint_xy=nodes[:, -1, :2], nodes=nodes, joint_path=motion.joint_path
+    )
+    return Shot(cast=cast, target_xy=TARGET, caption="moves", result="rests")
+
+
+def test_a_camera_sees_what_it_looks_at_in_the_middle_and_far_things_small():
+    camera = Camera(
+        position=np.array([0.0, -2.0, 2.0]),
+        look_at=np.array([0.0, 1.0, 0.0]),
+        fov=0.8,
+        width=200,
+        height=100,
+    )
+    middle, _ = camera.project(np.array([0.0, 1.0, 0.0]))
+    assert np.allclose(middle, [100.0, 50.0])
+    ends, depths = camera.project(np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]]))
+    assert ends[0, 0] > ends[1, 0] > 100.0
+    assert ends[0, 1] > ends[1, 1]
+    assert depths[1] > depths[0]
+
+
+def test_the_table_is_painted_with_the_cable_where_it_is(shot):
+    painter = Painter(SETUP, 320, 180)
+    before, after = (np.asarray(painter.frame(shot, time), dtype=int) for time in (0.0, 1.0))
+    camera = Camera(
+        position=painter._camera.position,
+        look_at=painter._camera.look_at,
+        fov=painter._camera.fov,
+        width=320,
+        height=180,
+    )
+    (x, y), _ = camera.project(shot.cast.nodes[-1, 6])
+    column, row = round(float(x)), round(float(y))
+    # The cable is blue and a pixel or two wide, on a table that is nearly red.
+    patch = np.s_[row - 2 : row + 3, column - 2 : column + 3]
+    blueness = [(image[patch][..., 2] - image[patch][..., 0]).max() for image in (before, after)]
+    assert blueness[0] < 0
+    assert blueness[1] > 60
+    (x, y), _ = camera.project(np.array([1.1, 0.2, 0.0]))
+    assert np.allclose(after[round(float(y)), round(float(x))], LIGHT.table, atol=12)
+
+
+def test_frames_are_evenly_spaced_in_slow_motion_and_show_the_rest(shot):
+    slow = FilmConfig(speed=0.25, frames_per_second=25)
+    times = frame_times(shot, slow)
+    assert np.allclose(np.diff(times), 0.01)
+    assert times[-1] > shot.cast.duration
+
+
+def test_a_gif_holds_every_frame_and_its_duration(shot, tmp_path):
+    from PIL import Image
+
+    seen = []
+    write_film(tmp_path / "a.gif", SETUP, [shot], SMALL, lambda p: seen.append(p.done))
+    frames = len(frame_times(shot, SMALL))
+    assert seen == list(range(1, frames + 1))
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.size == (128, 72)
+        durations = []
+        for frame in range(film.n_frames):
+            film.seek(frame)
+            durations.append(film.info["duration"])
+    # Equal frames are stored once, with the time of both.
+    assert sum(durations) == frames * 250
+
+
+def test_an_mp4_plays_every_frame(shot, tmp_path):
+    import av
+
+    write_film(tmp_path / "a.mp4", SETUP, [shot], SMALL)
+    with av.open(io.BytesIO((tmp_path / "a.mp4").read_bytes())) as film:
+        assert film.streams.video[0].codec_context.name == "h264"
+        assert sum(1 for _ in film.decode(video=0)) == len(frame_times(shot, SMALL))
+
+
+def test_a_page_of_its_own_asks_for_nothing_from_elsewhere(shot, tmp_path):
+    write_film(tmp_path / "a.html", SETUP, [shot], SMALL)
+    text = (tmp_path / "a.html").read_text()
+    assert "__VISER_EMBED_DATA__=" in text
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=\"?(https?:)?//", text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"width": 127}, "must be even"),
+        ({"height": 9}, "height = 9 is outside"),
+        ({"frames_per_second": 0}, "frames_per_second = 0"),
+        ({"speed": 0.0}, "speed = 0"),
+    ],
+)
+def test_sizes_out_of_bounds_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        FilmConfig(**changes)
+
+
+def test_a_film_of_an_unknown_kind_or_of_nothing_is_refused(shot, tmp_path):
+    with pytest.raises(InputError, match=r"one of \.html, \.mp4, \.gif"):
+        write_film(tmp_path / "a.avi", SETUP, [shot], SMALL)
+    with pytest.raises(InputError, match="casts to film = 0"):
+        write_film(tmp_path / "a.gif", SETUP, [], SMALL)

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from cablecast.errors import DatasetError, InputError
+from cablecast.evaluation.evaluate import evaluate_policy
+from cablecast.pipeline.aim_session import AimSession
+from cablecast.pipeline.collect import collect
+from cablecast.pipeline.evaluate import CASTS_FOLDER
+from cablecast.runs.parts import Parts
+from cablecast.setup import Setup
+from cablecast.view.album import Album
+from cablecast.view.desk import Desk
+from cablecast.view.look import open_collection
+from cablecast.view.look_controls import slid_params
+
+TARGETS = np.array([[0.3, 1.15], [-0.2, 1.2]])
+
+
+def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_path):
+    casts = collect(rig, count=2, out=tmp_path / "casts")
+    found = open_collection(tmp_path / "casts")
+    assert len(found) == 2
+    measured = found.casts[1].measured()
+    assert np.allclose(measured.endpoint_xy[-1], casts.endpoint_xy[1], atol=1e-6)
+    simulated = found.simulated(1, engine)
+    assert simulated.nodes is not None
+    shot = found.shot(1, engine)
+    assert shot.other is not None
+    assert shot.caption == "cast 1"
+
+
+def test_an_evaluation_knows_its_targets(own, policy, engine, tmp_path):
+    evaluate_policy(tmp_path / CASTS_FOLDER, policy, own, TARGETS, repeats=2)
+    found = open_collection(tmp_path)
+    assert [one.target_xy.tolist() for one in found.casts] == TARGETS.repeat(2, axis=0).tolist()
+    assert found.casts[0].measured().nodes is not None
+    assert found.shot(0, engine).result.endswith("% of the cable's length off")
+
+
+def test_a_session_of_aim_is_shown_with_its_tries(rig, engine, policy, tmp_path):
+    album = Album(Parts(tmp_path / "shapes"))
+    session = AimSession(policy, out=tmp_path / "session")
+    desk = Desk(rig, engine, album, session)
+    desk.aim(TARGETS[0])
+    desk.cast()
+    desk.cast()
+    found = open_collection(tmp_path)
+    assert found.casts[1].label == "cast 1 at 1.19 m, 15°, try 2"
+    assert found.casts[1].measured().nodes is not None
+    assert found.setup == desk.setup
+
+
+@pytest.mark.parametrize("index", [-1, 2])
+def test_a_cast_that_is_not_there_is_refused(rig, engine, tmp_path, index):
+    collect(rig, count=2, out=tmp_path / "casts")
+    with pytest.raises(InputError, match=f"cast = {index} is outside"):
+        open_collection(tmp_path / "casts").shot(index, engine)
+
+
+def test_a_folder_without_casts_is_refused(tmp_path):
+    with pytest.raises(DatasetError, match="holds no casts"):
+        open_collection(tmp_path)
+
+
+def test_sliders_multiply_parameters_and_stay_within_their_bounds():
+    base = Setup().cable.params
+    slid = slid_params(base, {"mass": -1.0, "worksurface_friction": 1.0})
+    assert slid.mass == pytest.approx(base.mass / 10)
+    assert slid.worksurface_friction <= 2.0
+    for exponents in ({"mass": 3.0}, {"mass": float("nan")}, {"length": 0.1}):
+        with pytest.raises(InputError, match="is outside"):
+            slid_params(base, exponents)
