@@ -27,7 +27,8 @@ from collections.abc import Iterator
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
-from tools.attack_cases import Case, all_cases, prepare
+from tools.attack_cases import Case, all_cases
+from tools.small_results import prepare
 
 HANG = 60.0
 """A case that computes for longer hangs: its processor time [s]."""

@@ -1,93 +1,16 @@
 """The cases of `tools/attack.py`: which bad input goes to which verb, and what must come of it."""
 
 import dataclasses
-import hashlib
 import itertools
-import json
-import os
 import pathlib
 import random
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from tools.attack_inputs import (
-    bad_options,
-    bad_yaml,
-    damaged_bytes,
-    damaged_json,
-)
-
-RIG = '''
-"""A rig with a closed form: a stick that points where the gripper does, seen with some noise."""
-
-import numpy as np
-
-from cablecast.conventions import tangent
-from cablecast.rigs.base import RigLifecycle, purpose_seed
-from cablecast.track import EndpointTrack, TrialStatus
-
-
-class Stick(RigLifecycle):
-    def __init__(self, setup, seed):
-        super().__init__()
-        self.setup, self.seed, self.random = setup, seed, [seed, 0]
-        self.description = {"rig": "stick", "seed": seed}
-
-    def seek(self, index, purpose=""):
-        self.random = [purpose_seed(self.seed, purpose), index]
-
-    def execute(self, trajectory):
-        self._use_reset()
-        times = np.arange(0.0, trajectory.duration + 0.5, 0.1)
-        poses = trajectory.grip_path.evaluate(times)[0]
-        length = self.setup.cable.length
-        tip = poses[:, :2] + length * tangent(poses[:, 3], poses[:, 4])[:, :2]
-        tip = tip + np.random.default_rng(self.random).normal(scale=0.003, size=tip.shape)
-        self.random[1] += 1
-        stayed = self.setup.workspace.on_table(tip).all()
-        status = TrialStatus.OK if stayed else TrialStatus.OFF_TABLE
-        path = trajectory.joint_path
-        return EndpointTrack(times=times, endpoint_xy=tip, status=status, joint_path=path)
-
-
-def make(setup, seed):
-    return Stick(setup, seed)
-'''
-STICK = ("--rig", "stick_of_the_attack:make")
-COARSE = ("--segment-count", "8", "--dt", "0.002")
-
-# Small commands: each verb does its work in a second or two, on what the ones before it left.
-SMALL: dict[str, tuple[str, ...]] = {
-    "collect": (*STICK, "--count", "6", "--out", "runs/tune-data"),
-    "collect real": (*STICK, "--purpose", "real", "--count", "30", "--out", "runs/real-data"),
-    "repeat": (*STICK, "--action-count", "3", "--repeats", "3", "--out", "runs/repeat"),
-    "tune": (
-        *("--dataset", "runs/tune-data", "--method", "de"),
-        *("--population-size", "6", "--fine-population-size", "6"),
-        *("--coarse-generations", "2", "--fine-generations", "1", *COARSE, "--out", "runs/tune"),
-    ),
-    "select": ("--grid", "2", "--grid-psi", "2", "--repeat", "runs/repeat", "--out", "runs/select"),
-    "simulate": (*("--params", "runs/tune", "--count", "120", *COARSE, "--out", "runs/dataset"),),
-    "train": (
-        *("--dataset", "runs/dataset", "--epochs", "2", "--candidate-count", "200"),
-        *("--out", "runs/model"),
-    ),
-    "train real": (
-        *("--dataset", "runs/dataset", "--real", "runs/real-data", "--start", "runs/model"),
-        *("--candidate-count", "200", "--out", "runs/model-correction"),
-    ),
-    "plan": ("--model", "runs/model", "--target", "1.0", "10"),
-    "evaluate": ("--model", "runs/model", *STICK, "--out", "runs/evaluate"),
-    "demo": (
-        *(*STICK, "--params", "runs/tune", "--count", "120", "--epochs", "1"),
-        *("--candidate-count", "200", "--out", "runs/demo"),
-    ),
-    "track": ("trial.mp4", "--out", "runs/track"),
-    "reproduce": ("--quick", "--rig", "no_such_rig", "--out", "runs/reproduce"),
-}
-PREPARED = tuple(name for name in SMALL if name not in ("plan", "demo", "track", "reproduce"))
+from tools.attack_inputs import bad_options, bad_yaml, damaged_bytes, damaged_json
+from tools.small_results import COARSE, SMALL, STICK, digests
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,30 +41,6 @@ class Case:
     quiet: bool = False
 
 
-def prepare(base: pathlib.Path, names: Sequence[str] = PREPARED) -> None:
-    """Make small results of verbs in a folder.
-
-    Args:
-        base: New folder.
-        names: Commands of `SMALL`, in order.
-    """
-    from cablecast.cli import main
-
-    (base / "stick_of_the_attack.py").write_text(RIG)
-    (base / "a_file").write_text("precious")
-    (base / "foreign").mkdir()
-    (base / "foreign" / "thesis.tex").write_text("years of work")
-    (base / "trial.mp4").write_bytes(b"no video")
-    before = pathlib.Path.cwd()
-    os.chdir(base)
-    try:
-        for name in names:
-            if main([name.split()[0], *SMALL[name]]):
-                raise SystemExit(f"the small results cannot be made: {name} failed")
-    finally:
-        os.chdir(before)
-
-
 def all_cases(base: pathlib.Path, rng: random.Random, count: int, only: str = "") -> list[Case]:
     """Return bad inputs of every group.
 
@@ -161,12 +60,19 @@ def all_cases(base: pathlib.Path, rng: random.Random, count: int, only: str = ""
     return [*options[: shares["options"]], *written, *streams, *damaged]
 
 
+# Getting ready to aim takes a minute: what is asked for again goes on in the same folder.
+_KEEPS_OUT = ("aim",)
+
+
 def option_cases() -> Iterator[Case]:
     """Yield each bad value of each option of each verb."""
     from cablecast.cli import main as _  # noqa: F401
     from cablecast.cli.main import VERBS
 
     for verb, kind in VERBS.items():
+        if verb not in SMALL:
+            # The page, which runs until somebody stops it.
+            continue
         for option in bad_options(kind):
             for words in option.values:
                 small = list(SMALL[verb])
@@ -180,7 +86,7 @@ def option_cases() -> Iterator[Case]:
                     del small[place:end]
                 if not option.flag:
                     small = small[1:]
-                if option.flag != "--out":
+                if option.flag != "--out" and verb not in _KEEPS_OUT:
                     place = small.index("--out") if "--out" in small else None
                     small = small if place is None else small[:place] + small[place + 2 :]
                     small += ["--out", "runs/new"] if "--out" in SMALL[verb] else []
@@ -330,51 +236,6 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
         words = (verb.split()[0], *SMALL[verb])
         name = f"{number} {verb}: {place} {label}" + " unfinished" * bool(without)
         yield Case(name, "damage", words, arrange=arrange, same_as=same)
-
-
-# Files that hold times, or are for people only.
-_LOOSE = (".png", ".html", ".md", "stats.json", "model.json", "learning_curve.png")
-
-
-def digests(folder: pathlib.Path, pattern: str = "runs/**/*") -> dict[str, str]:
-    """Return a digest of each file that decides something, without the times in it.
-
-    Args:
-        folder: Folder of results.
-        pattern: Files in it.
-    """
-    return {
-        str(file.relative_to(folder)): _digest(file)
-        for file in sorted(folder.glob(pattern))
-        if file.is_file() and not file.name.endswith(_LOOSE)
-    }
-
-
-def _digest(file: pathlib.Path) -> str:
-    content = file.read_bytes()
-    if file.suffix == ".safetensors":
-        # Behind the header, which says how long the training took.
-        content = content[8 + int.from_bytes(content[:8], "little") :]
-    elif file.suffix == ".json":
-        try:
-            values = json.loads(content)
-        except (ValueError, RecursionError):
-            return hashlib.sha256(content).hexdigest()
-        content = json.dumps(_without_times(values), sort_keys=True).encode()
-    return hashlib.sha256(content).hexdigest()
-
-
-def _without_times(values: Any) -> Any:
-    """Return plain values without times, the commit, and checksums over them."""
-    if isinstance(values, list):
-        return [_without_times(value) for value in values]
-    if not isinstance(values, dict):
-        return values
-    return {
-        name: _without_times(value)
-        for name, value in values.items()
-        if "seconds" not in name and name not in ("sha256", "started", "commit")
-    }
 
 
 def _difference(good: dict[str, str], found: dict[str, str], damaged: str) -> str:

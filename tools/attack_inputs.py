@@ -11,6 +11,8 @@ import typing
 from collections.abc import Iterator
 from typing import Any
 
+import tyro
+
 HUGE_COUNTS = ("0", "-1", "1000000000", "1000000000000000", "10000000000000000000000")
 BAD_COUNTS = (*HUGE_COUNTS, "nan", "1e3", "0x10", "1.5", "", " 7", "٣", "1_0", "9" * 5000)
 BAD_SEEDS = ("-1", "-5000000000", "4294967296", "10000000000000000000000", "nan", "1.0", "", "seed")
@@ -79,9 +81,14 @@ def bad_options(verb: type) -> Iterator[Option]:
         verb: Dataclass of the verb, as `cablecast.cli` declares it.
     """
     hints = typing.get_type_hints(verb)
+    marked = typing.get_type_hints(verb, include_extras=True)
     for field in dataclasses.fields(verb):
-        flag = "--" + field.name.replace("_", "-")
-        yield Option("" if field.name == "video" else flag, tuple(_values(field.name, hints)))
+        is_positional = _POSITIONAL in getattr(marked[field.name], "__metadata__", ())
+        flag = "" if is_positional else "--" + field.name.replace("_", "-")
+        yield Option(flag, tuple(_values(field.name, hints)))
+
+
+_POSITIONAL = tyro.conf.Positional[str].__metadata__[0]
 
 
 def _values(name: str, hints: dict[str, Any]) -> Iterator[tuple[str, ...]]:

@@ -117,7 +117,8 @@ def times(folder: pathlib.Path) -> str:
 def insert(page: pathlib.Path, name: str, text: str, folder: pathlib.Path) -> None:
     """Replace what stands between the marks of a name in a page."""
     begin, end = f"<!-- {name}: begin", f"<!-- {name}: end -->"
-    text = f"{begin}. Written by `python tools/make_tables.py {folder} --write`. -->\n\n{text}\n\n{end}"
+    origin = f"Written by `python tools/make_tables.py {folder} --write`."
+    text = f"{begin}. {origin} -->\n\n{text}\n\n{end}"
     pattern = re.escape(begin) + ".*?" + re.escape(end)
     content, count = re.subn(pattern, lambda _: text, read_text(page), flags=re.DOTALL)
     if count != 1:

@@ -4,7 +4,7 @@ import shutil
 import sys
 
 import pytest
-from tools.attack_cases import prepare
+from tools.small_results import prepare
 
 from cablecast.cli import main
 

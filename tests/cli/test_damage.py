@@ -9,8 +9,8 @@ import subprocess
 import sys
 
 import pytest
-from tools.attack_cases import SMALL, digests
 from tools.attack_inputs import damaged_bytes, damaged_json
+from tools.small_results import SMALL, digests
 
 from cablecast.cable import load_cable
 from cablecast.cli import main
