@@ -13,8 +13,10 @@ import argparse
 import collections
 import contextlib
 import dataclasses
+import importlib
 import os
 import pathlib
+import pkgutil
 import random
 import resource
 import shutil
@@ -230,6 +232,35 @@ def undisturbed(job: Job, base: pathlib.Path) -> tuple[tuple[dict[str, str], set
         return contents(folder, job), time.monotonic() - begun
 
 
+def import_all() -> None:
+    """Import what any verb imports, so that a run that is forked off takes its own time only."""
+    import cablecast
+
+    for module in pkgutil.walk_packages(cablecast.__path__, "cablecast."):
+        # The command line as a script, and what needs an extra that is missing.
+        if not module.name.endswith("__main__"):
+            with contextlib.suppress(ImportError):
+                importlib.import_module(module.name)
+    for name in (
+        "pyarrow.parquet",
+        "scipy.optimize",
+        "scipy.spatial",
+        "torch",
+        "safetensors.torch",
+    ):
+        importlib.import_module(name)
+    for name in (
+        "matplotlib.figure",
+        "shapely",
+        "jinja2",
+        "warp",
+        "mujoco",
+        "cv2",
+        "rich.progress",
+    ):
+        importlib.import_module(name)
+
+
 def without_results(base: pathlib.Path, job: Job) -> pathlib.Path:
     """Return a copy of the small results without those of a verb."""
     folder = base.parent / f"before-{job.name.replace(' ', '-')}"
@@ -247,9 +278,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", help="kill only the verbs whose name holds this text")
     options = parser.parse_args(arguments)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # Imported once, before the fork: each run then takes its own time only.
-    for module in ("cablecast.cli", "pyarrow.parquet", "torch", "matplotlib", "shapely", "warp"):
-        __import__(module)
+    import_all()
     rng = random.Random(options.seed)
     chosen = [job for job in jobs() if options.only in job.name]
     kills, runs = collections.Counter[str](), collections.Counter[str]()

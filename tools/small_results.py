@@ -1,4 +1,4 @@
-"""Small finished results of every verb, made in seconds, for the attack, the kills and the tests."""
+"""Small finished results of every verb, made in seconds, for the attack, the kills and tests."""
 
 import hashlib
 import json
