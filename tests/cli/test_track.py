@@ -91,6 +91,17 @@ def test_a_stored_calibration_takes_the_place_of_the_tags(folder, tmp_path, caps
     assert first == again
 
 
+def test_tags_that_were_moved_are_other_tags(folder, tmp_path, capsys):
+    video, tags = folder / "trial.mp4", tmp_path / "tags.yaml"
+    text = (folder / "tags.yaml").read_text()
+    tags.write_text(text)
+    arguments = [video, "--tags", tags, "--out", folder / "out", "--start", f"{START:.4f}"]
+    assert main(["track", *map(str, arguments)]) == 0
+    assert "already done, nothing changed" in capsys.readouterr().err
+    tags.write_text(text + "# The same path, another content.\n")
+    assert "tags_sha256 is" in refused(arguments, capsys)
+
+
 def test_a_video_that_is_none_is_refused(tmp_path, capsys):
     file = tmp_path / "a.mp4"
     file.write_bytes(b"not a video")
