@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test coverage lint format docs clean
+.PHONY: help install demo test coverage lint format docs release clean
 
 help: ## Show what can be made
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -34,6 +34,9 @@ format: $(STAMP) ## Rewrite the code in the house style
 
 docs: $(STAMP) ## Build the pages and the API reference into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+release: $(STAMP) ## Build the distributions into build/dist and check them
+	$(BIN)/python tools/check_release.py
 
 clean: ## Remove the environment and what was built; runs/ stays
 	rm -rf $(VENV) build site

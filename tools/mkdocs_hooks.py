@@ -22,6 +22,13 @@ import cablecast
 ROOT = pathlib.Path(__file__).parents[1]
 LINK_OUT_OF_DOCS = re.compile(r"\]\(\.\./([^)#\s]+)\)")
 LANGUAGES = {".py": "python", ".yaml": "yaml"}
+NOTEBOOK = ".ipynb"
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """State the version at the bottom of each page."""
+    config.copyright = f"cablecast {cablecast.__version__}"
+    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -33,7 +40,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     folders = {path for path in paths if path.is_dir()}
     paths |= {file for folder in folders for file in _listed(folder)}
     for path in sorted(paths):
-        content = _list_files(path) if path in folders else _show_source(path)
+        if path.suffix == NOTEBOOK:
+            # To be downloaded, as the tutorial's pages show what it says.
+            content = path.read_text()
+        else:
+            content = _list_files(path) if path in folders else _show_source(path)
         files.append(File.generated(config, _page_of(path), content=content))
     return files
 
@@ -61,7 +72,8 @@ def on_post_build(config: MkDocsConfig) -> None:
 
 
 def _page_of(path: pathlib.Path) -> str:
-    return f"sources/{path.relative_to(ROOT).as_posix()}.md"
+    suffix = "" if path.suffix == NOTEBOOK else ".md"
+    return f"sources/{path.relative_to(ROOT).as_posix()}{suffix}"
 
 
 def _listed(folder: pathlib.Path) -> list[pathlib.Path]:

@@ -17,6 +17,7 @@ _EXTRAS = {
     "torch": "learn",
     "safetensors": "learn",
     "cma": "tune",
+    "mujoco": "mujoco",
     "cv2": "camera",
     "viser": "view",
     "trimesh": "view",

@@ -1,0 +1,39 @@
+"""The notebook of the tutorial says what its pages say, and runs to its end."""
+
+import json
+import os
+import pathlib
+
+import pytest
+from tools.make_notebook import NOTEBOOK, content
+
+# The first cell with code, on a budget that teaches nothing.
+TINY = (
+    "TUNE_CASTS, REAL_CASTS, SIMULATED_CASTS, TARGETS = 4, 32, 100, 1\n"
+    "GENERATIONS, EPOCHS, CANDIDATES = (1, 1), 2, 200\n"
+)
+
+
+def test_the_notebook_is_made_of_the_pages_as_they_are():
+    assert NOTEBOOK.read_text() == content(), "run `python tools/make_notebook.py`"
+
+
+@pytest.mark.slow
+def test_every_cell_runs(tmp_path, monkeypatch):
+    nbclient = pytest.importorskip("nbclient")
+    nbformat = pytest.importorskip("nbformat")
+    source = pathlib.Path(__file__).parents[1] / "src"
+    paths = [str(source), *filter(None, [os.environ.get("PYTHONPATH")])]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
+    notebook = nbformat.reads(json.dumps(json.loads(NOTEBOOK.read_text())), as_version=4)
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert "TUNE_CASTS" in cells[0].source
+    cells[0].source = TINY
+    # The virtual rig takes a second and more for each cast.
+    cells[1].source = cells[1].source.replace('make_rig("virtual"', 'make_rig("engine"')
+    assert '"engine"' in cells[1].source
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=300, resources=resources).execute()
+    said = [output.text for cell in cells for output in cell.outputs if "text" in output]
+    assert said[0] == "cable_1 is 0.62 m long\n"
+    assert sum(text.startswith("median miss") for text in said) == 2

@@ -1,0 +1,143 @@
+"""Build the source distribution and the wheel, check them, and try them in fresh environments.
+
+    python tools/check_release.py                        # build and check, seconds
+    python tools/check_release.py --install              # and install the wheel alone and run it
+    python tools/check_release.py --install learn gym    # and with each of these extras alone
+
+Both are left in build/dist. Installing needs the package index; the versions are those of
+constraints.txt.
+"""
+
+import argparse
+import pathlib
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import tomllib
+import venv
+import zipfile
+
+ROOT = pathlib.Path(__file__).parents[1]
+DIST = ROOT / "build" / "dist"
+
+# What each extra is for, in a few lines that fail without it. "" is the package alone.
+TRIALS = {
+    "": """
+import pathlib, cablecast as cc
+assert cc.simulate(cc.Setup(), count=16).ok.any()
+""",
+    "learn": """
+import cablecast as cc
+policy = cc.train(cc.simulate(cc.Setup(), count=64), epochs=1, candidate_count=64)
+assert policy.plan(r=1.0, theta_deg=5).predicted_xy.shape == (1, 2)
+""",
+    "mujoco": """
+import cablecast as cc
+with cc.make_rig("virtual", cc.Setup()) as rig:
+    assert len(cc.collect(rig, count=1)) == 1
+""",
+    "pybullet": """
+from cablecast.engines.pybullet_ import EnginePybullet
+EnginePybullet()
+""",
+    "camera": """
+from cablecast.tracking.opencv import load_cv2
+load_cv2()
+""",
+    "tune": "import cma",
+    "report": "import cablecast.report.page, cablecast.report.style, matplotlib, jinja2, shapely",
+    "gym": """
+import gymnasium
+env = gymnasium.make("cablecast.gym:cablecast/Cast-v0")
+env.reset(seed=0)
+assert env.step(env.action_space.sample())[2]
+""",
+    "ray": "import ray",
+}
+
+
+def run(*words: object) -> None:
+    """Run a command, and stop with its status where it fails."""
+    done = subprocess.run([str(word) for word in words], cwd=ROOT, check=False)
+    if done.returncode:
+        sys.exit(done.returncode)
+
+
+def build() -> tuple[pathlib.Path, pathlib.Path]:
+    """Build both distributions anew, and return the source distribution and the wheel."""
+    for folder in (DIST, ROOT / "build" / "lib"):
+        shutil.rmtree(folder, ignore_errors=True)
+    # Without isolation nothing is fetched.
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", DIST, ROOT)
+    (source,), (wheel,) = DIST.glob("*.tar.gz"), DIST.glob("*.whl")
+    run(sys.executable, "-m", "twine", "check", "--strict", source, wheel)
+    return source, wheel
+
+
+def check_content(source: pathlib.Path, wheel: pathlib.Path) -> None:
+    """Refuse distributions that lack a file of the package, its licence or its README."""
+    package = ROOT / "src"
+    # Whatever git tracks there belongs to the package.
+    tracked = subprocess.run(
+        ["git", "ls-files", "src"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    wanted = {(ROOT / name).relative_to(package).as_posix() for name in tracked}
+    there = set(zipfile.ZipFile(wheel).namelist())
+    if missing := sorted(wanted - there):
+        sys.exit(f"{wheel.name} lacks {', '.join(missing)}")
+    if not any(name.endswith("licenses/LICENSE") for name in there):
+        sys.exit(f"{wheel.name} lacks the licence")
+    with tarfile.open(source) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    needed = {f"src/{name}" for name in wanted} | {"pyproject.toml", "README.md", "LICENSE"}
+    if missing := sorted(needed - names):
+        sys.exit(f"{source.name} lacks {', '.join(missing)}")
+    print(f"{source.name} and {wheel.name} hold the package's {len(wanted)} files")
+
+
+def try_extra(wheel: pathlib.Path, extra: str) -> None:
+    """Install the wheel with one extra into a fresh environment, and use it."""
+    with tempfile.TemporaryDirectory(prefix="cablecast-") as folder:
+        venv.create(folder, with_pip=True)
+        python = pathlib.Path(folder) / "bin" / "python"
+        what = f"{wheel}[{extra}]" if extra else str(wheel)
+        run(python, "-m", "pip", "install", "-q", "-c", ROOT / "constraints.txt", what)
+        run(python, "-m", "pip", "check")
+        run(pathlib.Path(folder) / "bin" / "cablecast", "--version")
+        # Outside the checkout, so that the installed package is the one that runs.
+        done = subprocess.run([python, "-I", "-c", TRIALS[extra]], cwd=folder, check=False)
+        if done.returncode:
+            sys.exit(f"the extra {extra or '(none)'} does not work alone")
+    print(f"extra {extra or '(none)'}: installed alone, and works")
+
+
+def extras() -> list[str]:
+    """Return the extras of users, without those of developers."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return [name for name in project["optional-dependencies"] if name not in ("dev", "docs", "all")]
+
+
+def main() -> None:
+    """Build, check, and try."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument(
+        "--install",
+        nargs="*",
+        metavar="EXTRA",
+        help="try the wheel alone, and with each of these extras alone; `every` for all of them",
+    )
+    args = parser.parse_args()
+    source, wheel = build()
+    check_content(source, wheel)
+    if args.install is not None:
+        chosen = extras() if args.install == ["every"] else args.install
+        for extra in ["", *chosen]:
+            if extra not in TRIALS:
+                sys.exit(f"there is no extra {extra}: one of {', '.join(extras())}")
+            try_extra(wheel, extra)
+
+
+if __name__ == "__main__":
+    main()
