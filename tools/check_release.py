@@ -54,7 +54,7 @@ env = gymnasium.make("cablecast.gym:cablecast/Cast-v0")
 env.reset(seed=0)
 assert env.step(env.action_space.sample())[2]
 """,
-    "ray": "import ray",
+    "view": "import cablecast.view, av, trimesh, viser",
 }
 
 
