@@ -120,6 +120,18 @@ def test_a_part_is_made_once_and_checked_when_it_is_read(tmp_path):
         parts.get("a")
 
 
+def test_a_part_of_another_run_is_not_taken_for_one_of_this(tmp_path):
+    ours, theirs = (
+        RunFolder.open(tmp_path / str(seed), "select", SETTINGS | {"seed": seed}).parts("coverage")
+        for seed in (1, 2)
+    )
+    theirs.put("a", {"share": 0.9})
+    ours.folder.mkdir(parents=True)
+    theirs.file("a").rename(ours.file("a"))
+    with pytest.raises(InputError, match=r"a\.json belongs to a run of other settings.*Delete it"):
+        ours.get("a")
+
+
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):

@@ -25,6 +25,8 @@ from cablecast.setup import Setup
 _LISTS = ("times", "track_x", "track_y", "joint_times", "joint_q", "actual_times", "actual_q")
 _COLUMNS = (*ACTION_COLUMNS, *ENDPOINT_COLUMNS, "status", "duration", *EXTENT_COLUMNS)
 
+_REMEDY = "Restore it from a copy, or rename the casts after it so that the numbers have no gap"
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StoredCast:
@@ -68,7 +70,7 @@ class CastStore:
 
     Raises:
         InputError: The folder holds something else, or casts of another set-up.
-        DamagedFileError: A file is not what was written.
+        DamagedFileError: A file is not what was written, or missing before later ones.
     """
 
     def __init__(self, setup: Setup, folder: str | os.PathLike[str] | None = None):
@@ -79,6 +81,7 @@ class CastStore:
             self._run = RunFolder.open(pathlib.Path(folder), "aim", setup.to_settings())
             while (values := self._parts.get(self._name())) is not None:
                 self.casts.append(_read(values, self._parts, self._name()))
+            self._refuse_gap()
 
     def __len__(self) -> int:
         return len(self.casts)
@@ -149,7 +152,16 @@ class CastStore:
     def _parts(self) -> Parts:
         if self._run is None:
             raise InputError("this store keeps nothing on the disk")
-        return self._run.parts("casts")
+        return dataclasses.replace(self._run.parts("casts"), remedy=_REMEDY)
+
+    def _refuse_gap(self) -> None:
+        """Refuse casts behind a missing one: they would be overlooked, and then overwritten."""
+        folder = self._parts.folder
+        later = sorted(file.name for file in folder.glob("[0-9]*.json") if file.stem > self._name())
+        if later:
+            raise DamagedFileError(
+                f"{self._parts.file(self._name())} is missing, but {later[0]} is there. {_REMEDY}"
+            )
 
     def _name(self) -> str:
         """Return the name of the file of the next cast."""

@@ -16,7 +16,7 @@ from cablecast.errors import DamagedFileError, InputError
 from cablecast.runs.claim import Claim, visible_files
 from cablecast.runs.facts import run_facts
 from cablecast.runs.parts import Parts
-from cablecast.runs.settings import plain_settings
+from cablecast.runs.settings import fingerprint, plain_settings
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.json"
@@ -110,7 +110,7 @@ class RunFolder:
 
     def parts(self, name: str) -> Parts:
         """Return the parts of this run in a subfolder."""
-        return Parts(self.path / name)
+        return Parts(self.path / name, owner=fingerprint(self.config["settings"]))
 
 
 def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
