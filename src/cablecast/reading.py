@@ -117,15 +117,26 @@ def read_yaml(path: str | pathlib.Path) -> dict[str, Any]:
         FileNotFoundError: There is no such file.
         InputError: The file is not YAML, holds aliases or repeated keys, or is no mapping.
     """
-    path = pathlib.Path(path)
-    text = read_text(path)
+    return parse_yaml(read_text(path), str(path))
+
+
+def parse_yaml(text: str, name: str) -> dict[str, Any]:
+    """Return the mapping that a text in YAML holds.
+
+    Args:
+        text: Text in YAML.
+        name: Name of the text in the error.
+
+    Raises:
+        InputError: It is not YAML, holds aliases or repeated keys, or is no mapping.
+    """
     try:
         values = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{path} is not plain YAML: {reason}") from None
+        raise InputError(f"{name} is not plain YAML: {reason}") from None
     if not isinstance(values, dict):
-        raise InputError(f"{path} must hold a mapping of names to values")
+        raise InputError(f"{name} must hold a mapping of names to values")
     return values
 
 

@@ -10,7 +10,9 @@ pytest.importorskip("cv2")
 
 from cablecast.camera.tags import Tag, TagLayout, default_layout
 from cablecast.errors import InputError
+from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.camera_calibrate import board_pictures
+from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.tracking.tags import detect_tags, tag_picture
 from cablecast.workspace import Workspace
@@ -43,9 +45,21 @@ def test_board_and_tags_tell_where_points_of_the_table_are(calibration, virtual_
 
 
 def test_a_board_tells_the_focal_length(virtual_camera):
-    lens, rms = calibrate_lens(board_pictures(virtual_camera), Board())
-    np.testing.assert_allclose(lens.focal, virtual_camera.view.lens.focal, rtol=FOCAL_RELATIVE)
-    assert rms < 0.5
+    fit = calibrate_lens(board_pictures(virtual_camera), Board())
+    np.testing.assert_allclose(fit.lens.focal, virtual_camera.view.lens.focal, rtol=FOCAL_RELATIVE)
+    assert fit.rms_px < 0.5
+    assert not fit.board.legacy
+
+
+def test_a_board_of_the_older_pattern_is_read_and_named():
+    small = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
+    pictures = board_pictures(small, board=Board(legacy=True))
+    fit = calibrate_lens(pictures, Board())
+    assert fit.board.legacy
+    # Half the pixels: corners are half as exact.
+    np.testing.assert_allclose(fit.lens.focal, small.view.lens.focal, rtol=2 * FOCAL_RELATIVE)
+    # Its corners are others than those of the pattern of today.
+    assert np.any(Board(legacy=True).picture(8) != Board().picture(8))
 
 
 def test_tags_alone_do_for_points_near_the_table(empty, virtual_camera):

@@ -12,6 +12,8 @@ import tyro
 
 import cablecast
 from cablecast.cli.aim import Aim
+from cablecast.cli.calibrate import Calibrate
+from cablecast.cli.camera import CameraVerb
 from cablecast.cli.collect import Collect
 from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
@@ -71,6 +73,8 @@ VERBS: dict[str, type] = {
     "plan": PlanVerb,
     "evaluate": Evaluate,
     "track": Track,
+    "camera": CameraVerb,
+    "calibrate": Calibrate,
     "export": Export,
     "view": View,
     "film": Film,

@@ -9,7 +9,9 @@ import pathlib
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cablecast.camera.lens import Lens
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.checks import check_number
 from cablecast.errors import DamagedFileError, InputError
@@ -202,16 +204,30 @@ def _calibrate(
     return calibrate_view(pictures, layout, lens=lens, diagonal_view=view)
 
 
-def _lens_from_board(folder: pathlib.Path, report: ProgressCallback) -> Any:
+def _lens_from_board(folder: pathlib.Path, report: ProgressCallback) -> Lens:
     """Return the intrinsics from a folder of pictures of the default board."""
+    images = read_pictures(folder)
+    fit = calibrate_lens(images, Board())
+    pattern = ", of the older pattern" if fit.board.legacy else ""
+    task = f"Lens from {fit.picture_count} of {len(images)} pictures of a board{pattern}"
+    report(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
+    return fit.lens
+
+
+def read_pictures(folder: pathlib.Path) -> list[NDArray[np.uint8]]:
+    """Return the pictures in a folder, by the order of their names.
+
+    Raises:
+        InputError: There is no such folder, or no picture in it.
+    """
+    if not folder.is_dir():
+        raise InputError(f"board folder {folder}: there is no such folder")
     cv2 = load_cv2()
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in _BOARD_SUFFIXES)
     images = [image for image in (cv2.imread(str(file)) for file in files) if image is not None]
     if not images:
         raise InputError(f"board folder {folder} holds no pictures")
-    lens, rms = calibrate_lens(images, Board())
-    report(Progress(task=f"Lens from {len(images)} pictures", note=f"rms {rms:.2f} px"))
-    return lens
+    return images
 
 
 def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, Any]:

@@ -30,7 +30,7 @@ _OUTLIER_PX = 3.0
 """Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
 _BOARD_SPREAD_MIN = 0.35
 """Smallest share of the image's width over which all pictures together must show the board."""
-_BOARD_CORNERS_MIN = 12
+BOARD_CORNERS_MIN = 12
 """Fewest corners of a board by which a picture counts."""
 
 
@@ -43,19 +43,24 @@ class Board:
         row_count: Number of squares down.
         square: Side of a square [m].
         tag: Side of a tag in it [m].
+        legacy: True for the pattern of OpenCV before 4.6, which begins with a white square where
+            the number of rows is even.
     """
 
     column_count: int = 11
     row_count: int = 8
     square: float = 0.06
     tag: float = 0.045
+    legacy: bool = False
 
     def to_opencv(self) -> Any:
         """Return the board as OpenCV knows it."""
         cv2 = load_cv2()
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
         size = (self.column_count, self.row_count)
-        return cv2.aruco.CharucoBoard(size, self.square, self.tag, dictionary)
+        board = cv2.aruco.CharucoBoard(size, self.square, self.tag, dictionary)
+        board.setLegacyPattern(self.legacy)
+        return board
 
     def picture(self, square_px: int = 60) -> NDArray[np.uint8]:
         """Draw the board to print or to render, without a rim.
@@ -65,6 +70,23 @@ class Board:
         """
         size = (self.column_count * square_px, self.row_count * square_px)
         return self.to_opencv().generateImage(size, marginSize=0, borderBits=1)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LensFit:
+    """A lens, and the quality of its calibration.
+
+    Attributes:
+        lens: Lens.
+        rms_px: Root mean square distance of the board's corners from where the lens puts them [px].
+        picture_count: Number of pictures that show enough of the board.
+        board: Board that they show; `legacy` tells the older pattern.
+    """
+
+    lens: Lens
+    rms_px: float
+    picture_count: int
+    board: Board
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -118,34 +140,36 @@ class Calibration:
             raise InputError(f"{path} is no calibration of a camera: {reason}") from None
 
 
-def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> tuple[Lens, float]:
+def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit:
     """Fit a lens to pictures of a board at several places and angles.
+
+    Boards printed by OpenCV before 4.6 have another pattern. Whichever of the two the pictures show
+    is used.
 
     Args:
         images: Pictures, grey or BGR, all of one size.
-        board: Board that they show.
-
-    Returns:
-        The lens, and the rms distance of the board's corners from where it puts them [px].
+        board: Board that they show, in either pattern.
 
     Raises:
         InputError: Too few pictures show the board, or always in the same part of the image.
     """
     cv2 = load_cv2()
-    charuco = board.to_opencv()
-    detector = cv2.aruco.CharucoDetector(charuco)
-    objects, pixels = [], []
     height, width = images[0].shape[:2] if images else (0, 0)
     for image in images:
         if image.shape[:2] != (height, width):
             raise InputError(f"pictures of a board differ in size: {image.shape}, {height, width}")
-        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        corners, ids, _, _ = detector.detectBoard(grey)
-        if ids is None or len(ids) < _BOARD_CORNERS_MIN:
-            continue
-        object_points, image_points = charuco.matchImagePoints(corners, ids)
-        objects.append(object_points)
-        pixels.append(image_points)
+    patterns = [dataclasses.replace(board, legacy=legacy) for legacy in (False, True)]
+    # The wrong pattern puts corners where there are none: none is found, or a few by chance.
+    found = [[find_board(image, pattern) for image in images] for pattern in patterns]
+    counts = [sum(len(ids) for _, ids in pictures) for pictures in found]
+    board, pictures = (patterns[i := int(counts[1] > counts[0])], found[i])
+    charuco = board.to_opencv()
+    objects, pixels = [], []
+    for corners, ids in pictures:
+        if len(ids) >= BOARD_CORNERS_MIN:
+            object_points, image_points = charuco.matchImagePoints(corners, ids)
+            objects.append(object_points)
+            pixels.append(image_points)
     if len(objects) < VIEW_COUNT_MIN:
         raise InputError(
             f"{len(objects)} of {len(images)} pictures show the board: "
@@ -158,7 +182,27 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> tuple[L
             f"show it in all corners, over at least {100 * _BOARD_SPREAD_MIN:.0f} %"
         )
     rms, K, distortion, _, _ = cv2.calibrateCamera(objects, pixels, (width, height), None, None)
-    return _lens_from_opencv(width, height, K, distortion), float(rms)
+    lens = _lens_from_opencv(width, height, K, distortion)
+    return LensFit(lens=lens, rms_px=float(rms), picture_count=len(objects), board=board)
+
+
+def find_board(image: NDArray[np.uint8], board: Board) -> tuple[Any, Any]:
+    """Return the corners of a board in a picture.
+
+    Args:
+        image: Grey or BGR.
+        board: Board to find.
+
+    Returns:
+        Corners [px], shape [corner, 1, 2], and their numbers, shape [corner, 1]; empty where the
+        board is not seen.
+    """
+    cv2 = load_cv2()
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv()).detectBoard(grey)
+    if ids is None:
+        return np.empty((0, 1, 2), np.float32), np.empty((0, 1), np.int32)
+    return corners, ids
 
 
 def calibrate_view(

@@ -12,16 +12,19 @@ _BOARD_COUNT = 12
 _EMPTY_COUNT = 3
 
 
-def board_pictures(camera: VirtualCamera, seed: int = 0) -> list[NDArray[np.uint8]]:
+def board_pictures(
+    camera: VirtualCamera, seed: int = 0, board: Board | None = None
+) -> list[NDArray[np.uint8]]:
     """Draw pictures of a calibration board, held over the table at several angles.
 
     Args:
         camera: Camera to hold the board before.
         seed: Seed of the board's places and of the noise.
+        board: Board to hold; the default one where None.
     """
     cv2 = load_cv2()
     rng = np.random.default_rng([seed, 41])
-    board, mount = Board(), Mount.over(camera.workspace)
+    board, mount = board or Board(), Mount.over(camera.workspace)
     pictures = []
     for index in range(_BOARD_COUNT):
         # Face up, tilted by up to half a radian, anywhere from just above the table to halfway up.
@@ -44,6 +47,6 @@ def calibrate_virtual_camera(camera: VirtualCamera, seed: int = 0) -> Calibratio
         camera: Camera to calibrate.
         seed: Seed of the board's places and of the noise.
     """
-    lens, _ = calibrate_lens(board_pictures(camera, seed), Board())
+    lens = calibrate_lens(board_pictures(camera, seed), Board()).lens
     frames = [camera.empty_frame(seed + 1000 + index) for index in range(_EMPTY_COUNT)]
     return calibrate_view(frames, camera.layout, lens=lens)

@@ -1,0 +1,138 @@
+"""`cablecast calibrate`: where the robot stands at the table, and the lens of the camera."""
+
+import dataclasses
+import pathlib
+import sys
+import typing
+from typing import Annotated
+
+import tyro
+
+from cablecast.cli.options import argument
+from cablecast.errors import InputError
+
+What = typing.Literal["table", "lens"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Calibrate:
+    """Find where the robot stands at the table (table), or the lens of the camera (lens).
+
+    `table`: touch the centres of at least six tags with the tip of the tool, and give the points
+    that the controller shows in its base frame, as a file or one by one. The fit names tags that
+    lie elsewhere, and writes the base's height and yaw, the table's near edge and the tags' places
+    into the lab file. `lens`: show the board to the camera, or give pictures of it. The older
+    pattern of ChArUco boards is read too. Either takes seconds of computing, and a person some
+    minutes. docs/camera.md explains both.
+    """
+
+    what: Annotated[tyro.conf.Positional[What], argument("table|lens")]
+    """Thing to calibrate."""
+    setup: Annotated[pathlib.Path, argument("FILE")]
+    """Lab file with the section `camera`, which is changed."""
+    touched: Annotated[pathlib.Path | None, argument("FILE", "typed one by one")] = None
+    """CSV of the touched points, for table: tag, x_m, y_m, z_m in the controller's base frame."""
+    pictures: Annotated[pathlib.Path | None, argument("DIR", "taken from the camera")] = None
+    """Folder of pictures of the board, for lens."""
+    count: Annotated[int, argument("N")] = 15
+    """Pictures to take from the camera, for lens."""
+    squares: Annotated[tuple[int, int], argument("ACROSS DOWN")] = (11, 8)
+    """Number of squares of the board, for lens."""
+    square: Annotated[float, argument("M")] = 0.06
+    """Side of a square of the board, for lens [m]."""
+    tag: Annotated[float, argument("M")] = 0.045
+    """Side of a tag on the board, for lens [m]."""
+    write: bool = True
+    """Write the result into the lab file."""
+
+    def run(self) -> None:
+        """Calibrate, write and print."""
+        if self.what == "table":
+            self._table()
+        else:
+            self._lens()
+        print(f"written   {self.setup}" if self.write else "not written")
+
+    def _table(self) -> None:
+        from cablecast.camera.touch import read_touches, touch_tags
+        from cablecast.filming.trials import require_camera, tags_of
+        from cablecast.pipeline.calibrate import AXIS_OFFSET_MAX, calibrate_table
+        from cablecast.setup import load_setup
+
+        setup = load_setup(self.setup)
+        require_camera(setup)
+        if self.touched is not None:
+            touched = read_touches(self.touched)
+        else:
+            print(
+                "Touch the centre of each tag with the tip of the tool, and type what the pendant\n"
+                "shows in the frame Base: x y z in mm. An empty line leaves a tag out."
+            )
+            touched = touch_tags(tags_of(setup), ask_for_touch)
+        fit = calibrate_table(self.setup, touched, write=self.write)
+        for tag_id, residual in sorted(fit.residuals.items()):
+            note = "  lies elsewhere, and was left out" if tag_id in fit.outliers else ""
+            print(f"tag {tag_id:3d}   {1e3 * residual:6.2f} mm{note}")
+        print(f"misfit    {1e3 * fit.rms:.2f} mm (rms of the others)")
+        print(f"base      {fit.base_height:.4f} m above the table, yaw {fit.base_yaw_deg:.2f} deg")
+        x, y = fit.axis_xy
+        print(f"axis      x = {x:.4f} m, y = {y:.4f} m in the frame of the tags, now the origin")
+        drop = 1e3 * setup.workspace.r_max * fit.tilt_deg * 0.0174533
+        print(f"tilt      {fit.tilt_deg:.2f} deg, {drop:.1f} mm at r_max")
+        if drop > 3.0:
+            print("change: shim the base or the table until the tilt is below 3 mm at r_max")
+        if abs(x) > AXIS_OFFSET_MAX:
+            print(
+                f"change: the tags' middle line lies {1e3 * abs(x):.0f} mm beside the robot's "
+                "axis; where the table does too, its edges are off by that"
+            )
+
+    def _lens(self) -> None:
+        from cablecast.cli.progress import console_progress
+        from cablecast.pipeline.calibrate import calibrate_lens_of
+        from cablecast.tracking.calibration import Board
+
+        across, down = self.squares
+        board = Board(column_count=across, row_count=down, square=self.square, tag=self.tag)
+        with console_progress() as progress:
+            fit = calibrate_lens_of(
+                self.setup,
+                board=board,
+                pictures=self.pictures,
+                count=self.count,
+                write=self.write,
+                progress=progress,
+            )
+        pattern = "older pattern, of OpenCV before 4.6" if fit.board.legacy else "pattern of today"
+        print(f"board     {pattern}, in {fit.picture_count} pictures")
+        print(f"misfit    {fit.rms_px:.2f} px")
+        focal = fit.lens.focal
+        print(f"lens      focal length {focal[0]:.1f} x {focal[1]:.1f} px")
+
+
+def ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:
+    """Ask the person at the terminal for a touched point, until it is one or none.
+
+    Args:
+        tag_id: Number of the tag to touch.
+
+    Returns:
+        Point in the controller's base frame [m]; None to leave the tag out.
+
+    Raises:
+        InputError: There is nobody to ask.
+    """
+    while True:
+        print(f"tag {tag_id}, x y z [mm]: ", end="", flush=True)
+        line = sys.stdin.readline()
+        if not line:
+            raise InputError("nobody types touched points: give them as --touched FILE")
+        words = line.replace(",", " ").split()
+        if not words:
+            return None
+        try:
+            x, y, z = (float(word) / 1e3 for word in words)
+        except ValueError:
+            print("three numbers, please: x y z in mm")
+            continue
+        return x, y, z

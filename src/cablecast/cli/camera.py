@@ -1,0 +1,132 @@
+"""`cablecast camera`: check the camera of a lab file, and compare its clock with the robot's."""
+
+import dataclasses
+import pathlib
+import typing
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from cablecast.cli.options import argument
+from cablecast.errors import InputError
+
+if TYPE_CHECKING:
+    from cablecast.filming.check import CameraReport
+
+Task = typing.Literal["check", "sync"]
+
+EXIT_ADVICE = 3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraVerb:
+    """Check the camera of a lab file (check), or compare its clock with the robot's (sync).
+
+    `check` says on one page what was asked of the camera and what it does: frame rate, lost frames,
+    exposure, blur at the speed of the cable's end, tags seen, misfit of the calibration, and what
+    to change. The exit status is 3 if there is anything to change. `sync` finds the offset of the
+    two clocks from a film of the swinging arm and the robot's log of the same swing, says how sure
+    it is, and writes it into the lab file. docs/camera.md explains both.
+    """
+
+    task: Annotated[tyro.conf.Positional[Task], argument("check|sync")]
+    """Task: check or sync."""
+    setup: Annotated[pathlib.Path, argument("FILE")]
+    """Lab file with the section `camera`."""
+    seconds: Annotated[float, argument("S")] = 3.0
+    """Time to look at the camera, for check [s]."""
+    tip_speed: Annotated[float, argument("M/S")] = 5.0
+    """Speed of the cable's end for which the blur is stated, for check [m/s]."""
+    picture: Annotated[pathlib.Path | None, argument("FILE", "not kept")] = None
+    """Keep the last picture, with the tags and the table's edges drawn into it, for check."""
+    film: Annotated[pathlib.Path | None, argument("FILE", "needed for sync")] = None
+    """Film of the swinging arm, for sync."""
+    log: Annotated[pathlib.Path | None, argument("FILE", "needed for sync")] = None
+    """CSV of what the robot reported of that swing: time_s [s] and q1 to q6 [rad], for sync."""
+    begin: Annotated[float, argument("S")] = 0.0
+    """Time of the camera's clock at the first frame of the film, for sync [s]."""
+    write: bool = True
+    """Write the offset into the lab file, for sync."""
+
+    def run(self) -> int:
+        """Check or sync, and print what was found; return the exit status."""
+        return self._check() if self.task == "check" else self._sync()
+
+    def _check(self) -> int:
+        from cablecast.pipeline.camera import check_camera
+        from cablecast.setup import load_setup
+
+        setup = load_setup(self.setup)
+        report = check_camera(setup, seconds=self.seconds, tip_speed=self.tip_speed)
+        advice = report.advice()
+        _print_report(report, advice)
+        if self.picture is not None:
+            from cablecast.files import write_bytes
+            from cablecast.filming.picture import draw_report
+
+            write_bytes(self.picture, draw_report(report, setup.workspace))
+            print(f"picture   {self.picture}")
+        return EXIT_ADVICE if advice else 0
+
+    def _sync(self) -> int:
+        from cablecast.lab_file import update_lab_file
+        from cablecast.pipeline.camera import sync_film
+        from cablecast.setup import load_setup
+
+        if self.film is None or self.log is None:
+            raise InputError("sync needs a film of the swinging arm (--film) and its log (--log)")
+        found = sync_film(load_setup(self.setup), self.film, self.log)
+        offset = found.offset - self.begin
+        print(
+            f"offset     {offset:.5f} s: the robot's clock when the camera's shows zero\n"
+            f"uncertain  {1e3 * found.sd:.2f} ms (standard deviation)\n"
+            f"explained  {100 * found.explained:.1f} % of what moved in {found.frame_count} frames"
+        )
+        if self.write:
+            values = {"clock_offset": round(offset, 6), "clock_offset_sd": round(found.sd, 6)}
+            update_lab_file(self.setup, {"camera": values})
+            print(f"written    {self.setup}")
+        return 0
+
+
+def _print_report(report: "CameraReport", advice: list[str]) -> None:
+    """Print the page of a check."""
+    from cablecast.cli.tables import make_table, print_table
+
+    asked, facts = report.settings, report.facts
+    table = make_table(f"Camera {asked.source}")
+    for heading in ("", "asked", "is"):
+        table.add_column(heading)
+    told = "not told" if facts.exposure is None else f"{1e3 * facts.exposure:.2f} ms"
+    table.add_row(
+        "size", f"{asked.width} x {asked.height} px", f"{facts.width} x {facts.height} px"
+    )
+    table.add_row("format", asked.fourcc, f"{facts.fourcc or 'not told'} ({facts.backend})")
+    table.add_row("frames/s", f"{asked.rate:g}", f"{report.rate:.2f}")
+    table.add_row("frames/s by arrival", "", f"{report.arrival_rate:.2f}")
+    lost = f"{report.missed_count} by the camera, {report.dropped_count} by this computer"
+    table.add_row("lost frames", "0", f"{lost}, of {report.frame_count}")
+    table.add_row("exposure", f"{1e3 * asked.exposure:.2f} ms", told)
+    table.add_row("automatic exposure", "off", _switch(facts.auto_exposure))
+    table.add_row("autofocus", "off", _switch(facts.autofocus))
+    bright = report.brightness
+    table.add_row(
+        "brightness", "", f"{bright.mean:.0f} of 255, {100 * bright.clipped:.1f} % saturated"
+    )
+    blur = f"{1e3 * report.blur:.1f} mm at {report.tip_speed:g} m/s"
+    table.add_row("blur", f"below {1e3 * asked.marker[0]:.0f} mm", blur)
+    table.add_row("tags", str(report.tag_count), str(len(report.tags_seen)))
+    if (calibration := report.calibration) is not None:
+        rms = f"{1e3 * calibration.rms:.1f} mm, {calibration.rms_px:.2f} px"
+        table.add_row("misfit of the tags", "below 3 mm", rms)
+        table.add_row("scale", "", f"{report.px_per_m / 1e3:.2f} px/mm")
+    sd = asked.clock_offset_sd
+    known = "not measured" if sd is None else f"{asked.clock_offset:.4f} s, +- {1e3 * sd:.1f} ms"
+    table.add_row("clock offset", "measured", known)
+    print_table(table, *(f"change: {line}" for line in advice))
+    if not advice:
+        print("nothing to change")
+
+
+def _switch(state: bool | None) -> str:
+    return {None: "not told", True: "on", False: "off"}[state]

@@ -1,0 +1,133 @@
+"""`cablecast calibrate`: touched tags and pictures of a board become values in the lab file."""
+
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+
+from cablecast.arm.ur import ArmUR
+from cablecast.camera.tags import default_layout
+from cablecast.cli import main
+from cablecast.setup import load_setup
+
+LAB = """\
+# my lab
+workspace:
+  table_near_y: 0.0  # measured with a tape
+arm:
+  model: ur5e
+  base_height: 0.15  # a guess
+camera:
+  source: 0
+  width: 960
+  height: 540
+"""
+ARM = ArmUR(model="ur5e", base_height=0.1832, base_yaw_deg=-31.5)
+AXIS = np.array([0.004, -0.023])
+# A tip is put on a tag's centre to a third of a millimetre; nine of them average most of it.
+TOUCH_SD, PLACE_MAX, YAW_MAX_DEG = 0.0003, 0.001, 0.05
+
+
+@pytest.fixture
+def lab(tmp_path):
+    file = tmp_path / "lab.yaml"
+    file.write_text(LAB)
+    return file
+
+
+@pytest.fixture
+def touched():
+    """Return what the controller reports of the tags of a table before which it stands."""
+    rng = np.random.default_rng(3)
+    base = ARM.frames(np.zeros(6))[0]
+    points = {}
+    for tag in default_layout().tags:
+        place = np.array([tag.x - AXIS[0], tag.y - AXIS[1], 0.0])
+        points[tag.id] = base[:3, :3].T @ (place - base[:3, 3]) + rng.normal(0, TOUCH_SD, 3)
+    # Somebody has moved one.
+    points[6] += [0.0, 0.04, 0.0]
+    return points
+
+
+def check_lab(lab):
+    setup = load_setup(lab)
+    assert setup.arm.base_height == pytest.approx(ARM.base_height, abs=PLACE_MAX)
+    assert setup.arm.base_yaw_deg == pytest.approx(ARM.base_yaw_deg, abs=YAW_MAX_DEG)
+    assert setup.workspace.table_near_y == pytest.approx(-AXIS[1], abs=PLACE_MAX)
+    assert setup.camera is not None
+    assert setup.camera.tags is not None
+    for tag, plan in zip(setup.camera.tags.tags, default_layout().tags, strict=True):
+        np.testing.assert_allclose([tag.x, tag.y], [plan.x, plan.y] - AXIS, atol=PLACE_MAX)
+
+
+def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched, tmp_path, capsys):
+    rows = [f"{i},{x:.5f},{y:.5f},{z:.5f}" for i, (x, y, z) in touched.items()]
+    (tmp_path / "touched.csv").write_text("\n".join(["tag,x_m,y_m,z_m", *rows]))
+    command = [
+        "calibrate",
+        "table",
+        "--setup",
+        str(lab),
+        "--touched",
+        str(tmp_path / "touched.csv"),
+    ]
+    assert main([*command, "--no-write"]) == 0
+    assert lab.read_text() == LAB
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("lies elsewhere, and was left out") == 2
+    assert "tag   6" in printed
+    check_lab(lab)
+    assert "# my lab" in lab.read_text()
+    assert "# a guess" in lab.read_text()
+
+
+def test_touched_points_may_be_typed_as_the_pendant_shows_them(lab, touched, monkeypatch, capsys):
+    lines = []
+    for tag_id, point in touched.items():
+        x, y, z = 1e3 * point
+        lines.append("what?" if tag_id == 0 else "")
+        # Tag 0 is typed wrongly first; tag 3 is left out.
+        lines[-1:] = ["what?", f"{x:.2f}, {y:.2f}, {z:.2f}"] if tag_id == 0 else lines[-1:]
+        if tag_id not in (0, 3):
+            lines[-1] = f"{x:.2f} {y:.2f} {z:.2f}"
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines) + "\n"))
+    assert main(["calibrate", "table", "--setup", str(lab)]) == 0
+    assert "three numbers, please" in capsys.readouterr().out
+    check_lab(lab)
+
+
+def test_nobody_to_type_is_an_error_and_not_a_wait(lab, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["calibrate", "table", "--setup", str(lab)]) == 2
+    assert "--touched FILE" in capsys.readouterr().err
+    assert lab.read_text() == LAB
+
+
+def test_a_lab_without_a_camera_is_refused(tmp_path, capsys):
+    file = tmp_path / "lab.yaml"
+    file.write_text("{}")
+    assert main(["calibrate", "table", "--setup", str(file)]) == 2
+    assert "no section `camera`" in capsys.readouterr().err
+
+
+def test_pictures_of_a_board_become_the_lens_in_the_lab_file(lab, tmp_path, capsys):
+    cv2 = pytest.importorskip("cv2")
+    from cablecast.rigs.virtual.camera import VirtualCamera
+    from cablecast.rigs.virtual.camera_calibrate import board_pictures
+    from cablecast.rigs.virtual.camera_config import CameraConfig
+    from cablecast.tracking.calibration import Board
+
+    camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
+    pictures = tmp_path / "board"
+    pictures.mkdir()
+    for index, picture in enumerate(board_pictures(camera, board=Board(legacy=True))[:8]):
+        cv2.imwrite(str(pictures / f"{index}.png"), picture)
+    assert main(["calibrate", "lens", "--setup", str(lab), "--pictures", str(pictures)]) == 0
+    assert "older pattern" in capsys.readouterr().out
+    settings = load_setup(lab).camera
+    assert settings is not None
+    assert settings.lens is not None
+    # Eight pictures of half the usual size.
+    np.testing.assert_allclose(settings.lens.focal, camera.view.lens.focal, rtol=5e-3)
