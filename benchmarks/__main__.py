@@ -10,6 +10,7 @@ NAMES = {
     "sensitivity": "error of the landing beside the cast's own sensitivity",
     "validation": "closed forms; writes docs/validation.md",
     "figures": "the figure of docs/engine.md",
+    "casts": "error at targets against the number of real casts and corrections",
     "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
 }
 

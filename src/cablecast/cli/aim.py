@@ -9,7 +9,7 @@ from cablecast.cli.options import Device, argument
 
 if TYPE_CHECKING:
     from cablecast.pipeline.aim import AimResult
-    from cablecast.pipeline.aim_session import AimProposal, AimTrial
+    from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 
 EXIT_MISSED = 3
 

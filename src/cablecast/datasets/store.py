@@ -22,7 +22,10 @@ from cablecast.runs.parts import Parts
 from cablecast.runs.settings import fingerprint
 from cablecast.setup import Setup
 
-_LISTS = ("times", "track_x", "track_y", "joint_times", "joint_q", "actual_times", "actual_q")
+_LISTS = (
+    *("times", "track_x", "track_y"),
+    *("joint_times", "joint_q", "actual_times", "actual_q", "nodes"),
+)
 _COLUMNS = (*ACTION_COLUMNS, *ENDPOINT_COLUMNS, "status", "duration", *EXTENT_COLUMNS)
 
 _REMEDY = "Restore it from a copy, or rename the casts after it so that the numbers have no gap"

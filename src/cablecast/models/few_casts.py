@@ -101,22 +101,30 @@ class FewCastResidual:
         places: Places of the casts.
         residuals: Measured minus simulated landings [cable lengths], shape [cast, 2].
         scatter: Factor of each cast's noise beyond that of `scales`, shape [cast].
+        believed: Parameters that are expected before any cast.
         scales: Parameters of the process.
     """
 
     places: Places
     residuals: NDArray[np.float64]
     scatter: NDArray[np.float64]
+    believed: ResidualScales = dataclasses.field(default_factory=ResidualScales)
     scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
 
     @classmethod
-    def empty(cls, scales: ResidualScales | None = None) -> "FewCastResidual":
-        """Return the process before any cast."""
+    def empty(cls, believed: ResidualScales | None = None) -> "FewCastResidual":
+        """Return the process before any cast.
+
+        Args:
+            believed: Parameters that are expected; the defaults where None.
+        """
+        believed = believed or ResidualScales()
         return cls(
             places=Places(inputs=np.empty((0, PLACE_COUNT)), log_sizes=np.empty(0)),
             residuals=np.empty((0, 2)),
             scatter=np.empty(0),
-            scales=scales or ResidualScales(),
+            believed=believed,
+            scales=believed,
         )
 
     def __len__(self) -> int:
@@ -176,20 +184,33 @@ class FewCastResidual:
         scales = self.scales.length * LENGTH_SCALES
         return matern(places.inputs / scales, others.inputs / scales)
 
-    def fitted(self) -> "FewCastResidual":
-        """Return the process with the most likely scales, given the prior and the casts."""
-        if len(self) < 2:
+    def fitted(self, rows: NDArray[np.bool_] | None = None) -> "FewCastResidual":
+        """Return the process with the most likely scales, given the prior and the casts.
+
+        Args:
+            rows: Casts that tell the scales, shape [cast]; all where None. Those that the simulator
+                was fitted to do not: their residuals are smaller than those of others will be.
+        """
+        chosen = np.ones(len(self), dtype=bool) if rows is None else rows
+        if np.count_nonzero(chosen) < 2:
             return self
         from scipy.optimize import minimize
 
-        start = ResidualScales().to_array()
-        found = minimize(self._loss, start, method="L-BFGS-B", options={"maxiter": 60})
+        telling = dataclasses.replace(
+            self,
+            places=self.places[chosen],
+            residuals=self.residuals[chosen],
+            scatter=self.scatter[chosen],
+        )
+
+        start = self.believed.to_array()
+        found = minimize(telling._loss, start, method="L-BFGS-B", options={"maxiter": 60})
         values = found.x if np.all(np.isfinite(found.x)) else start
         return dataclasses.replace(self, scales=ResidualScales.from_array(values))
 
     def _loss(self, values: NDArray[np.float64]) -> float:
         """Return the negative log posterior density of the scales."""
-        offset = (values - ResidualScales().to_array()) / PRIOR_DEVIATIONS
+        offset = (values - self.believed.to_array()) / PRIOR_DEVIATIONS
         prior = 0.5 * float(offset @ offset)
         if np.max(np.abs(offset)) > 8.0:
             return 1e6 + prior

@@ -12,13 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
-from cablecast.pipeline.aim_session import (
-    TRIES,
-    WITHIN_PCT,
-    AimProposal,
-    AimSession,
-    AimTrial,
-)
+from cablecast.pipeline.aim_casts import AimProposal, AimTrial
+from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.simulate import simulate
@@ -151,6 +146,7 @@ def prepare_aim(
         return AimSession(
             policy,
             casts=casts,
+            tuned=tuned,
             out=folder / SESSION_FOLDER if keep else None,
             within_pct=within_pct,
             tries=tries,

@@ -1,5 +1,6 @@
 """AimSession: targets, casts at them, and what each cast teaches, step by step."""
 
+import copy
 import dataclasses
 import math
 import os
@@ -15,6 +16,9 @@ from cablecast.datasets.store import CastStore, StoredCast
 from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.pipeline.aim_beliefs import believed_scales
+from cablecast.pipeline.aim_casts import AimProposal, AimTrial
+from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.aiming import AimChoice, AimedCast, Aimer
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import ForwardSearchPolicy
@@ -33,94 +37,6 @@ TRIES = 6
 _SAME_TARGET = 1e-6
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AimProposal:
-    """A cast that was planned and not made yet.
-
-    Attributes:
-        number: Number of the cast in the session, from 0.
-        try_number: Number of the cast at this target, from 1.
-        target_xy: Target [m], shape [2].
-        action: Action.
-        trajectory: Motion down to joint set points.
-        expected_xy: Expected landing [m], shape [2].
-        covariance: Covariance of the landing about it [m²], shape [2, 2].
-        scatter: Standard deviation along each axis of equal casts, a part of it [m].
-        failure: Chance that the cast leaves the table or ends hidden [-].
-        inside_coverage: Whether simulated casts land near the target.
-        cable_length: Length of the cable [m].
-        reason: Why this action, in words.
-    """
-
-    number: int
-    try_number: int
-    target_xy: NDArray[np.float64]
-    action: Action
-    trajectory: Trajectory
-    expected_xy: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    scatter: float
-    failure: float
-    inside_coverage: bool
-    cable_length: float
-    reason: str
-
-    def ellipse(self, share: float = 0.9) -> tuple[float, float, float]:
-        """Return the ellipse that the landing lies in with some probability.
-
-        Args:
-            share: Probability [-].
-
-        Returns:
-            Both half axes [m], the longer one first, and the angle of that one from the x axis
-            towards the y axis [rad].
-        """
-        check_number("share", share, 0.01, 0.9999)
-        values, vectors = np.linalg.eigh(self.covariance)
-        # A Gaussian in the plane lies within k standard deviations with 1 - exp(-k² / 2).
-        minor, major = np.sqrt(values * -2.0 * math.log1p(-share))
-        return float(major), float(minor), float(math.atan2(vectors[1, 1], vectors[0, 1]))
-
-    @property
-    def expected_miss_pct(self) -> float:
-        """Root of the expected squared distance to the target [% of cable length]."""
-        left = float(np.sum((self.expected_xy - self.target_xy) ** 2))
-        return 100.0 * math.sqrt(left + float(np.trace(self.covariance))) / self.cable_length
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AimTrial:
-    """A cast that was made.
-
-    Attributes:
-        number: Number of the cast in the session, from 0.
-        purpose: "aim", or what else the cast was made for.
-        try_number: Number of the cast at its target, from 1; 0 for a cast without a target.
-        target_xy: Target [m], shape [2]; NaN for a cast without a target.
-        action: Action, shape [4].
-        expected_xy: Landing that was expected [m], shape [2]; NaN where none was.
-        covariance: Covariance of that landing [m²], shape [2, 2].
-        status: How the cast ended.
-        final_xy: Landing [m], shape [2]; NaN for a cast without one.
-        miss_pct: Distance from the target [% of cable length]; NaN for a cast without a landing.
-        hit: Whether it landed near enough to the target.
-        change: What the cast taught, in words; empty for one that was read from a folder.
-    """
-
-    number: int
-    purpose: str
-    try_number: int
-    target_xy: NDArray[np.float64]
-    action: NDArray[np.float64]
-    expected_xy: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    status: TrialStatus
-    final_xy: NDArray[np.float64]
-    miss_pct: float
-    hit: bool
-    change: str = ""
-
-
 class AimSession:
     """Aims at targets one after another, and learns from every cast.
 
@@ -135,7 +51,9 @@ class AimSession:
 
     Args:
         policy: Policy of simulated casts alone, as `train(simulated)` returns it.
-        casts: Casts on the rig to begin with, such as those that the simulator was tuned to.
+        casts: Casts on the rig to begin with.
+        tuned: What the simulator was fitted to some of them; says how surely the parameters are
+            known, and so how far off the first casts may be.
         out: Folder that keeps the casts; none where None.
         within_pct: Distance from a target at which a cast has hit [% of cable length].
         tries: Casts at one target at most.
@@ -155,6 +73,7 @@ class AimSession:
         policy: ForwardSearchPolicy,
         *,
         casts: Dataset | None = None,
+        tuned: Tuned | None = None,
         out: str | os.PathLike[str] | None = None,
         within_pct: float = WITHIN_PCT,
         tries: int = TRIES,
@@ -170,9 +89,39 @@ class AimSession:
         if casts is not None:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
-        self.aimer = Aimer(policy)
-        self.aimer.learn([_aimed(cast) for cast in self.store.casts if _has_action(cast)])
+        self.aimer = Aimer(policy, None if tuned is None else believed_scales(tuned))
+        fitted = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
+        self.aimer.learn([_aimed(cast, fitted) for cast in self.store.casts if _has_action(cast)])
         self._fitted_count = len(self.store)
+
+    def add_casts(self, casts: Dataset) -> int:
+        """Learn from casts of this cable that were made for something else.
+
+        Args:
+            casts: Casts on a rig, with the set-up of the session. Those that it knows are left out.
+
+        Returns:
+            The number of casts that are new.
+
+        Raises:
+            InputError: The casts were simulated, or made with another set-up.
+        """
+        known = len(self.store)
+        self.store.add_dataset(casts)
+        new = self.store.casts[known:]
+        self._trials += [self._trial(known + row, cast) for row, cast in enumerate(new)]
+        self.aimer.learn([_aimed(cast) for cast in new if _has_action(cast)])
+        self._fitted_count = len(self.store)
+        return len(new)
+
+    def fork(self) -> "AimSession":
+        """Return a session that knows the same casts and keeps none of its own on the disk."""
+        other = copy.copy(self)
+        other.store = CastStore(self.setup)
+        other.store.casts = list(self.store.casts)
+        other.aimer = self.aimer.copy()
+        other._trials = list(self._trials)
+        return other
 
     @property
     def history(self) -> tuple[AimTrial, ...]:
@@ -298,7 +247,8 @@ class AimSession:
         self._check_next(proposal)
         cast = StoredCast(
             purpose="aim",
-            values=trial_values(proposal.trajectory, track),
+            values=trial_values(proposal.trajectory, track)
+            | {"nodes": None if track.nodes is None else track.nodes.ravel()},
             note={
                 "target_xy": proposal.target_xy.tolist(),
                 "try_number": proposal.try_number,
@@ -390,5 +340,7 @@ def _has_action(cast: StoredCast) -> bool:
     return bool(np.all(np.isfinite(cast.action)))
 
 
-def _aimed(cast: StoredCast) -> AimedCast:
-    return AimedCast(action=cast.action, endpoint_xy=cast.endpoint_xy)
+def _aimed(cast: StoredCast, fitted: str = "") -> AimedCast:
+    """Return a cast for the aimer; `fitted` is the fingerprint of the casts of the fit."""
+    was_fitted = bool(fitted) and cast.origin.partition("/")[0] == fitted
+    return AimedCast(action=cast.action, endpoint_xy=cast.endpoint_xy, fitted=was_fitted)

@@ -1,31 +1,38 @@
-"""demo: the whole way from a cable to a report, in minutes."""
+"""demo: from a cable never seen to casts at 32 targets, in minutes."""
 
+import dataclasses
 import os
 import pathlib
 
 from cablecast.evaluation.evaluate import Evaluation
-from cablecast.pipeline.collect import collect
-from cablecast.pipeline.evaluate import evaluate
-from cablecast.pipeline.places import require
-from cablecast.pipeline.simulate import simulate
-from cablecast.pipeline.train import train
-from cablecast.pipeline.tune import tune
-from cablecast.pipeline.tuned import Tuned
-from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.places import (
-    CASTS_FOLDERS,
-    DATASET_FOLDER,
-    MODEL_FOLDER,
-    TUNE_FOLDER,
+from cablecast.pipeline.aim import (
+    CALIBRATION_COUNT,
+    CALIBRATION_FOLDER,
+    EPOCHS,
+    SESSION_FOLDER,
+    SIMULATED_COUNT,
+    aim,
+    prepare_aim,
 )
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.tuning.tune import TuneConfig
+from cablecast.pipeline.aim_report import aim_evaluation, last_tries, write_aim_report
+from cablecast.pipeline.aim_session import WITHIN_PCT
+from cablecast.pipeline.places import require
+from cablecast.pipeline.tuned import Tuned
+from cablecast.policies.forward_search import CANDIDATE_COUNT
+from cablecast.rigs.checked import CheckedRig
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.workspace import load_targets
 
 EVALUATION_FOLDER = "evaluate"
+TRIES = 3
 
-# A search that is short beside that of `cablecast tune`, and far better than none.
-COARSE_GENERATIONS = 40
-FINE_GENERATIONS = 10
+FOLDERS = {
+    *(CALIBRATION_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
+    *(SESSION_FOLDER, EVALUATION_FOLDER),
+}
+"""Folders that the demo makes."""
 
 
 def demo(
@@ -33,61 +40,67 @@ def demo(
     out: str | os.PathLike[str],
     *,
     tuned: Tuned | None = None,
-    tune_count: int = 40,
-    count: int = 16_000,
-    epochs: int = 60,
-    candidate_count: int = 50_000,
+    tune_count: int = CALIBRATION_COUNT,
+    count: int = SIMULATED_COUNT,
+    epochs: int = EPOCHS,
+    candidate_count: int = CANDIDATE_COUNT,
+    tries: int = TRIES,
+    within_pct: float = WITHIN_PCT,
     seed: int = 0,
     device: str = "cpu",
     progress: ProgressCallback | None = None,
 ) -> Evaluation:
-    """Cast, tune, simulate, train and evaluate with one cable, and write a report.
+    """Make a few casts, fit, simulate, train, aim at the paper's targets, and write a report.
 
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
         out: Folder of all results; a demo that was stopped goes on there.
-        tuned: Result of `tune`, instead of casts and a search.
-        tune_count: Number of casts to tune with.
+        tuned: Result of `tune`, instead of casts and a fit.
+        tune_count: Number of casts to fit the simulator to.
         count: Number of simulated casts.
         epochs: Largest number of passes over them.
         candidate_count: Number of motions to choose from when planning.
+        tries: Casts at each target at most.
+        within_pct: Distance from a target at which a cast has hit [% of cable length].
         seed: Seed of everything that is drawn by chance.
         device: "cpu" or "cuda".
-        progress: Told how far each of the five steps is.
+        progress: Told how far each step is.
+
+    Returns:
+        The last cast at each target. `metrics["tries"]` has the errors after each try.
     """
     require("the demo", "torch", "safetensors", "matplotlib", "jinja2")
-    report, folder, setup = progress or ignore, pathlib.Path(out), rig.setup
-    if tuned is None:
-        report(Progress(task="1/5 cast to tune the simulator"))
-        casts = collect(
-            rig, count=tune_count, seed=seed, out=folder / CASTS_FOLDERS["tune"], progress=progress
-        )
-        report(Progress(task="2/5 tune"))
-        config = TuneConfig(
-            coarse_generations=COARSE_GENERATIONS, fine_generations=FINE_GENERATIONS, seed=seed
-        )
-        tuned = tune(
-            casts, config=config, device=device, out=folder / TUNE_FOLDER, progress=progress
-        )
-    report(Progress(task="3/5 simulate"))
-    simulated = simulate(
-        setup,
-        tuned,
+    report, folder = progress or ignore, pathlib.Path(out)
+    session = prepare_aim(
+        rig,
+        tuned=tuned,
+        calibration_count=tune_count,
         count=count,
-        seed=seed,
-        device=device,
-        out=folder / DATASET_FOLDER,
-        progress=progress,
-    )
-    report(Progress(task="4/5 train"))
-    policy = train(
-        simulated,
         epochs=epochs,
         candidate_count=candidate_count,
+        within_pct=within_pct,
+        tries=tries,
         seed=seed,
         device=device,
-        out=folder / MODEL_FOLDER,
+        out=folder,
         progress=progress,
     )
-    report(Progress(task="5/5 evaluate"))
-    return evaluate(policy, rig, device=device, out=folder / EVALUATION_FOLDER, progress=progress)
+    targets = load_targets()
+    settings = {
+        **rig.setup.to_settings(),
+        "rig": dict(rig.description),
+        "policy": session.aimer.policy.info,
+        "tries": tries,
+        "within_pct": within_pct,
+        "targets": targets.tolist(),
+    }
+    run = RunFolder.open(folder / EVALUATION_FOLDER, "demo", settings)
+    with run.begun():
+        report(Progress(task=f"Aiming at {len(targets)} targets, up to {tries} tries each"))
+        result = aim(session, rig, targets, progress=progress)
+        if run.metrics is not None:
+            report(Progress(task="Report", note=DONE_NOTE))
+            last = last_tries(aim_evaluation(result, rig))
+            return dataclasses.replace(last, metrics=run.metrics)
+        report(Progress(task="Drawing the report"))
+        return write_aim_report(result, rig, run)

@@ -19,8 +19,7 @@ class Tuned:
         setup: Set-up of the casts that it was tuned to.
         params: Parameters of the cable.
         servo: Servo of the arm; None where no joints were reported.
-        posterior: What is known of the parameters; None for a search, which does not tell, and
-            where the result was read from a folder.
+        posterior: What is known of the parameters; None for a search, which does not tell.
         metrics: Distances before and after, search history and the like, as metrics.json holds
             them; empty where nothing was searched.
         path: Folder of the results, if they were kept.
@@ -65,7 +64,12 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import read_params, read_servo
+    from cablecast.tuning.result import read_params, read_posterior, read_servo
 
-    params = read_params(path, setup.cable)
-    return Tuned(setup=setup, params=params, servo=read_servo(path), path=pathlib.Path(path))
+    return Tuned(
+        setup=setup,
+        params=read_params(path, setup.cable),
+        servo=read_servo(path),
+        posterior=read_posterior(path),
+        path=pathlib.Path(path),
+    )

@@ -9,15 +9,18 @@ the scatter as in a Kalman filter. An action that scatters more than expected lo
 to others.
 """
 
+import copy
 import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import mirror_xy
+from cablecast.errors import InputError
 from cablecast.models.features import deviations
-from cablecast.models.few_casts import FewCastResidual, Places, log_sizes
+from cablecast.models.few_casts import FewCastResidual, Places, ResidualScales, log_sizes
 from cablecast.motion.action import mirror_actions
+from cablecast.motion.feasibility import check_actions
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.refinement import refine_actions
@@ -43,6 +46,8 @@ _SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
 _MOVE_COST = 0.15
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
 _ALONG = 0.7
+# Casts that the simulator was fitted to count as if they scattered this much more often.
+_FITTED_NOISE = 2.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -52,10 +57,13 @@ class AimedCast:
     Attributes:
         action: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [4].
         endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
+        fitted: Whether the simulator was fitted to it: it then lands nearer to its prediction than
+            others will, and teaches less.
     """
 
     action: NDArray[np.float64]
     endpoint_xy: NDArray[np.float64]
+    fitted: bool = False
 
     @property
     def landed(self) -> bool:
@@ -91,19 +99,28 @@ class Aimer:
 
     Args:
         policy: Policy of simulated casts alone.
+        believed: Scales of the residual that are expected before any cast; the defaults where None.
     """
 
-    def __init__(self, policy: ForwardSearchPolicy):
+    def __init__(self, policy: ForwardSearchPolicy, believed: ResidualScales | None = None):
         self.policy = policy
         self.model = policy.model
         self.length = policy.setup.cable.length
-        self.residual = FewCastResidual.empty()
+        self.residual = FewCastResidual.empty(believed)
         self.casts: list[AimedCast] = []
         self.surprises: list[float] = []
         self._weights: list[float] = []
+        self._fitted: list[bool] = []
         self._failed = self._ended = self.residual.places
         self._usual = float(np.median(policy.sensitivity))
         self._changes = deviations(policy.actions)
+
+    def copy(self) -> "Aimer":
+        """Return an aimer that knows the same casts and learns on its own."""
+        other = copy.copy(self)
+        other.casts, other.surprises = list(self.casts), list(self.surprises)
+        other._weights, other._fitted = list(self._weights), list(self._fitted)
+        return other
 
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
         """Take casts into account, in the order in which they were made.
@@ -131,17 +148,19 @@ class Aimer:
         total = float(variance[0] + scatter[0])
         # What the process did not know says nothing about scatter: count the share that is.
         self.surprises.append(float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)))
-        self._weights.append(float(scatter[0]) / total)
+        self._weights.append(0.0 if cast.fitted else float(scatter[0]) / total)
+        self._fitted.append(cast.fitted)
         self.residual = self.residual.with_cast(place, residual)
         self._renew_scatter()
 
     def _refit(self) -> None:
-        self.residual = self.residual.fitted()
+        self.residual = self.residual.fitted(~np.array(self._fitted, dtype=bool))
         self._renew_scatter()
 
     def _renew_scatter(self) -> None:
         factors = self._scatter_factor(self.residual.places)
-        self.residual = dataclasses.replace(self.residual, scatter=np.sqrt(factors))
+        scatter = np.sqrt(factors) + _FITTED_NOISE * np.array(self._fitted, dtype=float)
+        self.residual = dataclasses.replace(self.residual, scatter=scatter)
 
     def _scatter_factor(self, places: Places) -> NDArray[np.float64]:
         """Return the variance of the scatter over that expected, from surprises nearby."""
@@ -240,7 +259,11 @@ class Aimer:
         places = self._places(moved, simulated_xy, sensitivity, hands)
         distance = np.linalg.norm(moved_xy - goals, axis=1) / self.length
         risk, failure = self._risk(distance, places)
+        # A candidate that somebody else chose may be beyond the arm's limits.
+        risk[~check_actions(moved, self.policy.setup).mask] = np.inf
         best = int(np.argmin(risk))
+        if not np.isfinite(risk[best]):
+            raise InputError("the arm can follow none of the policy's actions near this target")
         action = mirror_actions(moved[best]) if hands[best] < 0 else moved[best]
         xy, covariance, scatter = self.predict(action)
         return AimChoice(

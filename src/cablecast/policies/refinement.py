@@ -77,15 +77,13 @@ def refine_actions(
         length = np.linalg.norm(step, axis=1, keepdims=True)
         step *= np.minimum(1.0, _STEP_MAX / np.maximum(length, 1e-12))
         moved += step @ changes
-        moved[:, 0] = np.clip(moved[:, 0], -THETA_MAX, -THETA_MIN)
-        moved[:, 1] = np.clip(moved[:, 1], THETA_MIN, THETA_MAX)
-        moved[:, 3] = np.clip(moved[:, 3], moved[:, 1], PSI_MAX)
+        moved = _within_ranges(moved)
         moved_xy = model.predict(moved)
     final, final_xy = start.copy(), start_xy.copy()
     left_over = np.ones(len(start), dtype=bool)
     start_miss = np.linalg.norm(start_xy - targets, axis=1)
     for fraction in fractions:
-        tried = start + fraction * (moved - start)
+        tried = moved if fraction == 1.0 else _within_ranges(start + fraction * (moved - start))
         tried_xy = moved_xy if fraction == 1.0 else model.predict(tried)
         taken = left_over & (np.linalg.norm(tried_xy - targets, axis=1) < start_miss)
         if np.any(taken):
@@ -98,3 +96,12 @@ def refine_actions(
         np.where(left, mirror_actions(final), final),
         np.where(left, mirror_xy(final_xy), final_xy),
     )
+
+
+def _within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return actions to the right whose angles are clipped to their bounds."""
+    clipped = actions.copy()
+    clipped[:, 0] = np.clip(actions[:, 0], -THETA_MAX, -THETA_MIN)
+    clipped[:, 1] = np.clip(actions[:, 1], THETA_MIN, THETA_MAX)
+    clipped[:, 3] = np.clip(actions[:, 3], clipped[:, 1], PSI_MAX)
+    return clipped

@@ -33,6 +33,7 @@ def report_page(
     *,
     simulated_xy: "NDArray[np.float64] | None" = None,
     simulated_radius: float = 0.0,
+    tries: str = "",
 ) -> str:
     """Return the whole page, figures inside; it refers to no other file and no other host.
 
@@ -43,6 +44,7 @@ def report_page(
         config: The run's config.json.
         simulated_xy: See `landing_map`.
         simulated_radius: See `landing_map`.
+        tries: Map of several tries at each target as a data URI, if there were several.
     """
     model = model_info.get("metrics", {})
     published = published_rows(evaluation.cable.name)
@@ -50,6 +52,8 @@ def report_page(
     rig_name = _rig_name(rig_kind or config["settings"].get("rig"))
     inside = int(np.sum(evaluation.inside_coverage))
     figures = _figures(evaluation, workspace, rig_name, published, simulated_xy, simulated_radius)
+    if tries:
+        figures["tries"] = tries
     if curve := model_info.get("curve"):
         figures["learning"] = svg_uri(learning_curve(curve, evaluation.cable.length))
     return (

@@ -1,12 +1,14 @@
 """ParamPosterior: what is known of a cable's parameters after some casts."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
+from cablecast.errors import InputError
 from cablecast.tuning.prior import ParamPrior
 from cablecast.tuning.search_space import SearchSpace
 
@@ -122,3 +124,42 @@ class ParamPosterior:
             "undetermined": list(self.undetermined),
             "at_bound": list(self.at_bound),
         }
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], search_range: Mapping[str, Any]
+    ) -> "ParamPosterior":
+        """Return the posterior that `to_dict` described.
+
+        Args:
+            values: What `to_dict` returned.
+            search_range: What the `to_dict` of its space returned.
+
+        Raises:
+            InputError: A value is missing, or of another kind or shape.
+        """
+        try:
+            rows = [search_range[name] for name in CableParams.names()]
+            space = SearchSpace(
+                low=np.array([float(row[0]) for row in rows]),
+                high=np.array([float(row[1]) for row in rows]),
+                logarithmic=np.array([row[2] == "log" for row in rows]),
+            )
+            arrays = {
+                name: np.array(values[name], dtype=float)
+                for name in ("mean", "covariance", "prior_mean", "prior_deviation")
+            }
+            size = space.dimension
+            shapes = {"covariance": (size, size)}
+            for name, array in arrays.items():
+                if array.shape != shapes.get(name, (size,)) or not np.isfinite(array).all():
+                    raise InputError(f"{name} has shape {array.shape}")
+            return cls(
+                space=space,
+                prior=ParamPrior(mean=arrays["prior_mean"], deviation=arrays["prior_deviation"]),
+                mean=arrays["mean"],
+                covariance=arrays["covariance"],
+                misfit=float(values["misfit"]),
+            )
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise InputError(f"this is no posterior of a fit: {error}") from None

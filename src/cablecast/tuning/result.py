@@ -15,6 +15,7 @@ from cablecast.files import write_json
 from cablecast.motion.servo import ServoModel
 from cablecast.reading import CHECKSUM_KEY, read_json, read_sealed, seal
 from cablecast.tuning.objective import TrackDistances
+from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tune import TuneResult
 
 PARAMS_FILE = "params.json"
@@ -174,6 +175,26 @@ def read_servo(path: str | pathlib.Path) -> ServoModel | None:
     try:
         return ServoModel.from_dict(stored)
     except (InputError, OverflowError) as error:
+        raise _refusal(file, error) from None
+
+
+def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:
+    """Read what the fit knows of the parameters; None for the result of a search.
+
+    Args:
+        path: params.json, or its folder.
+
+    Raises:
+        InputError: There is no such file, or it is damaged.
+        UnreadableFileError: The system refuses to read it.
+    """
+    file, values = _read(path)
+    stored = values.get("posterior")
+    if stored is None:
+        return None
+    try:
+        return ParamPosterior.from_dict(stored, values["search_range"])
+    except (InputError, KeyError, AttributeError, OverflowError) as error:
         raise _refusal(file, error) from None
 
 

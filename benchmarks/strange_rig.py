@@ -1,0 +1,200 @@
+"""A second world to judge methods in: quick, and strange in other ways than the virtual laboratory.
+
+The rod has half as many segments as the simulator that learns from it, each of its parameters is
+another one than believed, friction differs from place to place on the table, the cable keeps a curl
+to one side, the arm lags and its base joint saturates, and equal casts scatter. Each of these is
+drawn from `lab_seed`. A cast takes about 20 ms, so that hundreds of targets can be cast at.
+"""
+
+import dataclasses
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import CableParams
+from cablecast.engines.base import SETTLE_TIME, CableState, reset_state
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.joint_path import JointPath
+from cablecast.motion.measured import grip_path_from_joints
+from cablecast.motion.servo import ServoModel
+from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.base import RigLifecycle, purpose_seed
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+
+SEGMENT_COUNT, DT = 25, 1e-3
+SAMPLE_DT = 0.05
+HIDDEN_RADIUS = 0.07
+"""Landings nearer to the gripper than this are hidden below the arm [m]."""
+
+BELIEF_SPREAD = {
+    "twist_stiffness": 0.45,
+    "bend_stiffness": 0.45,
+    "mass": 0.08,
+    "endpoint_mass": 0.2,
+    "lateral_friction": 0.2,
+    "spinning_friction": 0.7,
+    "rolling_friction": 0.7,
+    "linear_damping": 0.7,
+    "angular_damping": 0.7,
+}
+"""Standard deviations of the logarithm of the truth over what is believed."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scatter:
+    """Standard deviations of what differs between equal casts.
+
+    Attributes:
+        angle: Direction of the cable after a reset [rad].
+        bow: Sideways bow of the cable after a reset [1/m].
+        friction: Relative change of the friction [-].
+    """
+
+    angle: float = 0.004
+    bow: float = 0.04
+    friction: float = 0.01
+
+    def times(self, factor: float) -> "Scatter":
+        """Return all deviations multiplied by a factor."""
+        return Scatter(
+            angle=factor * self.angle, bow=factor * self.bow, friction=factor * self.friction
+        )
+
+
+class StrangeRig(RigLifecycle):
+    """A rig with physics that its learner does not know.
+
+    Args:
+        setup: Cable, workspace, arm and motion settings.
+        seed: Seed of what differs from trial to trial.
+        lab_seed: Seed of the world.
+        scatter: Differences between equal casts.
+    """
+
+    def __init__(
+        self, setup: Setup, seed: int = 0, lab_seed: int = 0, scatter: Scatter | None = None
+    ):
+        super().__init__()
+        self.setup, self.seed, self.lab_seed = setup, seed, lab_seed
+        self.scatter = scatter or Scatter()
+        self._draw = (seed, 0)
+        rng = np.random.default_rng([lab_seed, zlib.crc32(setup.cable.name.encode()), 3])
+        believed = setup.cable.params.to_dict()
+        self.params = {
+            name: believed[name] * float(np.exp(BELIEF_SPREAD.get(name, 0.0) * rng.normal()))
+            for name in believed
+        }
+        self.curl = 0.25 * float(rng.choice([-1.0, 1.0])) * float(rng.uniform(0.5, 1.5))
+        self.waves = rng.normal(scale=8.0, size=(12, 2))
+        self.phases = rng.uniform(0.0, 2 * np.pi, 12)
+        self.servo = ServoModel(
+            delay=np.full(6, 0.012),
+            frequency=2 * np.pi * 7.0 * np.exp(0.05 * rng.normal(size=6)),
+            damping=np.full(6, 0.78),
+        )
+        self.rate_max = float(rng.uniform(2.1, 2.5))
+        self.engine = EngineWarp(SEGMENT_COUNT, DT, thread_count=1)
+        self.description: dict[str, Any] = {
+            "rig": "strange",
+            "seed": seed,
+            "lab_seed": lab_seed,
+            "scatter": dataclasses.asdict(self.scatter),
+        }
+
+    def seek(self, index: int, purpose: str = "") -> None:
+        self._draw = (purpose_seed(self.seed, purpose), index)
+
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
+        self._use_reset()
+        rng = np.random.default_rng(self._draw)
+        self._draw = (self._draw[0], self._draw[1] + 1)
+        angle, bow, friction = rng.normal(size=3) * dataclasses.astuple(self.scatter)
+        joints = self._move(trajectory)
+        path = grip_path_from_joints(joints, self.setup.arm)
+        duration = float(trajectory.duration) + SETTLE_TIME
+        factor, xy, times = 1.0 + friction, np.empty((0, 2)), np.empty(0)
+        # The table is known by where the cable comes to rest: find the place, then its friction.
+        for _ in range(2):
+            params = self._params(factor)
+            state = reset_state(self.setup.cable, params, path, SEGMENT_COUNT)
+            rollout = self.engine.rollout(
+                self.setup.cable,
+                params,
+                path,
+                _bent(state, angle, self.curl + bow),
+                duration=duration,
+                sample_dt=SAMPLE_DT,
+            )
+            xy, times = rollout.endpoint_xy[0], rollout.times
+            factor = (1.0 + friction) * self._friction_at(xy[-1])
+        seen = xy + rng.normal(scale=0.001, size=xy.shape)
+        status = self._status(xy, trajectory)
+        if status is TrialStatus.OCCLUDED:
+            seen[-1] = np.nan
+        return EndpointTrack(
+            times=times,
+            endpoint_xy=seen,
+            status=status,
+            joint_path=joints,
+        )
+
+    def _status(self, xy: NDArray[np.float64], trajectory: Trajectory) -> TrialStatus:
+        if not np.isfinite(xy).all():
+            return TrialStatus.NON_FINITE
+        if not self.setup.workspace.on_table(xy).all():
+            return TrialStatus.OFF_TABLE
+        path = trajectory.grip_path
+        grip = path.evaluate(path.duration[None, :1])[0, 0, :2]
+        if np.linalg.norm(xy[-1] - grip) < HIDDEN_RADIUS:
+            return TrialStatus.OCCLUDED
+        return TrialStatus.OK
+
+    def _params(self, factor: float) -> CableParams:
+        values = dict(self.params)
+        values["lateral_friction"] = float(np.clip(values["lateral_friction"] * factor, 0.05, 2.0))
+        return CableParams(**values)
+
+    def _friction_at(self, xy: NDArray[np.float64]) -> float:
+        """Return the friction at a place over its mean."""
+        waves = np.cos(self.waves @ np.nan_to_num(xy) + self.phases)
+        return float(1.0 + 0.08 * np.sqrt(2.0 / len(waves)) * waves.sum())
+
+    def _move(self, trajectory: Trajectory) -> JointPath:
+        """Return the joints as they move: late, and the base no faster than it can."""
+        path = trajectory.joint_path
+        if path is None:
+            raise ValueError("the strange rig plays motions with joints only")
+        dt = float(path.times[1] - path.times[0])
+        tail = round(0.6 / dt)
+        q = np.concatenate([path.q, np.repeat(path.q[-1:], tail, axis=0)])
+        limited = q.copy()
+        step = self.rate_max * dt
+        for tick in range(1, len(q)):
+            limited[tick, 0] = limited[tick - 1, 0] + np.clip(
+                q[tick, 0] - limited[tick - 1, 0], -step, step
+            )
+        moved = self.servo.respond(limited, dt)
+        times = path.times[0] + dt * np.arange(len(q))
+        return JointPath(times=times, q=moved, qd=np.gradient(moved, times, axis=0))
+
+
+def _bent(state: CableState, angle: float, curl: float) -> CableState:
+    """Return a cable that is turned about the grip and curved sideways, with segments as long."""
+    steps = np.diff(state.positions[0], axis=0)
+    level = np.hypot(steps[:, 0], steps[:, 1])
+    heading = np.arctan2(steps[:, 0], steps[:, 1])
+    along = np.cumsum(level)
+    # Straight on average: curved about the chord, not away from it.
+    heading = heading + angle + curl * (along - along.mean())
+    turned = np.stack([level * np.sin(heading), level * np.cos(heading), steps[:, 2]], axis=1)
+    positions = state.positions.copy()
+    positions[0, 1:] = positions[0, 0] + np.cumsum(turned, axis=0)
+    return CableState.at_rest(positions)
+
+
+def make_rig(setup: Setup, seed: int) -> StrangeRig:
+    """Make the rig, for `--rig benchmarks.strange_rig:make_rig`."""
+    return StrangeRig(setup, seed)

@@ -1,0 +1,100 @@
+"""AimProposal and AimTrial: a cast at a target before and after it was made."""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.checks import check_number
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import Trajectory
+from cablecast.track import TrialStatus
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AimProposal:
+    """A cast that was planned and not made yet.
+
+    Attributes:
+        number: Number of the cast in the session, from 0.
+        try_number: Number of the cast at this target, from 1.
+        target_xy: Target [m], shape [2].
+        action: Action.
+        trajectory: Motion down to joint set points.
+        expected_xy: Expected landing [m], shape [2].
+        covariance: Covariance of the landing about it [m²], shape [2, 2].
+        scatter: Standard deviation along each axis of equal casts, a part of it [m].
+        failure: Chance that the cast leaves the table or ends hidden [-].
+        inside_coverage: Whether simulated casts land near the target.
+        cable_length: Length of the cable [m].
+        reason: Why this action, in words.
+    """
+
+    number: int
+    try_number: int
+    target_xy: NDArray[np.float64]
+    action: Action
+    trajectory: Trajectory
+    expected_xy: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    scatter: float
+    failure: float
+    inside_coverage: bool
+    cable_length: float
+    reason: str
+
+    def ellipse(self, share: float = 0.9) -> tuple[float, float, float]:
+        """Return the ellipse that the landing lies in with some probability.
+
+        Args:
+            share: Probability [-].
+
+        Returns:
+            Both half axes [m], the longer one first, and the angle of that one from the x axis
+            towards the y axis [rad].
+        """
+        check_number("share", share, 0.01, 0.9999)
+        values, vectors = np.linalg.eigh(self.covariance)
+        # A Gaussian in the plane lies within k standard deviations with 1 - exp(-k² / 2).
+        minor, major = np.sqrt(values * -2.0 * math.log1p(-share))
+        return float(major), float(minor), float(math.atan2(vectors[1, 1], vectors[0, 1]))
+
+    @property
+    def expected_miss_pct(self) -> float:
+        """Root of the expected squared distance to the target [% of cable length]."""
+        left = float(np.sum((self.expected_xy - self.target_xy) ** 2))
+        return 100.0 * math.sqrt(left + float(np.trace(self.covariance))) / self.cable_length
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AimTrial:
+    """A cast that was made.
+
+    Attributes:
+        number: Number of the cast in the session, from 0.
+        purpose: "aim", or what else the cast was made for.
+        try_number: Number of the cast at its target, from 1; 0 for a cast without a target.
+        target_xy: Target [m], shape [2]; NaN for a cast without a target.
+        action: Action, shape [4].
+        expected_xy: Landing that was expected [m], shape [2]; NaN where none was.
+        covariance: Covariance of that landing [m²], shape [2, 2].
+        status: How the cast ended.
+        final_xy: Landing [m], shape [2]; NaN for a cast without one.
+        miss_pct: Distance from the target [% of cable length]; NaN for a cast without a landing.
+        hit: Whether it landed near enough to the target.
+        change: What the cast taught, in words; empty for one that was read from a folder.
+    """
+
+    number: int
+    purpose: str
+    try_number: int
+    target_xy: NDArray[np.float64]
+    action: NDArray[np.float64]
+    expected_xy: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    status: TrialStatus
+    final_xy: NDArray[np.float64]
+    miss_pct: float
+    hit: bool
+    change: str = ""
