@@ -47,7 +47,7 @@ class FormulaRig(RigLifecycle):
     Attributes:
         bias: Size of the bias [cable lengths].
         scatter: Standard deviation of equal casts along each axis [cable lengths].
-        drift: Growth of a shift along x with each cast [cable lengths].
+        drift: Growth of a shift along x with each cast after the first 20 [cable lengths].
         hidden: Whether every cast ends hidden.
     """
 
@@ -76,7 +76,7 @@ class FormulaRig(RigLifecycle):
         action = trajectory.action.to_array()
         self.actions.append(action)
         noise = np.random.default_rng(self._draw).normal(size=2)
-        drift = [self.drift * len(self.actions), 0.0]
+        drift = np.array([self.drift * max(len(self.actions) - 20, 0), 0.0])
         xy = self.landing(action) + LENGTH * (self.scatter * noise + drift)
         times = np.array([0.0, trajectory.duration + 1.0])
         status = TrialStatus.OCCLUDED if self.hidden else TrialStatus.OK

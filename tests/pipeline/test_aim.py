@@ -121,6 +121,18 @@ def test_an_action_that_scatters_is_damped(policy):
     assert root < 1.25 * 100 * 0.04 * np.sqrt(2)
 
 
+@pytest.mark.parametrize(("drift", "noticed"), [(0.0, False), (0.02, True)])
+def test_a_drift_is_noticed_and_a_steady_rig_is_not_accused(policy, drift, noticed):
+    with rig_of(policy, bias=0.05, drift=drift) as rig:
+        session = cc.AimSession(policy, within_pct=0.01, tries=100)
+        changes = []
+        for number in range(45):
+            proposal = session.propose(TARGETS[number % 3])
+            changes.append(session.cast(rig, proposal).change)
+    assert any("has changed" in change for change in changes) is noticed
+    assert bool(session.aimer.drifts) is noticed
+
+
 def test_a_cast_without_a_landing_leads_to_another_action(policy):
     with rig_of(policy, hidden=True) as rig:
         session = cc.AimSession(policy, tries=3)

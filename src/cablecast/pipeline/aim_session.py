@@ -33,6 +33,12 @@ WITHIN_PCT = 3.0
 TRIES = 6
 """Casts at one target at most."""
 
+DRIFT_NOTE = (
+    "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
+    "changed, or changes. Earlier casts count less from now on"
+)
+"""What is said where a drift is noticed."""
+
 # Two targets nearer to each other than this are the same [m].
 _SAME_TARGET = 1e-6
 
@@ -260,11 +266,15 @@ class AimSession:
         self.store.add(cast)
         # The scales of the process change slowly: fitting them at each cast would be wasted.
         refit = len(self.store) >= 1.3 * self._fitted_count
+        drifts = len(self.aimer.drifts)
         self.aimer.learn([_aimed(cast)], refit=refit)
         if refit:
             self._fitted_count = len(self.store)
         trial = self._trial(len(self._trials), cast)
-        trial = dataclasses.replace(trial, change=self._change(proposal, trial))
+        change = self._change(proposal, trial)
+        if len(self.aimer.drifts) > drifts:
+            change += ". " + DRIFT_NOTE
+        trial = dataclasses.replace(trial, change=change)
         self._trials.append(trial)
         return trial
 

@@ -46,6 +46,11 @@ _SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
 _MOVE_COST = 0.15
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
 _ALONG = 0.7
+# A drift is noticed where so many casts surprise by so much on average (1 is expected), of which
+# none counts for more than a few, and not before there are enough casts to know the usual. The
+# noise of earlier casts then grows by a factor.
+_OLD_NOISE = 3.0
+_DRIFT_CASTS, _DRIFT_SURPRISE, _SURPRISE_MAX, _DRIFT_FROM = 10, 2.0, 4.0, 20
 # Casts that the simulator was fitted to count as if they scattered this much more often.
 _FITTED_NOISE = 2.0
 
@@ -100,6 +105,13 @@ class Aimer:
     Args:
         policy: Policy of simulated casts alone.
         believed: Scales of the residual that are expected before any cast; the defaults where None.
+
+    Attributes:
+        residual: What real casts added to the simulated landings.
+        casts: Casts that it learned from.
+        surprises: Squared distance from expected to actual landing over the expected one, of each
+            cast with a landing; 1 on average.
+        drifts: Numbers of casts with a landing after which a drift was noticed.
     """
 
     def __init__(self, policy: ForwardSearchPolicy, believed: ResidualScales | None = None):
@@ -111,6 +123,8 @@ class Aimer:
         self.surprises: list[float] = []
         self._weights: list[float] = []
         self._fitted: list[bool] = []
+        self._age: list[float] = []
+        self.drifts: list[int] = []
         self._failed = self._ended = self.residual.places
         self._usual = float(np.median(policy.sensitivity))
         self._changes = deviations(policy.actions)
@@ -120,6 +134,7 @@ class Aimer:
         other = copy.copy(self)
         other.casts, other.surprises = list(self.casts), list(self.surprises)
         other._weights, other._fitted = list(self._weights), list(self._fitted)
+        other._age, other.drifts = list(self._age), list(self.drifts)
         return other
 
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
@@ -151,7 +166,20 @@ class Aimer:
         self._weights.append(0.0 if cast.fitted else float(scatter[0]) / total)
         self._fitted.append(cast.fitted)
         self.residual = self.residual.with_cast(place, residual)
+        self._age.append(1.0)
+        self._notice_drift()
         self._renew_scatter()
+
+    def _notice_drift(self) -> None:
+        """Let earlier casts count less where the last ones surprise by more than they should."""
+        last = np.minimum(self.surprises[-_DRIFT_CASTS:], _SURPRISE_MAX)
+        since = len(self.surprises) - (self.drifts[-1] if self.drifts else 0)
+        if len(self.surprises) < _DRIFT_FROM or since < _DRIFT_CASTS:
+            return
+        if float(np.mean(last)) > _DRIFT_SURPRISE:
+            self.drifts.append(len(self.surprises))
+            earlier = len(self._age) - _DRIFT_CASTS
+            self._age[:earlier] = [_OLD_NOISE * age for age in self._age[:earlier]]
 
     def _refit(self) -> None:
         self.residual = self.residual.fitted(~np.array(self._fitted, dtype=bool))
@@ -159,7 +187,8 @@ class Aimer:
 
     def _renew_scatter(self) -> None:
         factors = self._scatter_factor(self.residual.places)
-        scatter = np.sqrt(factors) + _FITTED_NOISE * np.array(self._fitted, dtype=float)
+        scatter = np.sqrt(factors) * np.array(self._age)
+        scatter = scatter + _FITTED_NOISE * np.array(self._fitted, dtype=float)
         self.residual = dataclasses.replace(self.residual, scatter=scatter)
 
     def _scatter_factor(self, places: Places) -> NDArray[np.float64]:
