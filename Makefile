@@ -14,7 +14,7 @@ help: ## Show what can be made
 
 install: $(STAMP) ## Create .venv and install cablecast into it
 
-demo: $(STAMP) ## Simulate, train and evaluate cable_1 on the virtual rig, into runs/cable_1
+demo: $(STAMP) ## Five casts, a fit, a model, then casts at 32 targets with cable_1, into runs/demo-cable_1
 	$(BIN)/cablecast demo
 
 test: $(STAMP) ## Run the tests

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import math
 import os
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -95,9 +96,24 @@ class AimSession:
         if casts is not None:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
-        self.aimer = Aimer(policy, None if tuned is None else believed_scales(tuned))
-        fitted = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
-        self.aimer.learn([_aimed(cast, fitted) for cast in self.store.casts if _has_action(cast)])
+        self._believed = None if tuned is None else believed_scales(tuned)
+        self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
+        self.aimer = Aimer(policy, self._believed)
+        self.relearn()
+
+    def relearn(self, without: Collection[int] = ()) -> None:
+        """Learn anew from all casts, in the order in which they were made.
+
+        Args:
+            without: Numbers of casts to leave out, such as those that went wrong.
+        """
+        kept = [
+            _aimed(cast, self._tuned_to)
+            for number, cast in enumerate(self.store.casts)
+            if number not in without and _has_action(cast)
+        ]
+        self.aimer = Aimer(self.aimer.policy, self._believed)
+        self.aimer.learn(kept)
         self._fitted_count = len(self.store)
 
     def add_casts(self, casts: Dataset) -> int:

@@ -21,7 +21,6 @@ from cablecast.motion.feasibility import Feasibility, check_grip_paths
 from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.aim_session import AimProposal, AimSession, AimTrial
-from cablecast.policies.aiming import AimedCast, Aimer
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import status_of
 from cablecast.setup import Setup
@@ -290,15 +289,7 @@ class Desk:
 
     def _forget_undone(self) -> None:
         """Let a new aimer learn from all casts but those that were undone."""
-        session = self._need_session()
-        aimer = Aimer(session.aimer.policy)
-        kept = [
-            AimedCast(action=cast.action, endpoint_xy=cast.endpoint_xy)
-            for number, cast in enumerate(session.store.casts)
-            if number not in self.album.undone and np.all(np.isfinite(cast.action))
-        ]
-        aimer.learn(kept)
-        session.aimer = aimer
+        self._need_session().relearn(without=self.album.undone)
 
     def _need_session(self) -> AimSession:
         if self._session is None:
