@@ -144,9 +144,9 @@ class LoopSession:
         rows: dict[str, list] = {"miss_pct": [], "square": []}
         for _ in range(tries):
             if self.full_gain:
-                residual = session.aimer.residual
-                scales = dataclasses.replace(residual.scales, noise=1e-4)
-                session.aimer.residual = dataclasses.replace(residual, scales=scales)
+                known = session.aimer.experience
+                scales = dataclasses.replace(known.residual.scales, noise=1e-4)
+                known.residual = dataclasses.replace(known.residual, scales=scales)
             proposal = session.propose(target)
             trial = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
             miss = trial.miss_pct

@@ -130,7 +130,7 @@ def test_a_drift_is_noticed_and_a_steady_rig_is_not_accused(policy, drift, notic
             proposal = session.propose(TARGETS[number % 3])
             changes.append(session.cast(rig, proposal).change)
     assert any("has changed" in change for change in changes) is noticed
-    assert bool(session.aimer.drifts) is noticed
+    assert bool(session.aimer.experience.drifts) is noticed
 
 
 def test_a_cast_without_a_landing_leads_to_another_action(policy):

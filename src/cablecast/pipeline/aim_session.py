@@ -282,13 +282,13 @@ class AimSession:
         self.store.add(cast)
         # The scales of the process change slowly: fitting them at each cast would be wasted.
         refit = len(self.store) >= 1.3 * self._fitted_count
-        drifts = len(self.aimer.drifts)
+        drifts = len(self.aimer.experience.drifts)
         self.aimer.learn([_aimed(cast)], refit=refit)
         if refit:
             self._fitted_count = len(self.store)
         trial = self._trial(len(self._trials), cast)
         change = self._change(proposal, trial)
-        if len(self.aimer.drifts) > drifts:
+        if len(self.aimer.experience.drifts) > drifts:
             change += ". " + DRIFT_NOTE
         trial = dataclasses.replace(trial, change=change)
         self._trials.append(trial)

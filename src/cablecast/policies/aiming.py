@@ -1,7 +1,7 @@
 """Aimer: chooses casts under uncertainty, and learns from every one of them.
 
 The landings of a policy's candidates are known from the simulator. A Gaussian process adds what
-real casts showed (`FewCastResidual`), and says how surely. For a target the aimer takes the action
+real casts showed (`Experience`), and says how surely. For a target the aimer takes the action
 with the least expected squared miss: the distance left, the uncertainty of the prediction, the
 scatter of the action, and the cost of a cast that may end out of sight. After a cast near a target
 the process is almost certain there, so the next action is a small step from the last one, damped by
@@ -18,10 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.models.features import deviations
-from cablecast.models.few_casts import FewCastResidual, Places, ResidualScales, log_sizes
+from cablecast.models.few_casts import Places, ResidualScales, log_sizes
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_actions
 from cablecast.policies.base import check_targets
+from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.refinement import refine_actions
 
@@ -31,28 +32,16 @@ length]."""
 
 FAILURE_MISS = 0.5
 """Miss that a cast without a landing counts as [cable lengths]."""
-FAILURE_SHARE = 0.02
-"""Share of casts without a landing that is expected before any cast."""
-
 _NEIGHBOR_COUNT = 3000
 _SHORTLIST_COUNT = 8
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
 _EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
 # Newton steps of a correction, and the parts of it that are tried until the arm can follow.
 _NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
-# Casts that the belief about scatter and failures is worth.
-_SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
 # The spread is known at the candidate, not at the action moved onto the target.
 _MOVE_COST = 0.15
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
 _ALONG = 0.7
-# A drift is noticed where so many casts surprise by so much on average (1 is expected), of which
-# none counts for more than a few, and not before there are enough casts to know the usual. The
-# noise of earlier casts then grows by a factor.
-_OLD_NOISE = 3.0
-_DRIFT_CASTS, _DRIFT_SURPRISE, _SURPRISE_MAX, _DRIFT_FROM = 10, 2.0, 4.0, 20
-# Casts that the simulator was fitted to count as if they scattered this much more often.
-_FITTED_NOISE = 2.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -107,34 +96,23 @@ class Aimer:
         believed: Scales of the residual that are expected before any cast; the defaults where None.
 
     Attributes:
-        residual: What real casts added to the simulated landings.
+        experience: What real casts added to the simulated landings.
         casts: Casts that it learned from.
-        surprises: Squared distance from expected to actual landing over the expected one, of each
-            cast with a landing; 1 on average.
-        drifts: Numbers of casts with a landing after which a drift was noticed.
     """
 
     def __init__(self, policy: ForwardSearchPolicy, believed: ResidualScales | None = None):
         self.policy = policy
         self.model = policy.model
         self.length = policy.setup.cable.length
-        self.residual = FewCastResidual.empty(believed)
+        self.experience = Experience(believed)
         self.casts: list[AimedCast] = []
-        self.surprises: list[float] = []
-        self._weights: list[float] = []
-        self._fitted: list[bool] = []
-        self._age: list[float] = []
-        self.drifts: list[int] = []
-        self._failed = self._ended = self.residual.places
         self._usual = float(np.median(policy.sensitivity))
         self._changes = deviations(policy.actions)
 
     def copy(self) -> "Aimer":
         """Return an aimer that knows the same casts and learns on its own."""
         other = copy.copy(self)
-        other.casts, other.surprises = list(self.casts), list(self.surprises)
-        other._weights, other._fitted = list(self._weights), list(self._fitted)
-        other._age, other.drifts = list(self._age), list(self.drifts)
+        other.casts, other.experience = list(self.casts), self.experience.copy()
         return other
 
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
@@ -145,65 +123,13 @@ class Aimer:
             refit: Whether the scales of the process are fitted anew.
         """
         for cast in casts:
-            self._add(cast)
+            place, simulated_xy, hand = self._place(cast.action)
+            landing = cast.endpoint_xy * np.array([hand, 1.0])
+            residual = (landing - simulated_xy) / self.length if cast.landed else None
+            self.experience.add(place, residual, fitted=cast.fitted)
+            self.casts.append(cast)
         if refit and casts:
-            self._refit()
-
-    def _add(self, cast: AimedCast) -> None:
-        place, simulated_xy, hand = self._place(cast.action)
-        self.casts.append(cast)
-        self._ended = Places.join([self._ended, place])
-        if not cast.landed:
-            self._failed = Places.join([self._failed, place])
-            return
-        landing = cast.endpoint_xy * np.array([hand, 1.0])
-        residual = (landing - simulated_xy) / self.length
-        mean, variance = self.residual.predict(place)
-        scatter = self.residual.scatter_variance(place)
-        total = float(variance[0] + scatter[0])
-        # What the process did not know says nothing about scatter: count the share that is.
-        self.surprises.append(float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)))
-        self._weights.append(0.0 if cast.fitted else float(scatter[0]) / total)
-        self._fitted.append(cast.fitted)
-        self.residual = self.residual.with_cast(place, residual)
-        self._age.append(1.0)
-        self._notice_drift()
-        self._renew_scatter()
-
-    def _notice_drift(self) -> None:
-        """Let earlier casts count less where the last ones surprise by more than they should."""
-        last = np.minimum(self.surprises[-_DRIFT_CASTS:], _SURPRISE_MAX)
-        since = len(self.surprises) - (self.drifts[-1] if self.drifts else 0)
-        if len(self.surprises) < _DRIFT_FROM or since < _DRIFT_CASTS:
-            return
-        if float(np.mean(last)) > _DRIFT_SURPRISE:
-            self.drifts.append(len(self.surprises))
-            earlier = len(self._age) - _DRIFT_CASTS
-            self._age[:earlier] = [_OLD_NOISE * age for age in self._age[:earlier]]
-
-    def _refit(self) -> None:
-        self.residual = self.residual.fitted(~np.array(self._fitted, dtype=bool))
-        self._renew_scatter()
-
-    def _renew_scatter(self) -> None:
-        factors = self._scatter_factor(self.residual.places)
-        scatter = np.sqrt(factors) * np.array(self._age)
-        scatter = scatter + _FITTED_NOISE * np.array(self._fitted, dtype=float)
-        self.residual = dataclasses.replace(self.residual, scatter=scatter)
-
-    def _scatter_factor(self, places: Places) -> NDArray[np.float64]:
-        """Return the variance of the scatter over that expected, from surprises nearby."""
-        near = self.residual.correlation(places) ** 4 * np.array(self._weights)
-        surprise = near @ np.array(self.surprises)
-        factor = (_SCATTER_CASTS + surprise) / (_SCATTER_CASTS + near.sum(axis=1))
-        return np.clip(factor, 0.25, 25.0)
-
-    def _failure_chance(self, places: Places) -> NDArray[np.float64]:
-        """Return the chance of a cast without a landing, from casts nearby."""
-        failed = (self.residual.correlation(places, self._failed) ** 4).sum(axis=1)
-        ended = (self.residual.correlation(places, self._ended) ** 4).sum(axis=1)
-        prior = _FAILURE_CASTS * FAILURE_SHARE
-        return (prior + failed) / (_FAILURE_CASTS + ended)
+            self.experience.refit()
 
     def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:
         """Return the place of a cast, its simulated landing to the right [m], and its hand."""
@@ -250,8 +176,8 @@ class Aimer:
 
     def _predict_one(self, action: NDArray[np.float64]):
         place, simulated_xy, hand = self._place(action)
-        mean, variance = self.residual.predict(place)
-        scatter = self.residual.scatter_variance(place) * self._scatter_factor(place)
+        mean, variance = self.experience.residual.predict(place)
+        scatter = self.experience.scatter(place)
         rightward, _ = _rightward(action[None])
         shifts = self.model.landing_shifts(rightward, self._changes)[0]
         along = shifts @ shifts.T / max(float(np.sum(shifts**2)), 1e-12)
@@ -317,9 +243,9 @@ class Aimer:
         Returns:
             Risk [square cable lengths] and chance [-], each of shape [action].
         """
-        _, variance = self.residual.predict(places)
-        scatter = self.residual.scatter_variance(places) * self._scatter_factor(places)
-        failure = self._failure_chance(places)
+        _, variance = self.experience.residual.predict(places)
+        scatter = self.experience.scatter(places)
+        failure = self.experience.failure_chance(places)
         risk = distance**2 + 2.0 * (variance + scatter) + failure * FAILURE_MISS**2
         return risk, failure
 
@@ -344,7 +270,7 @@ class Aimer:
         hands = side * turns
         simulated_xy = _to_right(policy.predicted_xy[index], turns)
         places = self._places(actions, simulated_xy, policy.sensitivity[index], hands)
-        expected_xy = simulated_xy + self.length * self.residual.predict(places)[0]
+        expected_xy = simulated_xy + self.length * self.experience.residual.predict(places)[0]
         goals = _to_right(np.repeat(target[None], len(index), axis=0), hands)
         distance = np.linalg.norm(expected_xy - goals, axis=1) / self.length
         risk, _ = self._risk(_MOVE_COST * distance, places)
@@ -379,7 +305,7 @@ class _CorrectedLandings:
         aimer = self.aimer
         simulated_xy = aimer.model.predict(actions)
         places = aimer._places(actions, simulated_xy, self.sensitivity, self.hands)
-        return simulated_xy + aimer.length * aimer.residual.predict(places)[0]
+        return simulated_xy + aimer.length * aimer.experience.residual.predict(places)[0]
 
     def landing_shifts(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
