@@ -1,4 +1,4 @@
-"""What is expected of a fitted simulator before it is tried: how far off landings may be."""
+"""Beliefs about a fitted simulator before it is tried: how far off its landings may be."""
 
 import dataclasses
 

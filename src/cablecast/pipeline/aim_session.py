@@ -38,7 +38,7 @@ DRIFT_NOTE = (
     "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
     "changed, or changes. Earlier casts count less from now on"
 )
-"""What is said where a drift is noticed."""
+"""Sentence that tells of a drift."""
 
 # Two targets nearer to each other than this are the same [m].
 _SAME_TARGET = 1e-6

@@ -25,7 +25,7 @@ _OLD_NOISE = 3.0
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Lesson:
-    """What one cast with a landing told.
+    """Lesson of one cast with a landing.
 
     Attributes:
         surprise: Squared distance from expected to actual landing over the expected one.
