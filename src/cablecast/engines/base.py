@@ -72,8 +72,8 @@ class Rollout:
         times: Sample times [s], shape [step]; the first is 0.
         endpoint_xyz: Path of the free end in the base frame [m], shape [world, step, 3].
         final_state: State at the end of the rollout.
-        finite: False for a world that became non-finite; its samples are NaN from then on,
-            shape [world].
+        finite: False for a world that became non-finite, or whose energy was seen to grow without
+            work; its samples are NaN from then on, shape [world].
         nodes: Cable shapes at the sample times [m], shape [world, step, node, 3]; None unless
             `record_nodes` was set.
     """

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import CableState, Rollout
 from cablecast.engines.warp_.constants import model_constants
+from cablecast.engines.warp_.energy import UNKNOWN_ENERGY
 from cablecast.motion.grip_path import GripPath
 
 
@@ -153,6 +154,10 @@ class Batch:
             setattr(state, name, zeros)
         ones = np.ones((self.group_count, self.layout.lane_count), dtype=self.layout.real)
         state.active = self.array(ones, build.lane)
+        state.work = self.zeros(self.group_count, dtype=build.lane)
+        state.energy = self.array(ones * UNKNOWN_ENERGY, build.lane)
+        for name in ("growth", "energy_scale"):
+            setattr(state, name, self.zeros(self.group_count, dtype=build.lane))
         state.rest_time = self.zeros(self.group_count, dtype=build.lane)
         return state
 
@@ -195,13 +200,16 @@ class Batch:
         )
         finite = np.isfinite(endpoint).all(axis=(1, 2))
         finite = np.asarray(finite & np.isfinite(positions).all(axis=(1, 2)))
-        # Once a world is non-finite, no later sample of it may look like a position.
+        # Once a world is broken, no later sample of it may look like a position.
         broken = np.logical_or.accumulate(~np.isfinite(endpoint).all(axis=2), axis=1)
         endpoint[broken] = np.nan
+        nodes = self.to_worlds(samples.nodes) if samples.record_nodes else None
+        if nodes is not None:
+            nodes[broken] = np.nan
         return Rollout(
             times=np.arange(endpoint.shape[1]) * sample_dt,
             endpoint_xyz=endpoint,
             final_state=final,
             finite=finite,
-            nodes=self.to_worlds(samples.nodes) if samples.record_nodes else None,
+            nodes=nodes,
         )

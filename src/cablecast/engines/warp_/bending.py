@@ -1,4 +1,4 @@
-"""Bending: the moment EI times curvature, stable for any stiffness and step.
+"""Bending: the moment EI times curvature, and the filter that keeps its waves true.
 
 At an inner node the curvature vector is b / l^2 with b = x[i-1] - 2 x[i] + x[i+1]. Segments keep
 their length, so |b| = 2 l sin(phi / 2), where phi is the angle between the two edges. The energy is
@@ -19,42 +19,21 @@ from numpy.typing import NDArray
 
 from cablecast.engines.warp_.lanes import lane_functions
 
-TRUEST_FILTER = 1.0 / 12.0
+FILTER_SHARE = 1.0 / 12.0
 """Share of dt^2 K, added to the masses that the bending force accelerates, with which waves travel
 as they should up to the fourth order of the step: it undoes what leapfrog adds to their
-frequency, w (w dt)^2 / 24."""
+frequency, w (w dt)^2 / 24. A greater share would make any step stable for a straight cable, and
+create energy on a curved one (substeps.py)."""
 
 SHARPEST = 0.6
 """Largest sin^2(phi / 2) up to which the moment follows the angle: 101 degrees at one node. Beyond
 it a chain of segments no longer resembles a rod, and the moment stops growing."""
 
 
-def filter_share(
-    bending: NDArray[np.float64], mass: NDArray[np.float64], dt: float
-) -> NDArray[np.float64]:
-    """Return the share of dt^2 K that makes bending stable, and as true as it can then be.
-
-    A wave of frequency w feels w^2 / (1 + share (w dt)^2), of which leapfrog bears 4 / dt^2. A half
-    is enough for any w where the moment of a sharp bend grows up to twice as fast as K says
-    (phi / sin phi at SHARPEST is 1.8).
-
-    Args:
-        bending: EI / l^3 [N/m], shape [world].
-        mass: Mass of a node [kg], shape [world].
-        dt: Step [s].
-
-    Returns:
-        Between TRUEST_FILTER and a half, shape [world].
-    """
-    # The fastest wave bends each node against its neighbours: no row of K sums up to more than 16.
-    fastest = np.maximum(16.0 * bending / mass * dt**2, np.finfo(float).tiny)
-    return np.maximum(0.5 - 1.0 / fastest, TRUEST_FILTER)
-
-
 def filter_factors(
     bending: NDArray[np.float64], mass: NDArray[np.float64], dt: float
 ) -> tuple[NDArray[np.float64], ...]:
-    """Factor M + share dt^2 K = L D L^T, with K the stiffness matrix of a nearly straight rod.
+    """Factor M + dt^2 K / 12 = L D L^T, with K the stiffness matrix of a nearly straight rod.
 
     Args:
         bending: EI / l^3 [N/m], shape [world].
@@ -66,7 +45,7 @@ def filter_factors(
         two zeros beyond the last node, shape [world, node + 2].
     """
     world_count, node_count = mass.shape
-    k = filter_share(bending, mass[:, 1], dt) * dt**2 * bending
+    k = FILTER_SHARE * dt**2 * bending
     free = np.isfinite(mass)
     diagonal = np.where(free, mass, 1.0)
     off1 = np.zeros_like(diagonal)  # couples i and i + 1
@@ -131,4 +110,18 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """
         return scale(mul(bending, angle_over_sine(sine_squared)), bend)
 
-    return SimpleNamespace(node_moment=node_moment)
+    @wp.func
+    def bend_energy(sine_squared: lane):
+        """Return phi^2 / 2 from q = sin^2(phi / 2) [-], as far as `node_moment` follows it.
+
+        It is the sum 2 q + 2/3 q^2 + 16/45 q^3 + ... of which `angle_over_sine` is half the slope.
+        """
+        q = wp.min(sine_squared, lane(real(sharpest)))
+        value = lane(real(256.0 / 1575.0)) + q * real(256.0 / 2079.0)
+        value = lane(real(8.0 / 35.0)) + mul(q, value)
+        value = lane(real(16.0 / 45.0)) + mul(q, value)
+        value = lane(real(2.0 / 3.0)) + mul(q, value)
+        value = mul(q, lane(real(2.0)) + mul(q, value))
+        return value + mul(sine_squared - q, angle_over_sine(q)) * real(2.0)
+
+    return SimpleNamespace(node_moment=node_moment, bend_energy=bend_energy)

@@ -1,13 +1,16 @@
 """EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
 
+import dataclasses
+
 import numpy as np
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import GRAVITY, CableState, Rollout, plan_rollout
+from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, plan_rollout
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.rollout import rollout_kernel
+from cablecast.engines.warp_.substeps import fastest_wave, merge, rows_of, substep_counts
 from cablecast.errors import InputError
 from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
@@ -21,7 +24,7 @@ convergence`, docs/engine.md."""
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
 
-MODEL_VERSION = 4
+MODEL_VERSION = 5
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 
@@ -34,7 +37,7 @@ class EngineWarp:
 
     Args:
         segment_count: Number of segments, at least 2.
-        dt: Step [s].
+        dt: Longest step [s]. Worlds whose bending asks for it take shorter ones (substeps.py).
         device: "cpu" or a Warp CUDA device such as "cuda".
         precision: "single" or "double".
         thread_count: CPU threads; by default all cores that this process may use.
@@ -104,6 +107,41 @@ class EngineWarp:
         plan = plan_rollout(
             self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )
+        segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
+        stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
+        fastest = fastest_wave(stiffness, segment_mass, cable.length / self.segment_count)
+        counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
+        parts = []
+        for count in np.unique(counts)[::-1]:
+            worlds = np.flatnonzero(counts == count)
+            played = self._play(
+                cable,
+                rows_of(params, worlds),
+                rows_of(grip_path, worlds),
+                rows_of(far_path, worlds),
+                dataclasses.replace(
+                    plan,
+                    initial_state=rows_of(plan.initial_state, worlds),
+                    world_count=len(worlds),
+                    steps_per_sample=plan.steps_per_sample * int(count),
+                ),
+                self.dt / int(count),
+                record_nodes,
+            )
+            parts.append((worlds, played))
+        return merge(parts)
+
+    def _play(
+        self,
+        cable: Cable,
+        params: CableParams,
+        grip_path: GripPath,
+        far_path: GripPath | None,
+        plan: RolloutPlan,
+        dt: float,
+        record_nodes: bool,
+    ) -> Rollout:
+        """Simulate worlds that take the same step dt [s] in one launch."""
         batch = Batch(self._layout, self.segment_count, plan.world_count, grip_path.duration)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
         if far_path is not None:
@@ -118,7 +156,7 @@ class EngineWarp:
             self.rest_speed,
             REST_DURATION if self.rest_speed > 0 else np.inf,
             batch.array(motion_end, build.lane),
-            batch.model(cable, params, self.dt, self.gravity, far_is_held=far_path is not None),
+            batch.model(cable, params, dt, self.gravity, far_is_held=far_path is not None),
             batch.path(grip_path),
             batch.path(far_path if far_path is not None else _NO_PATH),
             state,
@@ -126,7 +164,7 @@ class EngineWarp:
             samples,
         ]
         launch(build.kernel, self.device, batch.group_count, self.thread_count, inputs)
-        return batch.read(state, samples, plan.steps_per_sample * self.dt)
+        return batch.read(state, samples, plan.steps_per_sample * dt)
 
 
 _NO_PATH = GripPath.hold(np.zeros(5), 0.0)

@@ -72,6 +72,11 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return wp.max(a, -a)
 
     @wp.func
+    def reciprocal(a: lane):
+        """Return 1 / a in each lane, 0 where a is 0, such as the mass of a node."""
+        return wp.cw_div(a, wp.cw_mul(a, a) + lane(real(1.0e-20)))
+
+    @wp.func
     def root(a: lane):
         """Return the square root in each lane."""
         result = lane()
@@ -115,6 +120,7 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         dot=dot,
         scale=scale,
         absolute=absolute,
+        reciprocal=reciprocal,
         root=root,
         sin_cos=sin_cos,
         mul=wp.cw_mul,

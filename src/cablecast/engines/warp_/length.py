@@ -43,7 +43,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
-    dot, scale, absolute, mul = f.dot, f.scale, f.absolute, f.mul
+    dot, scale, absolute, mul, node_mass = f.dot, f.scale, f.absolute, f.mul, f.reciprocal
     Model, State, Scratch = s.Model, s.State, s.Scratch
     count = wp.constant(lane_count)
     tolerance = wp.constant(LENGTH_TOLERANCE)
@@ -219,7 +219,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         Args:
             model: Constants of the batch.
-            state: Positions at the start of the step; velocities and tensions, which are updated.
+            state: Positions at the start of the step; velocities, tensions and work, which are
+                updated.
             scratch: Predicted velocities without tensions.
             group: Group of worlds.
             failed: 1 for worlds to lay out, else 0.
@@ -227,12 +228,16 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         dt = model.dt
         inverse_dt = real(1.0) / dt
         end = state.position[group, 0] + state.velocity[group, 0] * dt
+        impulse = vec3()
         for node in range(1, model.node_count - model.far_is_held):
             x = state.position[group, node]
             edge = x + scratch.velocity[group, node] * dt - end
             size = f.root(dot(edge, edge) + lane(real(1.0e-20)))
             end = end + scale(f.div(lane(model.segment_length), size), edge)
             v = state.velocity[group, node]
+            # What the segments pass on to each other cancels out; the rest comes from the gripper.
+            change = (end - x) * inverse_dt - scratch.velocity[group, node]
+            impulse += scale(node_mass(model.inverse_mass[group, node]), change)
             # A product with 0 would keep what is not finite.
             tension = state.tension[group, node - 1]
             for k in range(count):
@@ -242,5 +247,11 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
                         v[c, k] = (end[c, k] - x[c, k]) * inverse_dt
             state.tension[group, node - 1] = tension
             state.velocity[group, node] = v
+        work = state.work[group]
+        gained = dot(impulse, state.velocity[group, 0])
+        for k in range(count):
+            if failed[k] > real(0.0):
+                work[k] = work[k] + gained[k]
+        state.work[group] = work
 
     return SimpleNamespace(hold_lengths=hold_lengths)

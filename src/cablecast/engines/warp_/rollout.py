@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from cablecast.engines.warp_.curvature import curvature_functions
+from cablecast.engines.warp_.energy import STEPS_PER_CHECK, energy_functions
 from cablecast.engines.warp_.grip import grip_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.step import step_functions
@@ -42,6 +43,8 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
     real, lane, vec3 = f.real, f.lane, f.vec3
     Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples
     count = wp.constant(lane_count)
+    energy = energy_functions(precision, lane_count)
+    steps_per_check = wp.constant(STEPS_PER_CHECK)
 
     @wp.kernel(
         enable_backward=False,
@@ -84,6 +87,7 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
         record(model, state, samples, group, 0)
         slow = rest_speed * rest_speed
         any_active = int(1)
+        unchecked = int(0)
         force_dt = dt * real(0.5)
         previous_dt = real(0.0)
         t_end = real(0.0)
@@ -104,6 +108,10 @@ def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
                             rest_time[j] = real(0.0)
                         if rest_time[j] > rest_duration:
                             active[j] = real(0.0)
+                    unchecked = unchecked + 1
+                    if unchecked >= steps_per_check:
+                        unchecked = int(0)
+                        active = energy.is_sound(model, path, far_path, state, group, active)
                     any_active = int(wp.max(active))
             record(model, state, samples, group, sample)
         # The twist of the last step, for the final state.

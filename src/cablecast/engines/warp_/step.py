@@ -11,6 +11,7 @@ import warp as wp
 from cablecast.engines.warp_.contact import contact_functions
 from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.elastic import elastic_functions
+from cablecast.engines.warp_.energy import energy_functions
 from cablecast.engines.warp_.integrate import integrate_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.length import length_functions
@@ -28,12 +29,13 @@ def step_functions(precision: str, lane_count: int) -> SimpleNamespace:
     curvature = curvature_functions(precision, lane_count)
     elastic = elastic_functions(precision, lane_count)
     integrate = integrate_functions(precision, lane_count)
+    energy = energy_functions(precision, lane_count)
     contact = contact_functions(precision, lane_count)
     spinning = spinning_functions(precision, lane_count)
     sliding = sliding_functions(precision, lane_count)
     rolling = rolling_functions(precision, lane_count)
     length = length_functions(precision, lane_count)
-    real, lane = f.real, f.lane
+    real, lane, mul = f.real, f.lane, f.mul
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
 
     @wp.func
@@ -70,6 +72,11 @@ def step_functions(precision: str, lane_count: int) -> SimpleNamespace:
         curvature.measure_curvature(
             model, path, far_path, state, scratch, group, active * previous_dt
         )
+        work = energy.gripper_power(model, path, state, scratch, group, 0, real(1.0))
+        if model.far_is_held == 1:
+            work += energy.gripper_power(
+                model, far_path, state, scratch, group, model.node_count - 1, real(-1.0)
+            )
         elastic.elastic_forces(model, path, state, scratch, group, force_dt)
         integrate.predict_velocities(model, state, scratch, group, force_dt)
         contact.press_nodes(model, state, scratch, group)
@@ -78,6 +85,8 @@ def step_functions(precision: str, lane_count: int) -> SimpleNamespace:
         rolling.finish_rolls(model, state, scratch, group)
         integrate.drive_held_ends(model, path, far_path, state, group)
         length.hold_lengths(model, state, scratch, group, active)
+        work = work * force_dt + energy.tension_work(model, state, group)
+        state.work[group] = state.work[group] + mul(active, work)
         return integrate.move(model, state, scratch, group, active)
 
     return SimpleNamespace(step=step)

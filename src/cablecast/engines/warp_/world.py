@@ -145,7 +145,11 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 over m r / 2 [m/s], shape [group, segment].
             couple_impulse: Impulse on either node of a segment with which spinning friction holds
                 it against turning about the vertical [N·s], shape [group, segment].
-            active: 1, or 0 once the world is at rest for good [-], shape [group].
+            work: Work that the grippers have done since the last check [J], shape [group].
+            energy: Energy at the last check [J], shape [group].
+            growth: Energy gained without work since it was least [J], shape [group].
+            energy_scale: Greatest kinetic and elastic energy so far [J], shape [group].
+            active: 1, or 0 once the world is at rest for good or broken [-], shape [group].
             rest_time: Time for which the world has been slow [s], shape [group].
         """
 
@@ -158,6 +162,10 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         lateral_loss: wp.array2d(dtype=lane)
         axial_impulse: wp.array2d(dtype=lane)
         couple_impulse: wp.array2d(dtype=lane)
+        work: wp.array(dtype=lane)
+        energy: wp.array(dtype=lane)
+        growth: wp.array(dtype=lane)
+        energy_scale: wp.array(dtype=lane)
         active: wp.array(dtype=lane)
         rest_time: wp.array(dtype=lane)
 

@@ -1,0 +1,179 @@
+"""Energy: a world that gains some without work being done on it is wrong, and marked.
+
+Friction and damping only take energy: kinetic, potential and elastic energy, less the work that the
+grippers have done, can only fall. A step that is too long for a motion breaks this law first. The
+work is summed up in every step, from the tension, the bending moment and the torque at a gripper;
+the energy is taken every few steps, and its growth is counted from where it last was least.
+"""
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from cablecast.engines.warp_.bending import bending_functions
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.world import world_structs
+
+STEPS_PER_CHECK = 16
+"""Steps between two checks: a growth takes tens of steps, a check a tenth of the time of one."""
+
+MOST_GROWTH = 0.5
+"""Growth at which a world is marked, as a share of its greatest kinetic and elastic energy so far.
+Errors of the step and of the sum stay below a tenth; a world that breaks passes one."""
+
+LEAST_SCALE = 1e-3
+"""Least energy that a growth is compared with, as a share of the cable's weight times its length: a
+cable that lies still has rounding errors, too."""
+
+UNKNOWN_ENERGY = 1e30
+"""Energy before the first check [J]: no energy has grown since."""
+
+
+@functools.cache
+def energy_functions(precision: str, lane_count: int) -> SimpleNamespace:
+    """Build the Warp functions that watch the energy."""
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    bend_energy = bending_functions(precision, lane_count).bend_energy
+    real, lane, dot, mul, node_mass = f.real, f.lane, f.dot, f.mul, f.reciprocal
+    Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
+    count = wp.constant(lane_count)
+    least_scale = wp.constant(LEAST_SCALE)
+    most_growth = wp.constant(MOST_GROWTH)
+
+    @wp.func
+    def energies(model: Model, path: Path, far_path: Path, state: State, group: int):
+        """Return the energy of a world, and how much of it is not of height [J], as two rows."""
+        last = model.node_count - 1
+        position = state.position[group]
+        velocity = state.velocity[group]
+        inverse_mass = model.inverse_mass[group]
+        twists = state.twist[group]
+        spins = state.spin[group]
+        mass_ratios = model.mass_ratio[group]
+        squared_length = model.segment_length * model.segment_length
+        quarter = real(0.25) / squared_length
+        one = lane(real(1.0))
+        # Half a cell at a gripper: linear in the angle, and twice as stiff.
+        x = position[1]
+        edge = x - position[0]
+        bend = edge - path.next_direction[group] * model.segment_length
+        bent = dot(bend, bend) * (real(4.0) * quarter)
+        twisted = mul(twists[0], twists[0]) * real(2.0)
+        rolling = mul(mul(spins[0], spins[0]), one + mass_ratios[1])
+        mass = node_mass(inverse_mass[1])
+        kinetic = mul(mass, dot(velocity[1], velocity[1]))
+        height = mul(mass, x[2])
+        for node in range(2, last + 1):
+            x_after = position[node]
+            edge_after = x_after - x
+            bend = edge_after - edge
+            bent += bend_energy(dot(bend, bend) * quarter)
+            twisted += mul(twists[node - 1], twists[node - 1])
+            spin = spins[node - 1]
+            rolling += mul(mul(spin, spin), one + mass_ratios[node])
+            mass = node_mass(inverse_mass[node])
+            kinetic += mul(mass, dot(velocity[node], velocity[node]))
+            height += mul(mass, x_after[2])
+            edge = edge_after
+            x = x_after
+        if model.far_is_held == 1:
+            bend = far_path.next_direction[group] * model.segment_length - edge
+            bent += dot(bend, bend) * (real(4.0) * quarter)
+            twisted += mul(twists[last], twists[last]) * real(2.0)
+        moving = (kinetic + mul(model.torsion[group], twisted)) * real(0.5)
+        moving += mul(model.bending[group], bent) * squared_length
+        # A segment is a solid cylinder, the last with the endpoint's mass.
+        quarter_inertia = model.segment_mass[group] * (real(0.125) * model.radius * model.radius)
+        moving += mul(quarter_inertia, rolling)
+        return wp.matrix_from_rows(moving + height * model.gravity, moving)
+
+    @wp.func
+    def tension_work(model: Model, state: State, group: int):
+        """Return the work that the grippers do through the tension in this step [J].
+
+        Args:
+            model: Constants of the batch.
+            state: Positions at the start of the step; tensions and velocities in it.
+            group: Group of worlds.
+        """
+        position = state.position[group]
+        velocity = state.velocity[group]
+        tension = state.tension[group]
+        last = model.node_count - 1
+        work = -mul(tension[0], dot(position[1] - position[0], velocity[0]))
+        if model.far_is_held == 1:
+            work += mul(tension[last - 1], dot(position[last] - position[last - 1], velocity[last]))
+        return work * (real(1.0) / model.dt)
+
+    @wp.func
+    def gripper_power(
+        model: Model, path: Path, state: State, scratch: Scratch, group: int, node: int, side: real
+    ):
+        """Return the power of a gripper through bending moment and torque at its end [W].
+
+        Args:
+            model: Constants of the batch.
+            path: Motion of the gripper.
+            state: State at the start of the step, with velocities and spins before it.
+            scratch: Holds the bending moments.
+            group: Group of worlds.
+            node: Node that the gripper holds.
+            side: 1 at the grip, -1 at the far end.
+        """
+        near = node + int(side)
+        v = state.velocity[group][node]
+        moment = scratch.bending_moment[group][node]
+        rate = path.direction_rate[group] * model.segment_length
+        power = dot(scratch.bending_moment[group][near] - moment, v) - dot(moment, rate) * side
+        half_inverse_length = real(0.5) / model.segment_length
+        binormals = state.binormal[group]
+        twists = state.twist[group]
+        turn = dot(binormals[node], rate - v * side) * half_inverse_length
+        turn = (turn - path.previous_spin[group] * side) * real(2.0)
+        turn_near = dot(binormals[near], v) * (half_inverse_length * side)
+        twisting = mul(twists[node], turn) - mul(twists[near], turn_near)
+        return power + mul(model.torsion[group], twisting)
+
+    @wp.func
+    def is_sound(model: Model, path: Path, far_path: Path, state: State, group: int, active: lane):
+        """Return `active`, but 0 for worlds whose energy has grown; those lose their endpoint.
+
+        Args:
+            model: Constants of the batch.
+            path: Motion of the gripper.
+            far_path: Motion of the gripper at the far end, where there is one.
+            state: State at the end of the step; what it remembers of the energy is updated.
+            group: Group of worlds.
+            active: 1, or 0 for worlds at rest.
+        """
+        last = model.node_count - 1
+        energy = energies(model, path, far_path, state, group)
+        gained = energy[0] - state.energy[group] - state.work[group]
+        growth = wp.max(state.growth[group] + gained, lane())
+        length = model.segment_length * real(last)
+        weight = model.segment_mass[group] * (model.gravity * real(last))
+        least = weight * (length * real(least_scale))
+        scale = wp.max(wp.max(state.energy_scale[group], energy[1]), least)
+        state.energy[group] = energy[0]
+        state.work[group] = lane()
+        state.growth[group] = growth
+        state.energy_scale[group] = scale
+        endpoint = state.position[group, last]
+        sound = active
+        for k in range(count):
+            # Not a number is not sound either.
+            if active[k] > real(0.0) and not (growth[k] <= real(most_growth) * scale[k]):
+                sound[k] = real(0.0)
+                for c in range(3):
+                    endpoint[c, k] = real(wp.nan)
+        state.position[group, last] = endpoint
+        return sound
+
+    return SimpleNamespace(
+        gripper_power=gripper_power, tension_work=tension_work, is_sound=is_sound
+    )
