@@ -1,8 +1,11 @@
 """Rigs that the contract suite runs over, and motions for them to play."""
 
 import dataclasses
+import itertools
+import os
 import pathlib
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -14,12 +17,21 @@ from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.base import Rig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
-from cablecast.setup import Setup
+from cablecast.setup import Setup, load_setup
+from cablecast.twin.config import TwinConfig
+from cablecast.twin.process import TwinProcess
 from cablecast.workspace import Workspace
 
 # A user's own rig is made as the command line makes it, from a module in the working directory.
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 USER_RIG = "05_your_own_rig:make_rig"
+TWIN_FILE = pathlib.Path(__file__).parents[2] / "examples" / "twin.yaml"
+
+# ur-rtde knows no other port than 30004, so that each twin gets an address of its own. All of
+# 127.0.0.0/8 is this computer on Linux.
+_numbers = itertools.count(1)
+
+TwinMaker = Callable[..., tuple[TwinProcess, Setup]]
 
 
 @pytest.fixture(scope="session")
@@ -69,13 +81,43 @@ def wild() -> Trajectory:
     return Trajectory(action=None, grip_path=GripPath.fit(times, poses), joint_path=None)
 
 
+@pytest.fixture(scope="module")
+def make_twin() -> Iterator[TwinMaker]:
+    """Make twins that stop at the end of a file's tests; each comes with the set-up to reach it."""
+    pytest.importorskip("rtde_receive")
+    pytest.importorskip("mujoco")
+    if not sys.platform.startswith("linux"):
+        pytest.skip("several loopback addresses need Linux")
+    twins = []
+
+    def make(robot: dict | None = None, model: str = "ur5", **config):
+        process = os.getpid()
+        address = f"127.{process // 250 % 250 + 1}.{process % 250 + 1}.{next(_numbers)}"
+        setup = load_setup(TWIN_FILE)
+        setup = dataclasses.replace(
+            setup,
+            robot=dataclasses.replace(
+                setup.robot, address=address, **({"silence_max": 1.0} | (robot or {}))
+            ),
+            arm=dataclasses.replace(setup.arm, model=model),
+        )
+        config = {"has_camera": False, **config}
+        twin = TwinProcess(setup, TwinConfig(address=address, **config))
+        twins.append(twin)
+        return twin, setup
+
+    yield make
+    for twin in twins:
+        twin.close()
+
+
 @dataclasses.dataclass(frozen=True)
 class RigKind:
     name: str
     make: Callable[[], Rig]
 
 
-@pytest.fixture(scope="module", params=["virtual", "checked virtual", "engine", "user"])
+@pytest.fixture(scope="module", params=["virtual", "checked virtual", "engine", "user", "ur"])
 def rig_kind(request, setup) -> RigKind:
     """Each rig in a quick setting, made afresh by each call of `make`."""
     if "virtual" in request.param:
@@ -90,6 +132,13 @@ def rig_kind(request, setup) -> RigKind:
         if request.param == "virtual":
             return RigKind("virtual", make_virtual)
         return RigKind("virtual", lambda: make_rig(make_virtual(), setup))
+    if request.param == "ur":
+        from cablecast.rigs.ur.rig import RigUR
+        from cablecast.twin.truth import TruthCamera
+
+        make_twin = request.getfixturevalue("make_twin")
+        _, lab = make_twin({"watchdog": 0.3, "silence_max": 10.0}, segment_count=12, rate=2.0)
+        return RigKind("ur", lambda: RigUR(lab, TruthCamera(lab, lab.robot.address)))
     if request.param == "engine":
         from cablecast.engines.warp_ import EngineWarp
 

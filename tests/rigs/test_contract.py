@@ -141,6 +141,8 @@ def test_a_motion_without_a_reset_is_refused(rig_kind, small_cast):
     rig.execute(small_cast)
     with pytest.raises(RigError, match="reset"):
         rig.execute(small_cast)
+    # A real arm takes one driver at a time.
+    rig.close()
 
 
 def test_a_closed_rig_is_refused_and_may_be_closed_again(rig_kind, small_cast):
@@ -155,6 +157,8 @@ def test_a_closed_rig_is_refused_and_may_be_closed_again(rig_kind, small_cast):
 
 
 def test_a_wild_motion_is_reported_as_off_the_table(rig_kind, wild):
+    if rig_kind.name == "ur":
+        pytest.skip("an arm is never asked for a motion that no arm can make: see ur/test_rig.py")
     rig = rig_kind.make()
     rig.reset()
     track = rig.execute(wild)
@@ -163,6 +167,8 @@ def test_a_wild_motion_is_reported_as_off_the_table(rig_kind, wild):
 
 
 def test_rigs_made_with_one_seed_play_trials_equally_one_by_one_or_many(rig_kind, cast, small_cast):
+    if rig_kind.name == "ur":
+        pytest.skip("no two trials of a real arm are equal")
     one_by_one = rig_kind.make()
     tracks = []
     for trajectory in (small_cast, cast):

@@ -81,7 +81,7 @@ def user_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ("robot", ["'robot'", "virtual, engine, or package.module:factory"]),
+        ("robot", ["'robot'", "virtual, engine, ur, or package.module:factory"]),
         (":make", ["':make'"]),
         ("no_such_package.rig:make", ["no module 'no_such_package'"]),
         ("cablecast.no_such_rig:make", ["no module 'cablecast.no_such_rig'"]),

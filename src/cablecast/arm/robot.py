@@ -64,6 +64,8 @@ class RobotConfig:
         lookahead: Lookahead time of servoj [s].
         gain: Gain of servoj [-].
         watchdog: Longest silence of this computer before the controller stops the arm [s].
+        silence_max: Longest time without a report of the controller before the connection counts
+            as lost [s]. A twin that draws for its camera may need longer.
         lag_max: Largest distance of a joint from its set point, before the cast is aborted [rad].
         settle_time: Time from the end of a cast to the end of its trial [s].
         dashboard_port: Port of the dashboard server.
@@ -84,6 +86,7 @@ class RobotConfig:
     lookahead: float = 0.03
     gain: float = 1000.0
     watchdog: float = 0.2
+    silence_max: float = 1.0
     lag_max: float = 0.6
     settle_time: float = 2.5
     dashboard_port: int = 29999
@@ -106,6 +109,7 @@ class RobotConfig:
                 "lookahead": (0.03, 0.2, "s"),
                 "gain": (100.0, 2000.0, ""),
                 "watchdog": (0.04, 0.3, "s"),
+                "silence_max": (0.1, 120.0, "s"),
                 "lag_max": (0.01, 2.0, "rad"),
                 "settle_time": (0.1, 60.0, "s"),
             },

@@ -3,9 +3,12 @@
 import dataclasses
 import pathlib
 import typing
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cablecast.cli.options import argument
+
+if TYPE_CHECKING:
+    from cablecast.setup import Setup
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,8 +51,10 @@ class Collect:
     """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
     time_limit: Annotated[float, argument("S")] = 120.0
     """Time limit of a reset or a cast [s]."""
+    dry_run: bool = False
+    """With --rig ur, check every path and ask the controller if it is ready, and move nothing."""
 
-    def run(self) -> None:
+    def run(self) -> int | None:
         """Collect, and print the number of casts."""
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
@@ -66,6 +71,8 @@ class Collect:
             seed=self.seed,
             out=out,
         )
+        if self.dry_run:
+            return self._dry_run(setup)
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,
@@ -82,3 +89,25 @@ class Collect:
             )
         shares = ", ".join(f"{n} {code}" for code, n in dataset.info["status_counts"].items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
+        return None
+
+    def _dry_run(self, setup: "Setup") -> int:
+        """Print what would be done, and return 2 if something would not go."""
+        from cablecast.errors import InputError
+        from cablecast.pipeline.dry_run import dry_run
+
+        if self.rig != "ur":
+            raise InputError(f"--dry-run is for --rig ur, not for {self.rig[:60]}")
+        findings = dry_run(
+            setup,
+            purpose=self.purpose,
+            count=self.count,
+            sampling=self.sampling,
+            psi=self.psi,
+            seed=self.seed,
+        )
+        for finding in findings:
+            mark = "ok  " if finding.problem is None else "NOT "
+            print(f"{mark}{finding.what}: {finding.problem or finding.detail}")
+        print("Nothing was moved.")
+        return 2 if any(finding.problem for finding in findings) else 0

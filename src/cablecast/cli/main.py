@@ -29,6 +29,7 @@ from cablecast.cli.streams import drain, prepare_streams, say
 from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
+from cablecast.cli.twin import Twin
 from cablecast.cli.view import View
 from cablecast.errors import CablecastError
 
@@ -78,6 +79,7 @@ VERBS: dict[str, type] = {
     "export": Export,
     "view": View,
     "film": Film,
+    "twin": Twin,
     "demo": Demo,
     "reproduce": Reproduce,
 }

@@ -14,7 +14,7 @@ from cablecast.rigs.base import Rig, error_line
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts
 from cablecast.setup import Setup
 
-RIG_NAMES = ("virtual", "engine")
+RIG_NAMES = ("virtual", "engine", "ur")
 """Rigs that come with cablecast; any other is given as package.module:factory."""
 
 RigFactory = Callable[[Setup, int], Rig]
@@ -31,8 +31,8 @@ def make_rig(
     """Return a rig whose answers are checked.
 
     Args:
-        spec: "virtual", "engine", "package.module:factory", a function factory(setup, seed) that
-            returns a rig, or a rig. The module may lie in the working directory.
+        spec: "virtual", "engine", "ur", "package.module:factory", a function factory(setup, seed)
+            that returns a rig, or a rig. The module may lie in the working directory.
         setup: Cable, workspace, arm and motion settings.
         seed: Seed of what the rig draws by chance.
         time_limit: Longest time of one reset or one trial [s]; None for no limit.
@@ -63,6 +63,10 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
         from cablecast.rigs.engine import RigEngine
 
         return RigEngine(EngineWarp(), setup)
+    if spec == "ur":
+        from cablecast.rigs.ur.rig import make_ur_rig
+
+        return make_ur_rig(setup)
     if isinstance(spec, str):
         module_name, colon, factory_name = spec.partition(":")
         if not (colon and module_name and factory_name):

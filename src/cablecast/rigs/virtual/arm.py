@@ -166,7 +166,7 @@ def _follow(
         share = servos.feedforward * set_rates[:, step + 1]
         acceleration = stiffness * error + drag * (share - rate)
         if strength is not None:
-            acceleration[:, 0] = _within_torque(
+            acceleration[:, 0] = within_torque(
                 acceleration[:, 0], rate[:, 0], strength[:, step], servos.free_speed
             )
         rate = rate + dt * acceleration
@@ -175,7 +175,7 @@ def _follow(
     return q, qd
 
 
-def _within_torque(
+def within_torque(
     acceleration: NDArray[np.float64],
     rate: NDArray[np.float64],
     strength: NDArray[np.float64],

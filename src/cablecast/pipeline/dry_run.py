@@ -1,0 +1,116 @@
+"""Dry run of a collection on a real arm: everything is checked and shown, and nothing moves."""
+
+import dataclasses
+
+import numpy as np
+
+from cablecast.datasets.collect import TRIAL_COUNTS, Purpose, Sampling, sample_actions
+from cablecast.errors import CablecastError
+from cablecast.motion.action import Action, ActionRanges
+from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.reset import plan_reset
+from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.pipeline.collect import SAMPLINGS
+from cablecast.rigs.ur.link import UrLink
+from cablecast.rigs.ur.path import SetPoints, check_path
+from cablecast.rigs.ur.rig import RESET_DT, check_lab
+from cablecast.rigs.ur.safety import check_ready
+from cablecast.setup import Setup
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One thing that was checked.
+
+    Attributes:
+        what: Thing that was checked.
+        problem: Reason for which it would not go; None where all is well.
+        detail: Facts for the person.
+    """
+
+    what: str
+    problem: str | None = None
+    detail: str = ""
+
+
+def dry_run(
+    setup: Setup,
+    *,
+    purpose: Purpose = "tune",
+    count: int | None = None,
+    sampling: Sampling | None = None,
+    psi: bool = True,
+    seed: int = 0,
+) -> list[Finding]:
+    """Check what a collection on the arm would do; see `collect`.
+
+    The paths are checked first. Only if all of them pass, the controller is asked whether it is
+    ready; it is told nothing.
+
+    Args:
+        setup: Lab file with a robot section.
+        purpose: Purpose of the casts.
+        count: Number of casts; the paper's where None.
+        sampling: Choice of actions; as in the paper where None.
+        psi: Whether the wrist turns.
+        seed: Seed of the actions.
+
+    Raises:
+        InputError: There is no robot, or its arm was not measured.
+    """
+    robot = check_lab(setup)
+    findings = [_check_reset(setup)]
+    actions = sample_actions(
+        sampling or SAMPLINGS[purpose],
+        count or TRIAL_COUNTS[purpose],
+        setup,
+        seed,
+        ActionRanges.for_config(setup.motion, psi),
+    )
+    for number, values in enumerate(actions):
+        action = Action.from_array(values)
+        findings.append(
+            _check_motion(
+                f"cast {number}", plan_trajectory(action, setup), setup, setup.motion.control_dt
+            )
+        )
+    if any(finding.problem for finding in findings):
+        return [*findings, Finding("controller", "was not asked, because of the paths above")]
+    return [*findings, _check_controller(setup, robot.address)]
+
+
+def _check_reset(setup: Setup) -> Finding:
+    slow = setup.with_motion(control_dt=RESET_DT)
+    return _check_motion("reset", plan_reset(reset_pose(setup.workspace), slow), slow, RESET_DT)
+
+
+def _check_motion(what: str, trajectory: Trajectory, setup: Setup, dt: float) -> Finding:
+    path = trajectory.joint_path
+    if path is None:
+        return Finding(what, "has no joints")
+    grip = setup.arm.grip_pose(path.q)
+    detail = (
+        f"{trajectory.duration:.2f} s, joints up to {np.max(path.peak_speed):.2f} rad/s, grip from "
+        f"x {grip[:, 0].min():.2f} to {grip[:, 0].max():.2f} m, y {grip[:, 1].min():.2f} to "
+        f"{grip[:, 1].max():.2f} m, z {grip[:, 2].min():.2f} to {grip[:, 2].max():.2f} m"
+    )
+    try:
+        check_path(SetPoints(path.q, dt), setup, what)
+    except CablecastError as error:
+        return Finding(what, str(error), detail)
+    return Finding(what, None, detail)
+
+
+def _check_controller(setup: Setup, address: str) -> Finding:
+    link = None
+    try:
+        link = UrLink(check_lab(setup))
+        report = check_ready(link, check_lab(setup))
+        off = float(np.abs(setup.arm.grip_pose(report.q)[2]))
+        detail = f"ready at {address}, payload {report.payload:.2f} kg, grip {off:.2f} m high"
+        return Finding("controller", None, detail)
+    except CablecastError as error:
+        return Finding("controller", str(error))
+    finally:
+        if link is not None:
+            link.close()

@@ -1,0 +1,235 @@
+"""Plays one motion on the controller, watches it, and stops the arm whatever happens."""
+
+import contextlib
+import dataclasses
+import itertools
+import time
+
+import numpy as np
+
+from cablecast.arm.robot import RobotConfig
+from cablecast.errors import CablecastError, RigError
+from cablecast.rigs.ur.link import Report, UrLink
+from cablecast.rigs.ur.path import SetPoints
+from cablecast.rigs.ur.program import HOLD_TIME, ProgramState, motion_program
+from cablecast.rigs.ur.safety import SPEED_TOLERANCE, stop_text
+from cablecast.rigs.ur.streaming import DEVIATION_MAX, align, begin_stream, stream_ended
+
+REST_SPEED = 0.02
+"""Joint speed below which the arm rests, encoder noise included [rad/s]."""
+_START_TIME_MAX = 15.0
+"""Longest time from sending a program to its first sign of life [s]."""
+_STOP_TIME_MAX = 1.0
+_TICK_LAG_MAX = 0.1
+"""Longest time by which the program may be behind the controller's clock [s]."""
+_POLL = 0.002
+_STREAM_TAIL = 0.3
+_START_TOLERANCE = 1e-3
+
+
+class CastAbortedError(RigError):
+    """A motion that was not carried out as it was meant, and from which nothing is learned."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Played:
+    """A motion that was carried out.
+
+    Attributes:
+        start_time: Begin of the motion by the controller's clock [s].
+        reports: All reports from its begin to its end.
+    """
+
+    start_time: float
+    reports: list[Report]
+
+
+class Player:
+    """Plays motions one after another.
+
+    Args:
+        link: Connection to the controller.
+        robot: Settings of servoj and of the watchdogs.
+    """
+
+    _numbers = itertools.count(1)
+
+    def __init__(self, link: UrLink, robot: RobotConfig):
+        self.link = link
+        self.robot = robot
+
+    def play(self, name: str, points: SetPoints) -> Played:
+        """Play a motion to its end, and stop the arm if anything is not as it should be.
+
+        Args:
+            name: Name of the program.
+            points: Set points, which have been checked; the arm stands at the first.
+
+        Raises:
+            CastAbortedError: The motion was slowed, lagged, or was stopped by somebody.
+            RigError: The arm stopped for safety, or the controller is silent.
+        """
+        link = self.link
+        off = float(np.abs(link.latest().q - points.q[0]).max())
+        if off > _START_TOLERANCE:
+            raise CastAbortedError(
+                f"the arm stands {off * 1e3:.1f} mrad from where the motion begins, more than "
+                f"{_START_TOLERANCE * 1e3:g} mrad: reset it"
+            )
+        if self.robot.mode == "stream":
+            return self._play_stream(points)
+        # The number tells this program from an earlier one, also from that of another session.
+        number = next(self._numbers) + int(time.monotonic() * 100) % 1_000_000 * 1000
+        number %= 2_000_000_000
+        done = False
+        try:
+            link.keep_alive()
+            first = link.latest().time
+            link.send_program(motion_program(name, points, self.robot, number))
+            self._wait_for_start(number)
+            reports = self._watch(points, first, number)
+            done = True
+            return Played(_start_time(reports, points.dt), reports)
+        finally:
+            link.rest()
+            if not done:
+                self.stop(number)
+
+    def _play_stream(self, points: SetPoints) -> Played:
+        """Play a motion set point by set point from the connection's process."""
+        link = self.link
+        done = False
+        try:
+            before = begin_stream(link, points)
+            seen: list[Report] = []
+            while not (done or stream_ended(link)):
+                link.keep_alive()
+                link.latest()
+                fresh = link.since(seen[-1].time if seen else before)
+                for report in fresh:
+                    self._check_motion(report)
+                seen.extend(fresh)
+                time.sleep(_POLL)
+            end = link.wait_for_report().time + _STREAM_TAIL
+            while link.latest().time < end:
+                time.sleep(_POLL)
+            reports = link.since(before)
+            start, deviation = align(reports, points)
+            if deviation > DEVIATION_MAX:
+                raise CastAbortedError(
+                    f"set points arrived {deviation:.3f} rad from where they were meant, more than "
+                    f"{DEVIATION_MAX:g} rad: computer or network is busy. Use mode: program"
+                )
+            done = True
+            return Played(start, reports)
+        finally:
+            link.rest()
+            if not done:
+                self.stop()
+
+    def stop(self, number: int | None = None) -> None:
+        """Stop the arm by every way there is; it may be called at any time.
+
+        Args:
+            number: Number of the program to stop; that which runs where None.
+        """
+        link = self.link
+        link.rest()
+        with contextlib.suppress(CablecastError):
+            link.ask_to_stop(link.latest().number if number is None else number)
+        deadline = time.monotonic() + _STOP_TIME_MAX
+        while link.is_alive and time.monotonic() < deadline:
+            report = link.reports[-1]
+            if np.abs(report.qd).max() < REST_SPEED and not report.is_playing:
+                return
+            time.sleep(_POLL)
+        # The program ends itself for want of a heartbeat; this is for one that does not.
+        with contextlib.suppress(CablecastError):
+            link.ask("stop")
+
+    def _wait_for_start(self, number: int) -> None:
+        deadline = time.monotonic() + _START_TIME_MAX
+        while (report := self.link.latest()).number != number:
+            self.link.keep_alive()
+            _check_safe(report)
+            if time.monotonic() > deadline:
+                raise RigError(
+                    f"the controller did not start the program within {_START_TIME_MAX:g} s: look "
+                    "at the log of the pendant, and whether another program runs"
+                )
+            time.sleep(_POLL)
+
+    def _watch(self, points: SetPoints, first: float, number: int) -> list[Report]:
+        """Watch until the motion is done, and return its reports."""
+        link = self.link
+        seen: list[Report] = []
+        start: float | None = None
+        while True:
+            link.keep_alive()
+            newest = link.latest()
+            fresh = link.since(seen[-1].time if seen else first)
+            for report in fresh:
+                self._check(report, number)
+                if start is None and report.tick > 0 and report.number == number:
+                    start = report.time - report.tick * points.dt
+                if start is not None:
+                    _check_pace(report, start, points)
+            seen.extend(fresh)
+            if newest.number == number and newest.state == ProgramState.DONE:
+                return seen
+            time.sleep(_POLL)
+
+    def _check(self, report: Report, number: int) -> None:
+        """Refuse a report that says that the program is not as it should be."""
+        self._check_motion(report)
+        if report.number != number:
+            return
+        if report.state == ProgramState.SILENCE:
+            raise CastAbortedError(
+                f"the controller heard nothing of this computer for {self.robot.watchdog:g} s and "
+                "stopped the arm: close other programs, or use a cable instead of Wi-Fi"
+            )
+        if report.state == ProgramState.STOPPED:
+            raise CastAbortedError("the motion was stopped")
+        if not report.is_playing and report.state != ProgramState.DONE:
+            raise CastAbortedError("somebody stopped the program at the pendant")
+
+    def _check_motion(self, report: Report) -> None:
+        """Refuse a report that says that the arm does not move as it should."""
+        _check_safe(report)
+        if abs(report.speed_scaling - 1.0) > SPEED_TOLERANCE:
+            raise CastAbortedError(
+                f"the speed fell to {100 * report.speed_scaling:.0f} % in the motion: set the "
+                "slider of the pendant to 100 %, or lower v_max if the arm is at its limits"
+            )
+        lag = float(np.abs(report.q - report.target_q).max())
+        if lag > self.robot.lag_max:
+            raise CastAbortedError(
+                f"a joint lags {lag:.2f} rad behind its set point, more than "
+                f"{self.robot.lag_max:g} rad: the arm is at its limits, or something holds it"
+            )
+
+
+def _check_safe(report: Report) -> None:
+    if text := stop_text(report.safety_bits):
+        raise RigError(text)
+
+
+def _check_pace(report: Report, start: float, points: SetPoints) -> None:
+    """Refuse a program that falls behind the clock: the controller has slowed it."""
+    if report.state != ProgramState.MOVING:
+        return
+    behind = report.time - start - report.tick * points.dt
+    if behind > _TICK_LAG_MAX:
+        raise CastAbortedError(
+            f"the program is {behind:.3f} s behind the controller's clock, more than "
+            f"{_TICK_LAG_MAX:g} s: the controller has slowed it"
+        )
+
+
+def _start_time(reports: list[Report], dt: float) -> float:
+    """Return when the motion began by the controller's clock [s]."""
+    begins = [r.time - r.tick * dt for r in reports if r.state == ProgramState.MOVING and r.tick]
+    if not begins:
+        raise CastAbortedError(f"no report came from the motion after its hold of {HOLD_TIME:g} s")
+    return float(np.median(begins))

@@ -1,0 +1,307 @@
+"""RigUR: a UR arm with a cable in its gripper, and the camera over its table."""
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.robot import RobotConfig
+from cablecast.errors import CablecastError, InputError, RigError
+from cablecast.motion.joint_path import JointPath
+from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.reset import plan_reset
+from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.base import RigLifecycle
+from cablecast.rigs.ur.link import Report, UrLink
+from cablecast.rigs.ur.path import SetPoints, check_path, joint_move
+from cablecast.rigs.ur.player import CastAbortedError, Played, Player
+from cablecast.rigs.ur.safety import check_ready
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.tracking.trial_camera import TrialCamera, TrialTiming
+
+RESET_DT = 0.008
+"""Time between set points of a reset [s]: at 0.002 s its program would have 700 kB."""
+RESET_COUNT = 3
+"""Number of resets before a cable that does not lie straight is given up."""
+REHEARSAL_SPEED, REHEARSAL_COUNT = 0.25, 3
+"""Share of the speed, and number, of rehearsed casts of a lab file that nobody has seen."""
+STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
+"""Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
+ahead [share]."""
+
+IDLE, RESETTING, CASTING, SETTLING, READING = range(5)
+"""Phases that the rig says to the controller, for a person who looks, and for the twin."""
+
+_APPROACH_SPEED = 0.3
+_BRANCH_TOLERANCE = 0.05
+_SAFE_HEIGHT = 0.25
+_STILL_TIME = 0.3
+_HANG_STILL_TIME = 1.0
+_JOINT_TAIL = 0.4
+
+
+class RigUR(RigLifecycle):
+    """A UR arm behind the Rig contract.
+
+    Nothing is connected before the first reset; what can be checked without the arm, is checked
+    when the rig is made.
+
+    Args:
+        setup: Lab file with a robot section, and an arm that was measured.
+        camera: Camera over the table.
+
+    Raises:
+        InputError: The set-up has no robot, or its arm was not measured.
+    """
+
+    def __init__(self, setup: Setup, camera: TrialCamera):
+        super().__init__()
+        self.robot = check_lab(setup)
+        self.setup = setup
+        self.camera = camera
+        self._link: UrLink | None = None
+        self._rehearsed = REHEARSAL_COUNT if self.robot.seen_safe else 0
+        self.last_timing: TrialTiming | None = None
+        settings = setup.to_settings()
+        self.description: dict[str, Any] = {
+            "rig": "ur",
+            "is_twin": self.robot.is_loopback,
+            "cable": setup.cable.name,
+            "mode": self.robot.mode,
+            "lookahead": self.robot.lookahead,
+            "gain": self.robot.gain,
+            "payload_mass": self.robot.payload_mass,
+            "camera": camera.description,
+            "workspace": settings["workspace"],
+            "arm": settings["arm"],
+        }
+
+    def reset(self) -> None:
+        """Bring the cable to its start as the paper does, and look whether it lies straight.
+
+        Raises:
+            RigError: The arm may not move, or the cable does not lie straight after three resets.
+        """
+        self._check_open()
+        self._is_reset = False
+        seen = "nowhere"
+        for _ in range(RESET_COUNT):
+            self._reset_once()
+            place = self.camera.locate(self._connected().latest().time)
+            if place is not None and self._lies_straight(place):
+                super().reset()
+                return
+            seen = "nowhere" if place is None else f"at x, y = {np.round(place, 3).tolist()} m"
+        raise RigError(
+            f"the cable does not lie straight after {RESET_COUNT} resets: its end is seen {seen}. "
+            "Look whether it slipped in the gripper, is twisted, or its marker is hidden"
+        )
+
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
+        """Play one motion, wait until the cable lies still, and return what was seen."""
+        self._use_reset()
+        points = self.set_points(trajectory)
+        check_path(points, self.setup, "this cast")
+        link = self._connected()
+        check_ready(link, self.robot)
+        if self._rehearsed < REHEARSAL_COUNT:
+            self._play("cablecast_rehearsal", points.slowed(REHEARSAL_SPEED), CASTING)
+            self._rehearsed += 1
+            self.reset()
+            self._use_reset()
+        self.camera.start()
+        filming = True
+        try:
+            try:
+                played = self._play("cablecast_cast", points, CASTING)
+            except CastAbortedError as aborted:
+                return self._aborted(aborted)
+            timing = self._settle(link, played, points)
+            link.set_phase(READING)
+            filming = False
+            track = self.camera.stop(timing)
+            self.last_timing = timing
+            link.set_phase(IDLE)
+            return track
+        finally:
+            if filming:
+                self.camera.cancel()
+
+    def close(self) -> None:
+        """Stop the arm, and let go of controller and camera."""
+        if self._closed:
+            return
+        super().close()
+        try:
+            if self._link is not None:
+                link, self._link = self._link, None
+                if link.is_alive and link.latest().is_playing:
+                    Player(link, self.robot).stop()
+                link.close()
+        finally:
+            self.camera.close()
+
+    def set_points(self, trajectory: Trajectory) -> SetPoints:
+        """Return the set points of a motion.
+
+        Raises:
+            RigError: It has no joints.
+        """
+        path = trajectory.joint_path
+        if path is None:
+            raise RigError("a real arm needs the joints of a motion, and this one has none")
+        return SetPoints(path.q, self.setup.motion.control_dt)
+
+    def _connected(self) -> UrLink:
+        """Return the connection, made anew where it was lost."""
+        if self._link is not None and not self._link.is_alive:
+            lost, self._link = self._link, None
+            lost.close()
+        if self._link is None:
+            self._link = UrLink(self.robot)
+        return self._link
+
+    def _reset_once(self) -> None:
+        link = self._connected()
+        check_ready(link, self.robot)
+        self.camera.check(link.latest().time)
+        setup = self.setup.with_motion(control_dt=RESET_DT)
+        q = self._at_rest(link)
+        try:
+            path = plan_reset(self._tool_pose(q), setup).joint_path
+        except CablecastError:
+            # Stopped where no reset can begin: first to a place above the table from which one can.
+            pose = np.array(reset_pose(setup.workspace), dtype=float)
+            pose[2] += _SAFE_HEIGHT
+            self._move(q, setup.arm.inverse(pose), RESETTING)
+            q = self._at_rest(link)
+            path = plan_reset(self._tool_pose(q), setup).joint_path
+        if path is None:
+            raise RigError("the reset has no joints")
+        points = SetPoints(path.q, RESET_DT)
+        check_path(points, setup, "the reset")
+        self._move(q, points.q[0], RESETTING)
+        self._play("cablecast_reset", points, RESETTING)
+        self._wait(link, _HANG_STILL_TIME)
+        link.set_phase(IDLE)
+
+    def _tool_pose(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the pose of the grip, if the arm stands as it does in our motions.
+
+        Raises:
+            RigError: It stands otherwise; only a person can bring it back.
+        """
+        pose = self.setup.arm.grip_pose(q)
+        if abs(pose[4]) < 1e-3:
+            pose[4] = 0.0
+        off = float(np.abs(self.setup.arm.inverse(pose) - q).max())
+        if off > _BRANCH_TOLERANCE:
+            raise RigError(
+                f"the arm stands {off:.2f} rad from where its gripper would point down with its "
+                "elbow up: bring it there by hand (freedrive), and start again"
+            )
+        return pose
+
+    def _move(
+        self, start: NDArray[np.float64], end: NDArray[np.float64], phase: int
+    ) -> Played | None:
+        """Move slowly in joint space, if there is a way to go."""
+        points = joint_move(start, end, _APPROACH_SPEED, RESET_DT)
+        check_path(points, self.setup, "the way to the start")
+        return self._play("cablecast_approach", points, phase)
+
+    def _play(self, name: str, points: SetPoints, phase: int) -> Played:
+        link = self._connected()
+        link.set_phase(phase)
+        return Player(link, self.robot).play(name, points)
+
+    def _settle(self, link: UrLink, played: Played, points: SetPoints) -> TrialTiming:
+        """Wait until the cable has come to rest, and return when all of it took place."""
+        link.set_phase(SETTLING)
+        end = played.start_time + points.duration + self.robot.settle_time
+        while (report := link.latest()).time < end:
+            if not report.is_playing:
+                time.sleep(0.005)
+        check_ready(link, self.robot)
+        reports = link.since(played.start_time)
+        tail = played.start_time + points.duration + _JOINT_TAIL
+        return TrialTiming(
+            start_time=played.start_time,
+            end_time=end,
+            clock_pairs=np.array([[r.time, r.host_time] for r in reports]),
+            joint_path=_measured(reports, played.start_time, tail),
+        )
+
+    def _at_rest(self, link: UrLink) -> NDArray[np.float64]:
+        """Return the joint angles of the standing arm, without the noise of one report."""
+        self._wait(link, _STILL_TIME)
+        since = link.latest().time - _STILL_TIME / 2
+        return np.mean([r.q for r in link.since(since)], axis=0)
+
+    def _wait(self, link: UrLink, duration: float) -> None:
+        """Wait by the controller's clock."""
+        end = link.latest().time + duration
+        while link.latest().time < end:
+            time.sleep(0.005)
+
+    def _lies_straight(self, place: NDArray[np.float64]) -> bool:
+        length = self.setup.cable.length
+        ahead = place[1] - self.setup.workspace.reset_y
+        return bool(abs(place[0]) < STRAIGHT_ASIDE * length and ahead > STRAIGHT_AHEAD * length)
+
+    def _aborted(self, reason: CastAbortedError) -> EndpointTrack:
+        """Return the track of a cast that nothing is learned from."""
+        self.last_abort = str(reason)
+        return EndpointTrack(
+            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
+        )
+
+
+def check_lab(setup: Setup) -> RobotConfig:
+    """Return the robot of a lab file, if it may be driven.
+
+    Raises:
+        InputError: There is no robot, or its arm was not measured.
+    """
+    if setup.robot is None:
+        raise InputError("the lab file has no robot section: --rig ur needs one")
+    if not setup.arm.measured:
+        raise InputError(
+            "the arm of the lab file is not measured: a motion for another geometry drives the "
+            "fingers into the table. Measure its five values, and set measured: true"
+        )
+    return setup.robot
+
+
+def _measured(reports: list[Report], start: float, end: float) -> JointPath:
+    """Return the joints that the arm reported, with times since the motion began."""
+    used = [r for r in reports if start <= r.time <= end]
+    return JointPath(
+        times=np.array([r.time - start for r in used]),
+        q=np.array([r.q for r in used]),
+        qd=np.array([r.qd for r in used]),
+    )
+
+
+def make_ur_rig(setup: Setup) -> RigUR:
+    """Return the arm and the camera of a lab file.
+
+    Args:
+        setup: Lab file with the sections robot and camera.
+
+    Raises:
+        InputError: A section is missing, or the arm was not measured.
+        CameraError: The camera cannot be opened.
+        MissingExtraError: OpenCV or ur-rtde is not installed.
+    """
+    from cablecast.filming.trials import CameraOfTrials
+
+    check_lab(setup)
+    camera = CameraOfTrials(setup)
+    try:
+        return RigUR(setup, camera)
+    except BaseException:
+        camera.close()
+        raise

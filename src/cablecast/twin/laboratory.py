@@ -1,0 +1,338 @@
+"""The twin's main loop: one controller, one arm, one cable, and everybody who is connected."""
+
+import collections
+import dataclasses
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.errors import CablecastError
+from cablecast.motion.polar_cast import reset_pose
+from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.rigs.virtual.config import VirtualConfig
+from cablecast.rigs.virtual.live import LiveCable
+from cablecast.setup import Setup
+from cablecast.twin import dashboard
+from cablecast.twin.config import ROBOT_SERVERS, TwinConfig, is_e_series
+from cablecast.twin.controller import MODE_POWER_OFF, Controller
+from cablecast.twin.faults import Fault
+from cablecast.twin.report import Reporter
+from cablecast.twin.rtde_server import RtdeServer
+from cablecast.twin.sockets import Client, Servers
+
+CAMERA_DT = 0.008
+"""Time between two instants that the camera is shown [s]."""
+RESET_GLANCE, RESET_GLANCE_PERIOD = 0.06, 0.5
+"""While the arm carries the cable back, the camera is shown this much of every period [s]: nobody
+looks then, and drawing whole resets would take minutes."""
+PHASE_REGISTER = 20
+"""Input register in which a rig says what it is doing: the index in `RIG_PHASES`."""
+RIG_PHASES = ("idle", "reset", "cast", "settle", "readout")
+STATE_REGISTER = 12
+MOVING = 2
+
+_HISTORY_TIME = 120.0
+_LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
+_CROOKED = np.radians(15.0)
+_PROGRAM_IDLE_TIME = 0.05
+
+
+class TwinLaboratory:
+    """A controller and the world around it.
+
+    Args:
+        setup: Lab file of the twin, with a robot section.
+        config: Where it listens, and how it behaves.
+
+    Raises:
+        InputError: A port is not free, or the set-up has no robot.
+    """
+
+    def __init__(self, setup: Setup, config: TwinConfig):
+        self.setup = setup
+        self.config = config
+        home = np.asarray(reset_pose(setup.workspace), dtype=float)
+        self.controller = Controller(
+            setup, setup.arm.inverse(home), is_e_series(setup.arm.model), config.lab_seed
+        )
+        self.cable: LiveCable | None = None
+        if config.has_cable:
+            self.cable = LiveCable(
+                setup,
+                VirtualConfig(lab_seed=config.lab_seed, segment_count=config.segment_count),
+                config.seed,
+            )
+        self.rtde = RtdeServer(self.controller, Reporter(self.controller, config.seed).state)
+        self.faults: list[Fault] = []
+        self.stopping = False
+        self.servers = Servers(config.address, config.ports)
+        self._phase = ("idle", self.controller.time)
+        self._held: list[tuple[Client, bytes]] = []
+        self._senders: list[Client] = []
+        self._silent_until = -1.0
+        self._restart_at: float | None = None
+        self._next_picture = 0.0
+        self.camera = self._make_camera()
+        self._history: collections.deque[tuple[float, NDArray[np.float64], float]] = (
+            collections.deque(maxlen=round(_HISTORY_TIME / self.controller.dt))
+        )
+
+    def run(self, is_wanted: Callable[[], bool] = lambda: True) -> None:
+        """Run until told to stop.
+
+        Args:
+            is_wanted: Asked every control cycle whether to go on.
+        """
+        due = time.monotonic()
+        while not self.stopping and is_wanted():
+            # A twin that is late does not hurry: its clock just runs slower.
+            due = max(due + self.controller.dt / self.config.rate, time.monotonic() - 0.1)
+            while True:
+                left = due - time.monotonic()
+                self.servers.poll(left, self._accepted, self._received)
+                if time.monotonic() >= due:
+                    break
+                if self.stopping:
+                    return
+            self.tick()
+
+    def tick(self) -> None:
+        """Advance the world by one control cycle."""
+        controller = self.controller
+        self._read_programs()
+        self._make_faults()
+        poses = controller.tick()
+        if self.cable is not None:
+            trial = self.cable.update(poses, controller.arm.dt, controller.at_rest)
+            if trial is not None:
+                controller.arm.prepare(trial)
+                controller.log("cable laid down", number=self.cable.trial_count)
+        speed = float(np.abs(controller.arm.qd).max())
+        self._history.append((controller.time, self._tip(), speed))
+        if controller.time >= self._silent_until:
+            self.servers.muted = False
+            for client, data in self._held:
+                self._serve(client, data)
+            self._held.clear()
+            self.rtde.publish(self.servers.of("rtde"))
+        self._show_camera()
+
+    def close(self) -> None:
+        """Close all sockets, and stop the camera."""
+        self.servers.close()
+        if self.camera is not None:
+            self.camera.close()
+
+    def _tip(self) -> NDArray[np.float64]:
+        if self.cable is None:
+            return np.full(3, np.nan)
+        return self.cable.nodes[-1].copy()
+
+    def _accepted(self, client: Client) -> None:
+        if client.kind == "rtde":
+            self.rtde.accept(client)
+        elif client.kind == "dashboard":
+            client.send(f"{dashboard.GREETING}\n".encode())
+        elif client.kind in ("program", "program_realtime"):
+            self._senders.append(client)
+        client.state.update(text=b"", at=0.0)
+
+    def _received(self, client: Client, data: bytes) -> None:
+        if client.kind in ROBOT_SERVERS and self.controller.time < self._silent_until:
+            self._held.append((client, data))
+        else:
+            self._serve(client, data)
+
+    def _serve(self, client: Client, data: bytes) -> None:
+        if client.kind == "rtde":
+            self.rtde.receive(client, data, self.servers.of("rtde"))
+            return
+        client.state["text"] += data
+        if client.kind in ("program", "program_realtime"):
+            client.state["at"] = time.monotonic()
+            return
+        *lines, client.state["text"] = client.state["text"].split(b"\n")
+        for line in lines:
+            text = line.decode("utf-8", "replace")
+            if client.kind == "dashboard":
+                client.send(f"{dashboard.answer(self.controller, text)}\n".encode())
+            else:
+                client.send(json.dumps(self._administer(text)).encode() + b"\n")
+
+    def _read_programs(self) -> None:
+        """Run each program that has arrived whole, that is, up to its last `end`."""
+        for client in list(self._senders):
+            text = client.state["text"]
+            if time.monotonic() - client.state["at"] < _PROGRAM_IDLE_TIME:
+                continue
+            # A sender may close its connection as soon as it has sent all.
+            if text.rstrip(b"\r\n").endswith(b"\nend"):
+                client.state["text"] = b""
+                self.controller.load(text.decode("utf-8", "replace"))
+            elif not client.open:
+                self._senders.remove(client)
+
+    def _administer(self, text: str) -> dict[str, Any]:
+        """Answer one command of a test or a person, as plain values."""
+        try:
+            command = json.loads(text)
+            do = command.pop("do")
+            if do == "fault":
+                self.faults.append(Fault.from_dict(command))
+                return {"ok": True}
+            if do == "clear":
+                self._clear()
+                return {"ok": True}
+            if do == "state":
+                return self._state()
+            if do == "events":
+                return {"events": list(self.controller.events)}
+            if do == "truth":
+                return self._truth(float(command["since"]), float(command["until"]))
+            if do == "quit":
+                self.stopping = True
+                return {"ok": True}
+            return {"error": f"there is no command {str(do)[:40]!r}"}
+        except (CablecastError, ValueError, KeyError, TypeError, AttributeError) as error:
+            return {"error": f"{type(error).__name__}: {error}"}
+
+    def _clear(self) -> None:
+        """Do what a person does to go on after a fault."""
+        self.faults.clear()
+        self._silent_until = -1.0
+        self.rtde.late_until = self.rtde.lost_until = -1.0
+        if self.camera is not None:
+            self.camera.fault(None)
+        if self.cable is not None:
+            self.cable.lies_aside = 0.0
+        if self.controller.robot_mode == MODE_POWER_OFF:
+            self._power_up()
+        self.controller.clear()
+
+    def _state(self) -> dict[str, Any]:
+        controller, cable = self.controller, self.cable
+        return {
+            "time": controller.time,
+            "phase": self.phase,
+            "program": controller.program_name,
+            "at_rest": controller.at_rest,
+            "safety_mode": controller.safety_mode,
+            "robot_mode": controller.robot_mode,
+            "q": controller.arm.q.tolist(),
+            "trial_count": 0 if cable is None else cable.trial_count,
+            "cable_at_rest": cable is None or not cable.is_simulated,
+            "tip": [None if np.isnan(value) else float(value) for value in self._tip()],
+            "messages": list(controller.messages),
+            "faults": len(self.faults),
+        }
+
+    def _truth(self, since: float, until: float) -> dict[str, Any]:
+        """Return the true way of the endpoint, and the speed of the fastest joint."""
+        rows = [row for row in self._history if since <= row[0] <= until]
+        return {
+            "times": [row[0] for row in rows],
+            "tip": [[None if np.isnan(x) else float(x) for x in row[1]] for row in rows],
+            "joint_speed": [row[2] for row in rows],
+        }
+
+    @property
+    def phase(self) -> str:
+        """Name of what the rig is doing, for faults that wait for it."""
+        controller = self.controller
+        index = int(controller.inputs[f"input_int_register_{PHASE_REGISTER}"])
+        phase = RIG_PHASES[index] if 0 <= index < len(RIG_PHASES) else "idle"
+        if phase == "cast" and not self._is_casting():
+            return "approach"
+        return phase
+
+    def _is_casting(self) -> bool:
+        """Return whether a program moves the arm along its path."""
+        controller = self.controller
+        if controller.program_name == "rtde_control":
+            return not controller.at_rest
+        moving = controller.int_registers[STATE_REGISTER] == MOVING
+        return controller.is_running_program and moving
+
+    def _make_faults(self) -> None:
+        controller = self.controller
+        if self._restart_at is not None and controller.time >= self._restart_at:
+            self._power_up()
+            controller.clear()
+        phase = self.phase
+        if phase != self._phase[0]:
+            self._phase = (phase, controller.time)
+        for fault in list(self.faults):
+            waits = fault.phase not in ("now", phase)
+            if not waits and controller.time - self._phase[1] >= fault.after:
+                self.faults.remove(fault)
+                controller.log("fault", name=fault.name, phase=phase)
+                self._make(fault.name)
+
+    def _make(self, name: str) -> None:
+        controller, now = self.controller, self.controller.time
+        if name == "protective_stop":
+            controller.protective_stop("told to by the twin")
+        elif name == "emergency_stop":
+            controller.emergency_stop()
+        elif name == "speed_slider":
+            controller.speed_slider = 0.5
+        elif name == "wrong_payload":
+            controller.payload = 0.0
+        elif name == "lost_packets":
+            self.rtde.lost_until = now + _LOST_TIME
+        elif name == "late_packets":
+            self.rtde.late_until = now + _LATE_TIME
+        elif name == "network_lost":
+            self._silent_until = now + _SILENT_TIME
+        elif name in ("controller_dies", "controller_restarts"):
+            controller.stop_program("no power")
+            controller.robot_mode = MODE_POWER_OFF
+            self.servers.drop(set(ROBOT_SERVERS))
+            self._held.clear()
+            if name == "controller_restarts":
+                self._restart_at = now + _RESTART_TIME
+        elif name.startswith("camera_"):
+            if self.camera is not None:
+                self.camera.fault(name.removeprefix("camera_"))
+        elif self.cable is not None and name == "cable_slips":
+            self.cable.slip()
+        elif self.cable is not None:
+            self.cable.lies_aside = _CROOKED
+
+    def _power_up(self) -> None:
+        """Start a controller that had no power, by its clock's going on."""
+        now, self._restart_at = self.controller.time, None
+        self.controller.boot()
+        self.controller.time = now
+        for name in ROBOT_SERVERS:
+            self.servers.drop({name})
+            self.servers.listen(name)
+        self.controller.log("powered up")
+
+    def _make_camera(self) -> CameraStream | None:
+        settings = self.setup.camera
+        if settings is None or not self.config.has_camera or self.cable is None:
+            return None
+        config = dataclasses.replace(
+            CameraConfig.over(self.setup.workspace).resized(settings.width),
+            frame_rate=settings.rate,
+            exposure=settings.exposure,
+            row_time=settings.row_time,
+        )
+        return CameraStream(
+            self.setup, config, seed=self.config.lab_seed, port=self.config.camera_port
+        )
+
+    def _show_camera(self) -> None:
+        """Let the camera see this instant; it waits where the camera draws more slowly."""
+        now = self.controller.time
+        if self.camera is None or self.cable is None or now < self._next_picture:
+            return
+        self._next_picture = now + CAMERA_DT - 1e-9
+        if self.phase != "reset" or now % RESET_GLANCE_PERIOD < RESET_GLANCE:
+            self.camera.show(now, self.controller.arm.q, self.cable.nodes)

@@ -1,0 +1,79 @@
+"""The twin from the command line, and a dry run against it."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from cablecast.cli.main import main
+from cablecast.setup import load_setup, save_setup
+
+pytest.importorskip("rtde_receive")
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """Write the lab file of a twin at an address of its own."""
+    import dataclasses
+    import pathlib
+
+    setup = load_setup(pathlib.Path(__file__).parents[2] / "examples" / "twin.yaml")
+    if not sys.platform.startswith("linux"):
+        pytest.skip("another loopback address needs Linux")
+    process = os.getpid()
+    address = f"127.{process // 250 % 250 + 1}.{process % 250 + 1}.200"
+    robot = dataclasses.replace(setup.robot, address=address)
+    path = tmp_path / "lab.yaml"
+    save_setup(dataclasses.replace(setup, robot=robot, camera=None), path)
+    return path, address
+
+
+def test_a_dry_run_checks_all_against_a_twin_and_moves_nothing(lab, tmp_path, capsys):
+    path, address = lab
+    command = [sys.executable, "-m", "cablecast", "twin", "--setup", str(path)]
+    with subprocess.Popen(
+        [*command, "--address", address, "--fault", "speed_slider:reset:1"],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as twin:
+        try:
+            assert "A twin of a ur5 listens" in twin.stdout.readline()
+            words = ["--rig", "ur", "--setup", str(path), "--count", "2", "--dry-run"]
+            words += ["--out", str(tmp_path / "out")]
+            assert main(["collect", *words]) == 0
+        finally:
+            twin.terminate()
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[:4] for line in lines[:-1]] == ["ok  "] * 4
+    assert lines[-1] == "Nothing was moved."
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_without_a_controller_says_so_and_fails(lab, tmp_path, capsys):
+    words = ["collect", "--rig", "ur", "--setup", str(lab[0]), "--count", "1", "--dry-run"]
+    assert main(words) == 2
+    assert "NOT controller: no dashboard server answers at" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--fault", "earthquake"], "unknown fault 'earthquake'"),
+        (["--fault", "protective_stop:lunch"], "unknown phase 'lunch'"),
+        (["--fault", "protective_stop:cast:soon"], "must be NAME[:PHASE[:SECONDS]]"),
+        (["--address", "0.0.0.0"], "the twin listens on a loopback address"),
+        (["--rate", "0"], "twin rate = 0 is outside"),
+    ],
+)
+def test_a_twin_that_makes_no_sense_is_refused_in_one_line(lab, words, message, capsys):
+    assert main(["twin", "--setup", str(lab[0]), *words]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_dry_run_is_only_for_the_arm(capsys):
+    assert main(["collect", "--dry-run"]) == 2
+    assert "--dry-run is for --rig ur, not for virtual" in capsys.readouterr().err

@@ -1,0 +1,242 @@
+"""Motions on a twin through ur-rtde as it is: carried out, watched, and always stopped."""
+
+import dataclasses
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+from cablecast.errors import RigError
+from cablecast.motion.polar_cast import reset_pose
+from cablecast.rigs.ur.link import UrLink
+from cablecast.rigs.ur.path import joint_move
+from cablecast.rigs.ur.player import CastAbortedError, Player
+from cablecast.rigs.ur.safety import check_ready
+from cablecast.setup import save_setup
+
+# The arm must rest this soon after whatever stops it, by the twin's clock [s].
+REST_TIME_MAX = 0.5
+REST_SPEED = 0.01
+# Encoder noise is 0.05 mrad; the servo has settled to less than that.
+ANGLE_TOLERANCE = 5e-4
+# A computer that is busy with other tests must not make the watchdog bark.
+PATIENT = {"watchdog": 0.3}
+
+
+@pytest.fixture(scope="module")
+def twin(make_twin):
+    """Run a CB3 arm without a cable."""
+    return make_twin(PATIENT, has_cable=False)
+
+
+@pytest.fixture
+def link(twin):
+    process, setup = twin
+    process.admin.clear()
+    link = UrLink(setup.robot)
+    yield link
+    link.close()
+    process.admin.clear()
+
+
+@pytest.fixture
+def player(link, twin):
+    return Player(link, twin[1].robot)
+
+
+def way(link, setup, turn=0.3, speed=0.6):
+    """Return a turn of the base away from home, or back to it."""
+    home = setup.arm.inverse(np.asarray(reset_pose(setup.workspace), dtype=float))
+    time.sleep(0.2)
+    q = np.mean([r.q for r in list(link.reports)[-10:]], axis=0)
+    away = abs(q[0] - home[0]) > turn / 2
+    return joint_move(q, home if away else home + [turn, 0, 0, 0, 0, 0], speed, 0.008)
+
+
+def time_to_rest(process, event):
+    """Return how long after its newest event the arm still moved [s], by the twin's clock."""
+    begin = [e["time"] for e in process.admin.events() if e["what"] == event][-1]
+    deadline = time.monotonic() + 20.0
+    while process.admin.state()["time"] < begin + 1.0:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    truth = process.admin.truth(begin, begin + 1.0)
+    moving = [
+        t for t, s in zip(truth["times"], truth["joint_speed"], strict=True) if s > REST_SPEED
+    ]
+    return moving[-1] - begin if moving else 0.0
+
+
+def test_a_motion_ends_where_it_should_and_every_report_of_it_is_kept(link, player, twin):
+    points = way(link, twin[1])
+    played = player.play("cablecast_test", points)
+    moved = [r for r in played.reports if played.start_time <= r.time]
+    np.testing.assert_allclose(moved[-1].q, points.q[-1], atol=ANGLE_TOLERANCE)
+    assert {r.speed_scaling for r in moved} == {1.0}
+    assert {r.safety_bits for r in moved} == {1}
+    # The path is followed as it was meant, a servo's lag behind.
+    times = np.array([r.time for r in moved]) - played.start_time
+    meant = np.interp(times - 0.03, np.arange(len(points.q)) * points.dt, points.q[:, 0])
+    assert np.abs(meant - [r.q[0] for r in moved]).max() < 0.02
+    assert not link.latest().is_playing
+
+
+def test_a_streamed_motion_goes_the_same_way(link, twin):
+    setup = twin[1]
+    robot = dataclasses.replace(setup.robot, mode="stream")
+    points = way(link, setup)
+    try:
+        played = Player(link, robot).play("cablecast_test", points)
+    except RigError as aborted:
+        # A busy computer lets a stream stutter: then the cast must be aborted, and the arm rests.
+        assert "busy" in str(aborted) or "protective stop" in str(aborted)  # noqa: PT017
+        link.wait_for_report()
+        assert not link.latest().is_playing
+        return
+    np.testing.assert_allclose(link.latest().q, points.q[-1], atol=0.01)
+    moved = [r for r in played.reports if played.start_time <= r.time]
+    assert moved[-1].time - played.start_time > points.duration
+
+
+def test_an_e_series_reports_at_500_hz_and_stops_as_soon(make_twin):
+    process, setup = make_twin(PATIENT, model="ur5e", has_cable=False)
+    link = UrLink(setup.robot)
+    try:
+        check_ready(link, setup.robot)
+        player = Player(link, setup.robot)
+        played = player.play("cablecast_test", way(link, setup))
+        # A busy computer misses reports; the most common step is that of the controller.
+        steps = np.round(np.diff([r.time for r in played.reports]), 4)
+        assert np.median(steps) == 0.002
+        process.admin.fault("protective_stop", "cast", 0.4)
+        points = way(link, setup, turn=0.6)
+        link.set_phase(2)
+        with pytest.raises(RigError, match="protective stop"):
+            player.play("cablecast_test", points)
+        assert time_to_rest(process, "fault") < REST_TIME_MAX
+    finally:
+        link.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "words"),
+    [
+        ("protective_stop", RigError, "protective stop: look what the arm touched"),
+        ("emergency_stop", RigError, "emergency stop: find out why"),
+        ("speed_slider", CastAbortedError, "the speed fell to 50 %"),
+        ("controller_dies", RigError, "has been silent|broke"),
+        ("network_lost", RigError, "has been silent"),
+    ],
+)
+def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
+    link, player, twin, fault, error, words
+):
+    process, setup = twin
+    points = way(link, setup, turn=0.6)
+    link.set_phase(2)
+    process.admin.fault(fault, "cast", 0.5)
+    with pytest.raises(error, match=words):
+        player.play("cablecast_test", points)
+    assert time_to_rest(process, "fault") < REST_TIME_MAX
+    commands = {e["command"] for e in process.admin.events() if e["what"] == "dashboard"}
+    assert "unlock protective stop" not in commands
+    process.admin.clear()
+    link.close()
+    # A person has cleared it: the next motion goes.
+    again = UrLink(setup.robot)
+    try:
+        check_ready(again, setup.robot)
+        Player(again, setup.robot).play("cablecast_test", way(again, setup))
+    finally:
+        again.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("protective_stop", "protective stop"),
+        ("emergency_stop", "emergency stop"),
+        ("speed_slider", "slider of the pendant is at 50 %: set it to 100 %"),
+        ("wrong_payload", "payload on the controller is 0.00 kg, that of the lab file 0.95 kg"),
+    ],
+)
+def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, words):
+    process, setup = twin
+    process.admin.fault(fault)
+    deadline = time.monotonic() + 10.0
+    while process.admin.state()["faults"] and time.monotonic() < deadline:
+        time.sleep(0.02)
+    for _ in range(3):
+        link.wait_for_report()
+    with pytest.raises(RigError, match=words):
+        check_ready(link, setup.robot)
+
+
+def test_a_motion_from_elsewhere_is_refused(link, player, twin):
+    points = way(link, twin[1])
+    shifted = type(points)(points.q + 0.002, points.dt)
+    with pytest.raises(CastAbortedError, match="mrad from where the motion begins"):
+        player.play("cablecast_test", shifted)
+
+
+def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
+    process, setup = twin
+    save_setup(setup, tmp_path / "twin.yaml")
+    script = tmp_path / "drive.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import os, sys, threading, time
+            import numpy as np
+            from cablecast.rigs.ur.link import UrLink
+            from cablecast.rigs.ur.path import joint_move
+            from cablecast.rigs.ur.player import Player
+            from cablecast.setup import load_setup
+
+            setup = load_setup(sys.argv[1])
+            link = UrLink(setup.robot)
+            time.sleep(0.3)
+            q = np.mean([r.q for r in list(link.reports)[-10:]], axis=0)
+            side = -1.0 if q[0] > 0.0 else 1.0
+            points = joint_move(q, q + [0.6 * side, 0, 0, 0, 0, 0], 0.6, 0.008)
+
+            def kill():
+                while not any(r.tick > 60 and r.state == 2 for r in list(link.reports)[-5:]):
+                    time.sleep(0.01)
+                os.kill(os.getpid(), 9)
+
+            threading.Thread(target=kill).start()
+            Player(link, setup.robot).play("cablecast_test", points)
+            """
+        )
+    )
+    driver = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "twin.yaml")], timeout=120, check=False
+    )
+    assert driver.returncode == -9
+    begin = process.admin.state()["time"]
+    deadline = time.monotonic() + 20.0
+    while process.admin.state()["time"] < begin + 2.0:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    state = process.admin.state()
+    assert state["at_rest"]
+    assert state["program"] == ""
+    # It was moving, and the controller ended it: it did not reach the end of its way.
+    ends = [e for e in process.admin.events() if e["what"] == "program ends"]
+    truth = process.admin.truth(ends[-1]["time"] - 1.5, ends[-1]["time"])
+    speeds = np.array(truth["joint_speed"])
+    assert speeds.max() > 0.1
+    moving = np.array(truth["times"])[speeds > 0.95 * speeds.max()]
+    # From full speed to rest: the silence that the watchdog allows, and the braking.
+    assert ends[-1]["time"] - moving[-1] < REST_TIME_MAX
+
+
+def test_a_controller_that_is_not_there_is_named_before_anything_is_printed(twin, capfd):
+    robot = dataclasses.replace(twin[1].robot, address="127.255.255.1")
+    with pytest.raises(RigError, match=r"no dashboard server answers at 127.255.255.1:29999"):
+        UrLink(robot)
+    assert capfd.readouterr().out == ""

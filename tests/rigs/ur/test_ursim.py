@@ -1,0 +1,56 @@
+"""The same motions on the maker's simulator, where one runs: docs/ursim.md says how."""
+
+import os
+
+import numpy as np
+import pytest
+
+from cablecast.arm.robot import RobotConfig
+from cablecast.rigs.ur.link import UrLink
+from cablecast.rigs.ur.path import joint_move
+from cablecast.rigs.ur.player import CastAbortedError, Player
+from cablecast.rigs.ur.safety import check_ready
+
+pytestmark = [
+    pytest.mark.ursim,
+    pytest.mark.skipif("CABLECAST_URSIM" not in os.environ, reason="needs URSim"),
+]
+
+# URSim has no inertia: it ends where it was told to.
+ANGLE_TOLERANCE = 1e-3
+
+
+@pytest.fixture
+def player():
+    robot = RobotConfig(
+        address=os.environ["CABLECAST_URSIM"],
+        payload_mass=0.95,
+        payload_cog=(0.0, 0.0, 0.06),
+        box_low=(-2.0, -2.0, -2.0),
+        box_high=(2.0, 2.0, 2.0),
+    )
+    link = UrLink(robot)
+    yield Player(link, robot)
+    link.close()
+
+
+def turn(player, angle):
+    q = player.link.wait_for_report().q
+    return joint_move(q, q + [0, 0, 0, 0, 0, angle], 0.5, 0.008)
+
+
+def test_the_controller_carries_a_program_out_to_its_end(player):
+    check_ready(player.link, player.robot)
+    for angle in (0.5, -0.5):
+        points = turn(player, angle)
+        player.play("cablecast_test", points)
+        np.testing.assert_allclose(
+            player.link.wait_for_report().q, points.q[-1], atol=ANGLE_TOLERANCE
+        )
+
+
+def test_the_controller_stops_when_the_heart_does_not_beat(player, monkeypatch):
+    check_ready(player.link, player.robot)
+    monkeypatch.setattr(player.link, "keep_alive", lambda: None)
+    with pytest.raises(CastAbortedError, match="heard nothing of this computer"):
+        player.play("cablecast_test", turn(player, 0.5))

@@ -1,0 +1,201 @@
+"""Try every fault of the twin in every phase of a trial, and write what came of it.
+
+    python tools/make_fault_table.py --out docs/faults.md
+    python tools/make_fault_table.py --faults protective_stop --phases cast
+
+What was tried is kept in a file, so that the command goes on where it was stopped.
+
+Each trial runs the real arm's code (`RigUR`) against a twin of its own through its sockets. What is
+tried with a camera that is told the truth says so; faults of the camera use the real tracker.
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import json
+import pathlib
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from cablecast.datasets.collect import collect_dataset
+from cablecast.datasets.reader import read_dataset
+from cablecast.errors import CablecastError
+from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.ur.rig import RigUR
+from cablecast.setup import Setup, load_setup
+from cablecast.twin.config import TwinConfig
+from cablecast.twin.faults import FAULTS
+from cablecast.twin.process import TwinProcess
+from cablecast.twin.truth import TruthCamera
+
+ROOT = pathlib.Path(__file__).parents[1]
+PHASES = ("reset", "approach", "cast", "settle", "readout")
+AFTER = {"reset": 6.0, "approach": 0.1, "cast": 0.4, "settle": 0.5, "readout": 0.0}
+"""Time from the begin of a phase to the fault [s]: in the middle of its motion, if it has one."""
+REST_SPEED = 0.01
+STOPPING = {
+    "protective_stop",
+    "emergency_stop",
+    "speed_slider",
+    "network_lost",
+    "controller_dies",
+    "controller_restarts",
+}
+"""Faults after which the arm must come to rest."""
+ACTIONS = np.array([[-0.4, 0.3, 0.62, 0.5]])
+REST_TIME = 1.5
+"""Time after a fault for which the arm is watched [s]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """End of one trial with a fault.
+
+    Attributes:
+        message: Error, or what was done without one.
+        rest_time: Time from the fault until the arm stood [s]; None where it need not stop.
+        resumed: True where the same command then finished the rest.
+    """
+
+    message: str
+    rest_time: float | None
+    resumed: bool
+
+
+@contextlib.contextmanager
+def running_twin(setup: Setup, rate: float, address: str) -> Iterator[tuple[TwinProcess, Setup]]:
+    """Run a twin at an address of its own, and yield it with the set-up to reach it."""
+    if setup.robot is None:
+        raise SystemExit("the twin's lab file has no robot section")
+    robot = dataclasses.replace(setup.robot, address=address, silence_max=3.0)
+    setup = dataclasses.replace(setup, robot=robot, camera=None)
+    config = TwinConfig(address=robot.address, rate=rate, segment_count=12)
+    with TwinProcess(setup, config) as twin:
+        yield twin, setup
+
+
+def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcome:
+    """Let one fault come in a cast, and say what came of it."""
+    twin.admin.clear()
+    assert setup.robot is not None
+    address = setup.robot.address
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "data"
+
+        def collect() -> None:
+            with CheckedRig(
+                RigUR(setup, TruthCamera(setup, address)), setup, time_limit=600.0
+            ) as rig:
+                collect_dataset(path, rig, setup, purpose="tune", actions=ACTIONS, attempts=2)
+
+        twin.admin.fault(fault, phase, AFTER[phase])
+        message = "no harm"
+        try:
+            collect()
+            if read_dataset(path).extra["attempt"][0] > 0:
+                message = "aborted, and made again"
+        except CablecastError as error:
+            message = str(error)
+        events = twin.admin.events()
+        begin = [e["time"] for e in events if e["what"] == "fault"][-1:]
+        rest = rest_time(twin, begin[0]) if begin and fault in STOPPING else None
+        if not begin:
+            message = "the phase did not come"
+        twin.admin.clear()
+        resumed = False
+        try:
+            # Where the first command finished, the second finds that nothing is missing.
+            collect()
+            resumed = len(read_dataset(path)) == len(ACTIONS)
+        except CablecastError as error:
+            print(f"{fault} in {phase}: not resumed: {error}", file=sys.stderr)
+    return Outcome(message, rest, resumed)
+
+
+def rest_time(twin: TwinProcess, begin: float) -> float:
+    """Return how long the arm moved on after a fault [s]."""
+    while twin.admin.state()["time"] < begin + REST_TIME:
+        time.sleep(0.05)
+    truth = twin.admin.truth(begin, begin + REST_TIME)
+    moving = [
+        at - begin
+        for at, speed in zip(truth["times"], truth["joint_speed"], strict=True)
+        if speed > REST_SPEED
+    ]
+    if not moving:
+        return 0.0
+    # A motion that begins anew after the arm has rested is the next attempt.
+    gaps = np.flatnonzero(np.diff(moving) > 0.05)
+    return moving[gaps[0]] if len(gaps) else moving[-1]
+
+
+def cell(outcome: Outcome) -> str:
+    """Return an outcome as a cell of the table."""
+    words = outcome.message
+    if "because: " in words:
+        words = words.split("because: ", 1)[1].split(". cablecast never", 1)[0]
+        words = words.split(" trials are kept")[0].rsplit(". ", 1)[0]
+    words = words.split(":", 1)[0] if len(words) > 90 else words
+    rest = "" if outcome.rest_time is None else f"; at rest after {outcome.rest_time:.2f} s"
+    return f"{words}{rest}; {'resumed' if outcome.resumed else '**not resumed**'}"
+
+
+def main() -> None:
+    """Try faults in phases, and print or write the table."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    names = [name for name in FAULTS if not name.startswith("camera_")]
+    parser.add_argument("--faults", nargs="+", default=names, choices=names)
+    parser.add_argument("--phases", nargs="+", default=list(PHASES), choices=PHASES)
+    parser.add_argument("--rate", type=float, default=1.5, help="largest speed of the clock")
+    parser.add_argument("--address", default="127.9.0.1", help="loopback address of the twin")
+    parser.add_argument("--kept", type=pathlib.Path, default=pathlib.Path("build/faults.json"))
+    parser.add_argument("--out", type=pathlib.Path, help="file to write; printed by default")
+    args = parser.parse_args()
+    args.kept.parent.mkdir(parents=True, exist_ok=True)
+    cells = json.loads(args.kept.read_text()) if args.kept.is_file() else {}
+    wanted = [(fault, phase) for fault in args.faults for phase in args.phases]
+    missing = [(fault, phase) for fault, phase in wanted if f"{fault} {phase}" not in cells]
+    if missing:
+        lab = load_setup(ROOT / "examples" / "twin.yaml")
+        with running_twin(lab, args.rate, args.address) as (twin, setup):
+            for fault, phase in missing:
+                outcome = try_fault(twin, setup, fault, phase)
+                cells[f"{fault} {phase}"] = cell(outcome)
+                args.kept.write_text(json.dumps(cells, indent=1))
+                print(f"{fault} in {phase}: {outcome}", file=sys.stderr, flush=True)
+    rows = [
+        f"| `{fault}`: {FAULTS[fault]} | "
+        + " | ".join(cells[f"{fault} {phase}"] for phase in args.phases)
+        + " |"
+        for fault in args.faults
+    ]
+    text = "\n".join(
+        [
+            f"| fault | {' | '.join(args.phases)} |",
+            "|---" * (1 + len(args.phases)) + "|",
+            *rows,
+        ]
+    )
+    if args.out is None:
+        print(text)
+        return
+    command = "python tools/make_fault_table.py --out docs/faults.md"
+    args.out.write_text(
+        f"""# Faults of the robot, in every phase
+
+Each cell is one session with the real arm's code against the twin, through its sockets: a cast with
+the fault, at most two attempts; then a person clears it, and the same command is given again.
+"Resumed" means that it finished, and that the dataset is whole. "At rest" is by the twin's clock.
+The camera is one that is told the truth by the twin. Written by `{command}`.
+
+{text}
+"""
+    )
+
+
+if __name__ == "__main__":
+    main()
