@@ -1,12 +1,13 @@
-"""Try every fault of the twin in every phase of a trial, and write what came of it.
+"""Try every fault of the robot in every phase of a trial, and write what came of it.
 
     python tools/make_fault_table.py --out docs/faults.md
     python tools/make_fault_table.py --faults protective_stop --phases cast
 
 What was tried is kept in a file, so that the command goes on where it was stopped.
 
-Each trial runs the real arm's code (`RigUR`) against a twin of its own through its sockets. What is
-tried with a camera that is told the truth says so; faults of the camera use the real tracker.
+Each trial runs the real arm's code (`RigUR`) against a twin through its sockets. The arm holds a
+stick, and its reset only lifts it and sets it down: with the paper's reset, which takes 17 s, the
+table would take hours.
 """
 
 import argparse
@@ -24,8 +25,10 @@ import numpy as np
 from cablecast.datasets.collect import collect_dataset
 from cablecast.datasets.reader import read_dataset
 from cablecast.errors import CablecastError
+from cablecast.motion.polar_cast import reset_pose
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.rig import RigUR
+from cablecast.rigs.ur.rig import IDLE, RESETTING, RigUR
+from cablecast.rigs.ur.safety import check_ready
 from cablecast.setup import Setup, load_setup
 from cablecast.twin.config import TwinConfig
 from cablecast.twin.faults import FAULTS
@@ -34,7 +37,7 @@ from cablecast.twin.truth import TruthCamera
 
 ROOT = pathlib.Path(__file__).parents[1]
 PHASES = ("reset", "approach", "cast", "settle", "readout")
-AFTER = {"reset": 6.0, "approach": 0.1, "cast": 0.4, "settle": 0.5, "readout": 0.0}
+AFTER = {"reset": 1.0, "approach": 0.1, "cast": 0.4, "settle": 0.5, "readout": 0.0}
 """Time from the begin of a phase to the fault [s]: in the middle of its motion, if it has one."""
 REST_SPEED = 0.01
 STOPPING = {
@@ -66,14 +69,28 @@ class Outcome:
     resumed: bool
 
 
+class RigQuick(RigUR):
+    """The arm with a short reset: aside and up, and back."""
+
+    def _reset_once(self) -> None:
+        link = self._connected()
+        check_ready(link, self.robot)
+        home = np.asarray(reset_pose(self.setup.workspace), dtype=float)
+        aside = self.setup.arm.inverse(home + [0.15, 0.0, 0.2, 0.2, 0.0])
+        for place in (aside, self.setup.arm.inverse(home)):
+            self._move(self._at_rest(link), place, RESETTING)
+        self._wait(link, 0.2)
+        link.set_phase(IDLE)
+
+
 @contextlib.contextmanager
 def running_twin(setup: Setup, rate: float, address: str) -> Iterator[tuple[TwinProcess, Setup]]:
     """Run a twin at an address of its own, and yield it with the set-up to reach it."""
     if setup.robot is None:
         raise SystemExit("the twin's lab file has no robot section")
-    robot = dataclasses.replace(setup.robot, address=address, silence_max=3.0)
+    robot = dataclasses.replace(setup.robot, address=address, silence_max=3.0, settle_time=1.0)
     setup = dataclasses.replace(setup, robot=robot, camera=None)
-    config = TwinConfig(address=robot.address, rate=rate, segment_count=12)
+    config = TwinConfig(address=robot.address, rate=rate, has_cable=False)
     with TwinProcess(setup, config) as twin:
         yield twin, setup
 
@@ -88,7 +105,7 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
 
         def collect() -> None:
             with CheckedRig(
-                RigUR(setup, TruthCamera(setup, address)), setup, time_limit=600.0
+                RigQuick(setup, TruthCamera(setup, address)), setup, time_limit=600.0
             ) as rig:
                 collect_dataset(path, rig, setup, purpose="tune", actions=ACTIONS, attempts=2)
 
@@ -147,10 +164,10 @@ def cell(outcome: Outcome) -> str:
 def main() -> None:
     """Try faults in phases, and print or write the table."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    names = [name for name in FAULTS if not name.startswith("camera_")]
+    names = [name for name in FAULTS if not name.startswith(("camera_", "cable_", "crooked"))]
     parser.add_argument("--faults", nargs="+", default=names, choices=names)
     parser.add_argument("--phases", nargs="+", default=list(PHASES), choices=PHASES)
-    parser.add_argument("--rate", type=float, default=1.5, help="largest speed of the clock")
+    parser.add_argument("--rate", type=float, default=1.0, help="largest speed of the clock")
     parser.add_argument("--address", default="127.9.0.1", help="loopback address of the twin")
     parser.add_argument("--kept", type=pathlib.Path, default=pathlib.Path("build/faults.json"))
     parser.add_argument("--out", type=pathlib.Path, help="file to write; printed by default")
@@ -190,7 +207,9 @@ def main() -> None:
 Each cell is one session with the real arm's code against the twin, through its sockets: a cast with
 the fault, at most two attempts; then a person clears it, and the same command is given again.
 "Resumed" means that it finished, and that the dataset is whole. "At rest" is by the twin's clock.
-The camera is one that is told the truth by the twin. Written by `{command}`.
+The arm holds a stick, its reset only lifts it and sets it down, and the camera is one that is told
+the truth by the twin. Faults of the camera are tried in tests/filming, a cable that lies aside in
+tests/rigs/ur/test_rig.py. Written by `{command}`.
 
 {text}
 """

@@ -28,7 +28,7 @@ class TwinConfig:
         seed: Seed of what differs from trial to trial.
         lab_seed: Seed of the laboratory.
         segment_count: Segments of the simulated cable.
-        has_cable: False for an arm alone.
+        has_cable: False for an arm that holds a stick as long as the cable, which is quicker.
         has_camera: False for no camera, whatever the lab file says.
     """
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.conventions import tangent
 from cablecast.errors import CablecastError
 from cablecast.motion.polar_cast import reset_pose
 from cablecast.rigs.virtual.camera_config import CameraConfig
@@ -130,7 +131,9 @@ class TwinLaboratory:
 
     def _tip(self) -> NDArray[np.float64]:
         if self.cable is None:
-            return np.full(3, np.nan)
+            # A stick in place of the cable.
+            pose = self.setup.arm.grip_pose(self.controller.arm.q)
+            return pose[:3] + self.setup.cable.length * tangent(pose[3], pose[4])
         return self.cable.nodes[-1].copy()
 
     def _accepted(self, client: Client) -> None:
