@@ -28,6 +28,8 @@ class Simulate:
     """Seed of the actions. The same seed gives the same dataset."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
+    workers: str = "local"
+    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
     params: Annotated[pathlib.Path | None, argument("FILE", "those of the cable's file")] = None
     """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder)."""
     v_max: Annotated[float | None, argument("M/S", "that of --setup, or 1.5")] = None
@@ -61,6 +63,7 @@ class Simulate:
                 segment_count=self.segment_count,
                 dt=self.dt,
                 device=self.device,
+                workers=self.workers,
                 out=out,
                 progress=progress,
             )

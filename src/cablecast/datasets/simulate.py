@@ -20,11 +20,13 @@ from cablecast.datasets.schema import (
 )
 from cablecast.datasets.writer import DatasetWriter
 from cablecast.engines.base import SETTLE_TIME, Engine
+from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid
 from cablecast.motion.servo import ServoModel
 from cablecast.runs.progress import CountCallback
+from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
 from cablecast.track import TrialStatus
 
@@ -54,6 +56,7 @@ def simulate_dataset(
     ranges: ActionRanges | None = None,
     servo: ServoModel | None = None,
     shard_rows: int = SHARD_ROWS,
+    workers: str = LOCAL,
     progress: CountCallback | None = None,
 ) -> Dataset:
     """Simulate a dataset, or resume an earlier run of the same settings.
@@ -68,6 +71,8 @@ def simulate_dataset(
         ranges: Ranges of the actions; those that suit the set-up where None.
         servo: Servo of the simulated arm; it follows its set points exactly where None.
         shard_rows: Rows of each shard.
+        workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
+            rows are equal to the bit on processors of one kind.
         progress: Callback for the number of rows done and the total, at the start and after every
             shard.
 
@@ -81,23 +86,17 @@ def simulate_dataset(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_count("shard_rows", shard_rows)
     check_seed(seed)
+    if check_workers(workers) != LOCAL and not hasattr(engine, "remade"):
+        raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
     params = setup.cable.params if params is None else params
     ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
     actions = feasible_grid(count, setup, ranges, seed)
     settings = {
-        "schema_version": SCHEMA_VERSION,
-        **setup.to_settings(),
-        "params": params.to_dict(),
-        "engine": engine_settings(engine),
-        "ranges": dataclasses.asdict(ranges),
+        **_settings(setup, params, engine, ranges, servo),
         "count": count,
         "seed": seed,
-        "sample_dt": SAMPLE_DT,
-        "settle_time": SETTLE_TIME,
         "actions_sha256": actions_digest(actions),
     }
-    if servo is not None:
-        settings["servo"] = servo.to_dict()
     writer = DatasetWriter(
         pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
     )
@@ -107,10 +106,13 @@ def simulate_dataset(
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             if progress is not None:
                 progress(done, count)
-            for shard in missing:
+            tasks = [(shard, (_part(actions, writer.rows_of(shard)),)) for shard in missing]
+            function, shared = simulate_actions, (setup, params, engine, servo)
+            if workers != LOCAL:
+                # Kernels do not travel: each worker makes the engine anew, for its one core.
+                function, shared = _simulate_remotely, (setup, params, engine.remade(), servo)
+            for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
-                chosen = actions[rows.start : rows.stop]
-                columns = simulate_actions(chosen, setup, params, engine, servo)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
                 done += len(rows)
                 if progress is not None:
@@ -119,6 +121,42 @@ def simulate_dataset(
         elif progress is not None:
             progress(count, count)
     return read_dataset(path)
+
+
+def _settings(
+    setup: Setup,
+    params: CableParams,
+    engine: Engine,
+    ranges: ActionRanges,
+    servo: ServoModel | None,
+) -> dict[str, Any]:
+    """Return the plain values that decide how actions are chosen and simulated."""
+    settings = {
+        "schema_version": SCHEMA_VERSION,
+        **setup.to_settings(),
+        "params": params.to_dict(),
+        "engine": engine_settings(engine),
+        "ranges": dataclasses.asdict(ranges),
+        "sample_dt": SAMPLE_DT,
+        "settle_time": SETTLE_TIME,
+    }
+    return settings if servo is None else settings | {"servo": servo.to_dict()}
+
+
+def _part(actions: NDArray[np.float64], rows: range) -> NDArray[np.float64]:
+    return actions[rows.start : rows.stop]
+
+
+def _simulate_remotely(
+    actions: NDArray[np.float64],
+    setup: Setup,
+    params: CableParams,
+    remade: tuple[type, dict[str, Any]],
+    servo: ServoModel | None,
+) -> dict[str, Any]:
+    """Simulate a shard on a worker, with an engine made there."""
+    kind, options = remade
+    return simulate_actions(actions, setup, params, kind(**options), servo)
 
 
 def actions_digest(actions: NDArray[np.float64]) -> str:

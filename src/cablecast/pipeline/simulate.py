@@ -11,6 +11,7 @@ from cablecast.pipeline.places import folder_or_temporary
 from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
+from cablecast.runs.workers import LOCAL, check_workers
 from cablecast.setup import Setup
 
 
@@ -24,6 +25,7 @@ def simulate(
     segment_count: int | None = None,
     dt: float | None = None,
     device: str = "cpu",
+    workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Dataset:
@@ -41,6 +43,7 @@ def simulate(
         segment_count: Segments of the simulated cable; what the convergence study chose where None.
         dt: Time step [s]; what the convergence study chose where None.
         device: "cpu" or "cuda".
+        workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the dataset and lets a stopped run go on; none where None.
         progress: Told how many casts are done.
 
@@ -51,6 +54,7 @@ def simulate(
         DatasetError: The folder holds something else.
         InputError: A value out of bounds.
     """
+    check_workers(workers)
     tuned = Tuned.of(tuned, setup)
     engine = make_engine(segment_count, dt, device)
     task = f"Simulating {setup.cable.name}"
@@ -65,6 +69,7 @@ def simulate(
             seed=seed,
             ranges=ActionRanges.for_config(setup.motion, psi),
             servo=tuned.servo,
+            workers=workers,
             progress=resumed_counter(progress, task, "casts"),
         )
         if out is not None:

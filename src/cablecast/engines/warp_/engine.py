@@ -1,6 +1,7 @@
 """EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -80,6 +81,17 @@ class EngineWarp:
             self._arrange(LANE_COUNT_CUDA, interleaved=True)
         else:
             self._arrange(LANE_COUNT_CPU[precision], interleaved=False)
+
+    def remade(self, thread_count: int = 1) -> tuple[type, dict[str, Any]]:
+        """Return the class and the arguments that make this engine anew in another process.
+
+        Args:
+            thread_count: Number of its threads there; the results do not depend on it.
+        """
+        names = ("segment_count", "dt", "precision", "rest_speed", "gravity")
+        device = "cuda" if self.device.is_cuda else "cpu"
+        options = {name: getattr(self, name) for name in names}
+        return type(self), options | {"device": device, "thread_count": thread_count}
 
     def _arrange(self, lane_count: int, interleaved: bool) -> None:
         """Choose how many worlds a thread owns, and how groups lie in memory (`Layout`)."""

@@ -1,0 +1,84 @@
+"""Tasks give the same in this process and on a cluster, one of whose nodes is killed meanwhile."""
+
+import threading
+
+import pytest
+
+from cablecast.datasets.simulate import simulate_dataset
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.rigs.engine import RigEngine
+from cablecast.runs.workers import check_workers, run_tasks
+from cablecast.setup import Setup
+
+SETUP = Setup()
+COUNT, SHARD_ROWS = 80, 10
+
+
+def coarse_engine():
+    return EngineWarp(segment_count=10, dt=2e-3)
+
+
+def square(value, offset):
+    return value**2 + offset
+
+
+def test_tasks_run_here_in_their_order():
+    tasks = [(number, (number,)) for number in range(4)]
+    assert list(run_tasks(square, tasks, shared=(1,))) == [(0, 1), (1, 2), (2, 5), (3, 10)]
+
+
+@pytest.mark.parametrize("workers", ["threads", "ray:", "local:2", ""])
+def test_other_workers_are_refused(workers):
+    with pytest.raises(InputError, match="must be local, ray or ray:ADDRESS"):
+        check_workers(workers)
+
+
+def test_an_engine_that_cannot_be_made_anew_stays_here(tmp_path):
+    pytest.importorskip("ray")
+    engine = RigEngine(coarse_engine(), SETUP)
+    with pytest.raises(InputError, match="this process only"):
+        simulate_dataset(tmp_path, SETUP, None, engine, count=4, workers="ray")
+
+
+@pytest.mark.slow
+def test_a_cluster_that_loses_a_node_writes_the_same_files(tmp_path, monkeypatch):
+    ray = pytest.importorskip("ray")
+    cluster_utils = pytest.importorskip("ray.cluster_utils")
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    cluster = cluster_utils.Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
+    try:
+        nodes = [cluster.add_node(num_cpus=1) for _ in range(2)]
+        ray.init(address=cluster.address, log_to_driver=False)
+        killed, counts = threading.Event(), []
+
+        def count(done, total):
+            counts.append((done, total))
+            # After the first shard, with tasks under way on every node.
+            if done and not killed.is_set():
+                killed.set()
+                cluster.remove_node(nodes[0], allow_graceful=False)
+
+        options = {"count": COUNT, "shard_rows": SHARD_ROWS}
+        spread = tmp_path / "spread"
+        simulate_dataset(
+            spread, SETUP, None, coarse_engine(), workers="ray", progress=count, **options
+        )
+        assert killed.is_set()
+        assert sum(node["Alive"] for node in ray.nodes()) == 2
+        assert counts[-1] == (COUNT, COUNT)
+        # What is lost afterwards is made again by whoever goes on.
+        lost = spread / "data/chunk-000/file-003.parquet"
+        content = lost.read_bytes()
+        lost.unlink()
+        simulate_dataset(spread, SETUP, None, coarse_engine(), **options)
+        assert lost.read_bytes() == content
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    alone = tmp_path / "alone"
+    simulate_dataset(alone, SETUP, None, coarse_engine(), **options)
+    for file in sorted(alone.rglob("*.parquet")):
+        assert (spread / file.relative_to(alone)).read_bytes() == file.read_bytes()
