@@ -177,6 +177,20 @@ def test_a_camera_that_is_unplugged_in_a_trial_is_an_error(setup, player, stream
             stream.fault(None)
 
 
+def test_clocks_that_were_never_compared_are_an_error_and_not_a_wait(setup, player):
+    assert setup.camera is not None
+    other = dataclasses.replace(
+        setup, camera=dataclasses.replace(setup.camera, clock_offset=5000.0)
+    )
+    player.rewind()
+    with CameraOfTrials(other) as camera:
+        # Frames still count by their arrival.
+        camera.check(player.time)
+        camera.start()
+        with pytest.raises(CameraError, match=r"5700 s apart: .* Run `cablecast camera sync`"):
+            camera.stop(player.cast())
+
+
 def test_a_lab_without_a_camera_is_refused():
     with pytest.raises(CameraError, match="no section `camera`"):
         CameraOfTrials(Setup())

@@ -20,6 +20,8 @@ FRAME_COUNT_MIN = 30
 
 _PART_COUNT = 8
 """Parts of the record that are left out in turn, which tells how sure the offset is."""
+_RUN_LENGTH = 3
+"""Frames in a row that are left out together, since errors of neighbours resemble one another."""
 _EXPLAINED_MIN = 0.5
 """Smallest share of what the camera saw that the robot's report must explain."""
 _REFINE_COUNT = 3
@@ -90,7 +92,7 @@ def fit_offset(
         raise InputError(
             f"{len(times)} frames show the motion: at least {FRAME_COUNT_MIN} are needed"
         )
-    parts = np.minimum(np.arange(len(times)) * _PART_COUNT // len(times), _PART_COUNT - 1)
+    parts = np.arange(len(times)) // _RUN_LENGTH % _PART_COUNT
     offset, explained = _best(times, seen, reported, np.arange(low, high + step, step))
     if explained < _EXPLAINED_MIN:
         raise InputError(

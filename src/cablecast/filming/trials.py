@@ -28,6 +28,8 @@ _CHECK_FRAMES = 6
 _LOCATE_FRAMES = 3
 _TAG_MOVE_MAX = 3.0
 """Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
+_APART_MAX = 60.0
+"""Largest distance of two times of one trial by both clocks, if these have been compared [s]."""
 _LATENCY_MAX = 0.25
 """Longest way of a frame from the sensor to this process [s]."""
 _LOCATE_RADIUS = 0.5
@@ -141,6 +143,12 @@ class CameraOfTrials:
         if self.settings.clock == "arrival":
             shift -= controller_shift(timing.clock_pairs)
         begin = timing.start_time - shift
+        if abs(apart := filming.last_time - begin) > _APART_MAX:
+            filming.drop()
+            raise CameraError(
+                f"the clocks of robot and camera are {abs(apart):.0f} s apart: one was started "
+                "anew, or they were never compared. Run `cablecast camera sync`"
+            )
         tracker = filming.finish(timing.end_time - shift)
         track = tracker.track(timing.end_time - timing.start_time, begin)
         seen = tracker.frames[1]
@@ -194,16 +202,17 @@ class CameraOfTrials:
         """
         if self._filming is not None:
             raise CameraError("the camera films a trial: end it first")
-        by_stamp = self.settings.clock == "device"
-        if by_stamp and after is not None:
-            begin = after - self.settings.clock_offset
-        else:
-            # What is on its way through cable and network shows what was.
-            by_stamp, begin = False, time.monotonic() + _LATENCY_MAX
+        since = None
+        if self.settings.clock == "device" and after is not None:
+            since = after - self.settings.clock_offset
+        # Without a time, what is on its way through cable and network shows what was.
+        arrived = time.monotonic() + _LATENCY_MAX
         frames: list[Frame] = []
         while len(frames) < count and (frame := self._camera.read()) is not None:
-            now = frame.time if by_stamp else frame.arrival
-            if now > begin or self._camera.facts.kind == "file":
+            if since is not None and abs(frame.time - since) > _APART_MAX:
+                since = None
+            fresh = frame.arrival > arrived if since is None else frame.time > since
+            if fresh or self._camera.facts.kind == "file":
                 frames.append(frame)
         if len(frames) < count:
             raise CameraError(f"camera source {self.settings.source} has ended")
@@ -239,6 +248,7 @@ class _Filming:
         writer: FilmWriter | None,
     ):
         self._camera, self._tracker, self._watch, self._writer = camera, tracker, watch, writer
+        self.last_time = -np.inf
         self._until = np.inf
         self._error: BaseException | None = None
         self._begun = threading.Event()
@@ -287,6 +297,7 @@ class _Filming:
     def _run(self) -> None:
         try:
             while (frame := self._camera.read()) is not None:
+                self.last_time = frame.time
                 self._watch.look(frame)
                 _look(self._tracker, frame)
                 if self._writer is not None:

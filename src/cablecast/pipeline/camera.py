@@ -1,29 +1,32 @@
 """Verbs of the camera: check_camera, sync_camera and sync_film."""
 
-import itertools
 import pathlib
-import threading
 from collections.abc import Callable
 
 import numpy as np
 
 from cablecast.arm.limits import JOINT_COUNT
 from cablecast.checks import check_number
-from cablecast.errors import CameraError, InputError
+from cablecast.errors import InputError
 from cablecast.filming.check import CameraCheck, CameraReport
 from cablecast.filming.clock import ClockOffset
 from cablecast.filming.gripper import SeenMotion, sync_by_motion
 from cablecast.filming.live import LiveCamera
 from cablecast.filming.trials import calibrate_camera, require_camera
+from cablecast.motion.action import Action
 from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.places import require
 from cablecast.reading import read_csv
+from cablecast.rigs.base import Rig
 from cablecast.setup import Setup
+from cablecast.tracking.trial_camera import TrialCamera
 from cablecast.tracking.video import read_video
 
+SYNC_ACTION = Action(-0.5, 0.5, 0.6, 0.5)
+"""Cast by which the clocks are compared: to the left, and as far to the right."""
+
 _CALIBRATION_FRAMES = 8
-_AFTER = 0.3
-"""Time for which the camera films on when the arm has stopped [s]."""
 _LOG_COLUMNS = ("time_s", *(f"q{joint}" for joint in range(1, JOINT_COUNT + 1)))
 
 
@@ -54,29 +57,30 @@ def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) 
         return check.report(camera.dropped_count)
 
 
-def sync_camera(setup: Setup, move: Callable[[], JointPath]) -> ClockOffset:
-    """Measure the offset between the clocks of robot and camera while the arm swings.
+def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOffset:
+    """Measure the offset between the clocks of robot and camera with one cast of the robot.
 
     Args:
         setup: Set-up with the section `camera`.
-        move: Swings the arm in sight of the camera, and returns its joints as reported, with times
-            by the controller's clock.
+        make_rig: Makes the rig that uses a camera; it is reset, and casts straight ahead.
 
     Raises:
         CameraError: The camera failed.
-        InputError: The motion was too short, or not seen.
+        InputError: The motion was not seen.
+        RigError: The rig failed.
     """
+    from cablecast.filming.sync import ClockCamera
+
     require("the camera", "cv2")
-    settings = require_camera(setup)
-    with LiveCamera(settings) as camera:
-        frames = itertools.islice(camera, _CALIBRATION_FRAMES)
-        view = calibrate_camera([frame.image for frame in frames], setup).view
-        filming = _Filming(camera, SeenMotion(settings.row_time))
+    trajectory = plan_trajectory(SYNC_ACTION, setup)
+    with ClockCamera(setup) as camera:
+        rig = make_rig(camera)
         try:
-            reported = move()
+            rig.reset()
+            rig.execute(trajectory)
         finally:
-            seen = filming.end()
-    return sync_by_motion(seen, reported, setup.arm, view)
+            rig.close()
+        return camera.found()
 
 
 def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffset:
@@ -125,44 +129,3 @@ def read_log(path: pathlib.Path) -> JointPath:
     q = values[:, 1:]
     qd = np.gradient(q, values[:, 0], axis=0)
     return JointPath(times=values[:, 0], q=q, qd=qd)
-
-
-class _Filming:
-    """Looks at frames in a thread while the arm moves.
-
-    Args:
-        camera: Camera to read.
-        seen: Motion to add to.
-    """
-
-    def __init__(self, camera: LiveCamera, seen: SeenMotion):
-        self._camera, self._seen = camera, seen
-        self._done, self._begun = threading.Event(), threading.Event()
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-        self._begun.wait()
-
-    def end(self) -> SeenMotion:
-        """Film on for a moment, and return what was seen."""
-        self._done.set()
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
-        return self._seen
-
-    def _run(self) -> None:
-        end = np.inf
-        try:
-            for frame in self._camera:
-                self._seen.look(frame.image, frame.time)
-                self._begun.set()
-                if self._done.is_set():
-                    end = min(end, frame.time + _AFTER)
-                if frame.time > end:
-                    return
-            raise CameraError(f"camera source {self._camera.settings.source} has ended")
-        except Exception as error:
-            self._error = error
-        finally:
-            self._begun.set()

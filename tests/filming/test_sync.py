@@ -1,0 +1,92 @@
+"""The camera's clock against the robot's, with one cast and over the network."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from tests.filming.player import Player
+
+from cablecast.camera.settings import CameraSettings
+from cablecast.errors import CameraError
+from cablecast.motion.trajectory import plan_trajectory
+from cablecast.pipeline.camera import SYNC_ACTION, sync_camera
+from cablecast.rigs.base import RigLifecycle
+from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.setup import Setup
+from cablecast.track import EndpointTrack, TrialStatus
+
+RATE, CLOCK = 30.0, 321.25
+WIDTH, HEIGHT = 640, 360
+# A sixth of the time between two frames, from one cast in small pictures.
+OFFSET_MAX = 0.0055
+# What is stated of so short a cast is rather too much than too little.
+SD_MAX = 0.02
+
+
+class PlayedRig(RigLifecycle):
+    """A rig whose arm is played before the virtual camera."""
+
+    def __init__(self, player, camera, aborts=False):
+        super().__init__()
+        self.player, self.camera, self.aborts = player, camera, aborts
+        self.description = {}
+
+    def reset(self):
+        self.camera.check(self.player.rewind())
+        super().reset()
+
+    def execute(self, trajectory):
+        self._use_reset()
+        self.camera.start()
+        timing = self.player.cast()
+        if self.aborts:
+            self.camera.cancel()
+            return EndpointTrack(
+                times=np.zeros(1), endpoint_xy=np.zeros((1, 2)), status=TrialStatus.ABORTED
+            )
+        path = self.player.trial.joint_path
+        return self.camera.stop(dataclasses.replace(timing, joint_path=path))
+
+
+@pytest.fixture(scope="module")
+def stream():
+    config = dataclasses.replace(CameraConfig(), frame_rate=RATE, exposure=0.002)
+    with CameraStream(Setup(), config.resized(WIDTH), clock=CLOCK) as stream:
+        yield stream
+
+
+@pytest.fixture(scope="module")
+def setup(stream):
+    camera = CameraSettings(source=stream.url, width=WIDTH, height=HEIGHT, rate=RATE)
+    return Setup(camera=camera)
+
+
+@pytest.fixture(scope="module")
+def player(stream, setup):
+    trajectory = plan_trajectory(SYNC_ACTION, setup)
+    path = trajectory.joint_path
+    assert path is not None
+    times = np.arange(0.0, path.times[-1] + 0.3, 0.01)
+    poses = trajectory.grip_path.evaluate(np.minimum(times, trajectory.duration), 0)[0]
+    nodes = poses[:, None, :3] + np.linspace(0, 1, 6)[:, None] * np.array([0.0, 0.5, -0.014])
+    player = Player(
+        stream, FilmedTrial(cable=setup.cable, times=times, nodes=nodes, joint_path=path)
+    )
+    yield player
+    player.close()
+
+
+def test_one_cast_tells_the_offset_of_the_clocks(setup, player):
+    found = sync_camera(setup, lambda camera: PlayedRig(player, camera))
+    assert found.offset == pytest.approx(-CLOCK, abs=OFFSET_MAX)
+    assert 0 < found.sd < SD_MAX
+
+
+def test_a_cast_that_was_aborted_tells_nothing(setup, player):
+    with pytest.raises(CameraError, match="the cast was aborted"):
+        sync_camera(setup, lambda camera: PlayedRig(player, camera, aborts=True))
