@@ -12,6 +12,7 @@ NAMES = {
     "validation": "closed forms; writes docs/validation.md",
     "figures": "the figure of docs/engine.md",
     "casts": "error at targets against the number of real casts and corrections",
+    "page": "latencies, memory and frames of the page of `cablecast view`",
     "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
 }
 

@@ -19,9 +19,10 @@ from cablecast.view.palette import BLUE, DARK, LIGHT, PURPLE
 from cablecast.view.player import Player
 from cablecast.view.scene import Marks, Room
 from cablecast.view.serving import start_server, stop_server
-from cablecast.view.shapes import map_image, miss_map, viewpoint
+from cablecast.view.shapes import map_image, miss_map, viewpoint, window_aspect
 from cablecast.view.share_controls import ShareControls
 from cablecast.view.shown import ShownCast
+from cablecast.view.work_controls import WorkControls
 from cablecast.view.worker import Work, Worker
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class Page:
         port: Port to listen on; the next free one if it is taken.
         dark: Whether the page begins dark.
         suggestion: Folder that is suggested to look at.
+        home: Folder of the cable's results, e.g. runs/cable_1.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Page:
         port: int = PORT,
         dark: bool = False,
         suggestion: pathlib.Path | None = None,
+        home: pathlib.Path | None = None,
     ):
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._lock = threading.RLock()
@@ -74,6 +77,8 @@ class Page:
             self.cast_controls = CastControls(self)
         with tabs.add_tab("Look"):
             self.look_controls = LookControls(self, suggestion)
+        with tabs.add_tab("Work"):
+            self.work_controls = WorkControls(self, home or pathlib.Path("runs"))
         with tabs.add_tab("Share"):
             self.share_controls = ShareControls(self)
         self.set_dark(dark)
@@ -209,6 +214,7 @@ class Page:
         """Bring the controls up to date with the desk and the worker."""
         with self._lock:
             self.cast_controls.refresh()
+            self.work_controls.refresh()
 
     def clear_stage(self) -> None:
         """Hide the figures and the marks of plan and cast."""
@@ -288,9 +294,9 @@ class Page:
         camera.position, camera.look_at, camera.fov = viewpoint(self.desk.setup)
 
     def _welcome(self, client: "viser.ClientHandle") -> None:
-        """Step back for a narrow window, so that the whole table is seen."""
-        position, look_at, _ = viewpoint(self.desk.setup, client.camera.aspect)
-        client.camera.position, client.camera.look_at = position, look_at
+        """Step back for a narrow window, so that the whole table is seen beside the panel."""
+        seen = viewpoint(self.desk.setup, window_aspect(client.camera.aspect))
+        client.camera.position, client.camera.look_at = seen[:2]
 
 
 def _still(cast: ShownCast) -> ShownCast:

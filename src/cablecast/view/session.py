@@ -92,7 +92,16 @@ def serve(
     folder = pathlib.Path(folder)
     desk, worker = make_desk(rig, folder), Worker()
     prepare = preparation(desk, folder, calibration_count=calibration_count, count=count, seed=seed)
-    page = Page(desk, worker, prepare, host=host, port=port, dark=dark, suggestion=folder)
+    page = Page(
+        desk,
+        worker,
+        prepare,
+        host=host,
+        port=port,
+        dark=dark,
+        suggestion=folder,
+        home=folder.parent,
+    )
     try:
         if ready is not None:
             ready(page.address)

@@ -19,6 +19,7 @@ _BALL_SHARE = 1.03
 
 # A picture of this shape shows the whole width of a table from a distance of its width.
 _ASPECT = 1.65
+_BESIDE_PANEL = 0.75
 
 TUBE_SIDES = 6
 """Number of sides of a cable that is drawn."""
@@ -177,8 +178,19 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     # A picture narrower than the table is seen from farther away.
     width = 2 * table.half_width * max(1.0, _ASPECT / max(aspect, 0.2))
     span = max(width, 1.7 * (table.y_max - table.y_min))
-    look_at = np.array([0.0, middle - 0.04 * span, 0.0])
+    # In a tall picture the table stands in the upper half, above the panel.
+    low = 0.04 if aspect > 1.0 else 0.18
+    look_at = np.array([0.0, middle - low * span, 0.0])
     return look_at + span * np.array([0.0, -0.52, 0.74]), look_at, float(np.radians(44))
+
+
+def window_aspect(aspect: float) -> float:
+    """Return the shape of what the panel leaves of a window: beside it, or above it on a phone.
+
+    Args:
+        aspect: Width of the window by its height [-].
+    """
+    return _BESIDE_PANEL * aspect if aspect > 1.0 else aspect
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

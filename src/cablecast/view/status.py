@@ -1,0 +1,97 @@
+"""Texts of the page: the state of the table, a plan, and the tries."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cablecast.arm.limits import JOINT_NAMES
+from cablecast.conventions import xy_to_polar
+from cablecast.pipeline.aim_session import AimTrial
+from cablecast.runs.progress import duration_text
+from cablecast.view.desk import Desk, Phase, Preview
+from cablecast.view.scene import EXPECTED_SHARE
+from cablecast.view.worker import WorkState
+
+_ROWS = 8
+"""Number of tries in the table; the others can be chosen from the list below it."""
+
+_WORTH_SAYING = 0.1
+"""Chance of a cast without a landing that is worth a line."""
+
+
+def plan_text(preview: Preview, desk: Desk) -> str:
+    """Return what to expect of a plan, as a table in Markdown."""
+    proposal = preview.proposal
+    length = proposal.cable_length
+    r, theta = xy_to_polar(proposal.target_xy)
+    offset = float(np.linalg.norm(proposal.expected_xy - proposal.target_xy))
+    major, minor, _ = (100.0 / length * value for value in proposal.ellipse(EXPECTED_SHARE))
+    shares = 100.0 * preview.limit_shares
+    fastest, hardest = (int(np.argmax(row)) for row in shares)
+    rows = [
+        ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
+        ("expected", f"{100 * offset / length:.1f} % of the cable's length beside it"),
+        (f"{100 * EXPECTED_SHARE:.0f} % land", f"within {major:.0f} by {minor:.0f} %"),
+        ("duration", f"{proposal.trajectory.duration:.2f} s"),
+        ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({JOINT_NAMES[fastest]})"),
+        ("acceleration", f"{shares[1, hardest]:.0f} % of its limit ({JOINT_NAMES[hardest]})"),
+        ("table's edge", f"{100 * preview.margin:.0f} cm away"),
+    ]
+    if proposal.failure > _WORTH_SAYING:
+        rows.append(("may fail", f"{100 * proposal.failure:.0f} % hidden or off the table"))
+    lines = ["| plan | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)]
+    if not proposal.inside_coverage:
+        lines.append("\nNo simulated cast lands here: this is the nearest.")
+    return "\n".join(lines)
+
+
+def tries_text(desk: Desk) -> str:
+    """Return the last tries as a table in Markdown."""
+    lines = ["| try | target | miss |", "|---|---|---|"]
+    for one in desk.tries[-_ROWS:]:
+        r, theta = xy_to_polar(one.target_xy)
+        miss = one.status.code.replace("_", " ")
+        if math.isfinite(one.miss_pct):
+            miss = f"{one.miss_pct * desk.setup.cable.length:.1f} cm, {one.miss_pct:.1f} %"
+        if desk.is_undone(one):
+            miss = f"~~{miss}~~"
+        lines.append(
+            f"| {one.try_number} | {r:.2f} m, {math.degrees(theta):.0f}° | "
+            f"{'**' + miss + '**' if one.hit else miss} |"
+        )
+    return "\n".join(lines)
+
+
+def status_text(desk: Desk, state: WorkState) -> str:
+    """Return the state of the table, and what to do next."""
+    if state.name:
+        text = f"**{state.name[:1].upper()}{state.name[1:]} is under way.**"
+        if state.progress is not None:
+            progress = state.progress
+            text += f"\n\n{progress.task}"
+            if progress.total:
+                text += f": {progress.done} of {progress.total} {progress.unit}"
+            if state.seconds_left is not None:
+                text += f", about {duration_text(state.seconds_left)} left"
+        return text
+    news = state.message or desk.message
+    last = desk.last
+    head = desk.phase.value
+    if desk.phase is Phase.LANDED and last is not None and math.isfinite(last.miss_pct):
+        verdict = "Hit" if last.hit else "Landed"
+        centimetres = last.miss_pct * desk.setup.cable.length
+        head = f"{verdict}: {centimetres:.1f} cm ({last.miss_pct:.1f} %) from the target. {head}"
+    return f"**{head}**" + (f"\n\n{news[:1].upper()}{news[1:]}" if news else "")
+
+
+def try_name(one: AimTrial) -> str:
+    """Return the name of a try in a list."""
+    r, theta = xy_to_polar(one.target_xy)
+    return f"{one.number}: {r:.2f} m, {math.degrees(theta):.0f}°, try {one.try_number}"
+
+
+def set_changed(handle: Any, name: str, value: Any) -> None:
+    """Set a property that has changed: every assignment is sent to every tab."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)

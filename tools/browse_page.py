@@ -1,0 +1,220 @@
+"""A browser without a display on the page of `cablecast view`: for its tests and its pictures.
+
+    python tools/browse_page.py http://127.0.0.1:8080 docs/images
+
+takes the pictures of the documentation from a page that runs with a prepared session.
+"""
+
+import argparse
+import base64
+import contextlib
+import pathlib
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from cablecast.conventions import polar_to_xy
+from cablecast.setup import Setup
+from cablecast.view.picture import Camera
+from cablecast.view.shapes import viewpoint, window_aspect
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+# Software drawing, and nothing that talks to anybody. --disable-gpu would switch WebGL off.
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+PATIENCE = 90_000
+"""Longest wait for anything on the page [ms]: a busy machine draws slowly."""
+
+
+def find_browser() -> str | None:
+    """Return the path of a browser that can be driven; None where there is none."""
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
+
+
+@contextlib.contextmanager
+def open_browser() -> Iterator[Any]:
+    """Yield a browser of Playwright."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_browser(), args=list(FLAGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class TablePage:
+    """The page in one tab.
+
+    Args:
+        tab: Page of Playwright.
+        setup: Set-up that the page shows.
+
+    Attributes:
+        tab: Page of Playwright.
+        requests: Addresses that the page asked for.
+    """
+
+    def __init__(self, tab: Any, setup: Setup):
+        self.tab, self._setup = tab, setup
+        self.requests: list[str] = []
+        tab.on("request", lambda request: self.requests.append(request.url))
+        tab.set_default_timeout(PATIENCE)
+
+    def open(self, address: str) -> None:
+        """Open the page, and wait until its controls are there."""
+        self.tab.goto(address)
+        self.wait_for("cablecast")
+
+    def wait_for(self, text: str) -> None:
+        """Wait until a text is on the page."""
+        self.tab.wait_for_selector(f"text={text}")
+
+    def button(self, name: str) -> Any:
+        """Return a button by its whole label."""
+        return self.tab.get_by_role("button", name=name, exact=True)
+
+    def text(self) -> str:
+        """Return all text on the page."""
+        return str(self.tab.inner_text("body"))
+
+    def point_at(self, xy: Any) -> None:
+        """Click on a point of the table [m]."""
+        box = self.tab.locator("canvas").first.bounding_box()
+        window = self.tab.viewport_size
+        aspect = window_aspect(window["width"] / window["height"])
+        position, look_at, fov = viewpoint(self._setup, aspect)
+        camera = Camera(
+            position=position,
+            look_at=look_at,
+            fov=fov,
+            width=round(box["width"]),
+            height=round(box["height"]),
+        )
+        (x, y), _ = camera.project(np.append(xy, 0.0))
+        self.tab.mouse.click(box["x"] + float(x), box["y"] + float(y))
+
+    def target(self) -> np.ndarray:
+        """Return the target of the plan on the page [m], shape [2]."""
+        found = re.search(r"target\s+([\d.]+) m, (-?[\d.]+)°", self.text())
+        if found is None:
+            raise RuntimeError("the page shows no plan")
+        return polar_to_xy([float(found[1]), np.radians(float(found[2]))])
+
+    def tries(self) -> list[str]:
+        """Return the rows of the table of tries."""
+        rows = self.tab.locator("tr").all_inner_texts()
+        return [row for row in rows if re.match(r"\d+\t", row)]
+
+    def wait_for_rest(self) -> None:
+        """Wait until a cast has ended, with a landing or without."""
+        button = self.tab.get_by_role("button", name="Correct and cast again", disabled=False)
+        button.wait_for(state="visible")
+
+    def frames_per_second(self, seconds: float = 3.0) -> float:
+        """Return how often the browser draws."""
+        count = self.tab.evaluate(
+            """ms => new Promise(done => {
+                let count = 0; const start = performance.now();
+                const step = () => {
+                    count += 1;
+                    const over = performance.now() - start > ms;
+                    over ? done(count) : requestAnimationFrame(step);
+                };
+                requestAnimationFrame(step);
+            })""",
+            1000 * seconds,
+        )
+        return count / seconds
+
+    def hide_notices(self) -> None:
+        """Close the browser's own notices, such as that it draws in software."""
+        notices = self.tab.locator(".mantine-Notification-closeButton")
+        while notices.count():
+            notices.first.click()
+            time.sleep(0.3)
+
+    def picture(self, path: pathlib.Path) -> None:
+        """Save what the tab shows as PNG.
+
+        Playwright's own way waits for two quiet frames, which a page that moves never has.
+        """
+        session = self.tab.context.new_cdp_session(self.tab)
+        answer = session.send("Page.captureScreenshot", {"format": "png"})
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(base64.b64decode(answer["data"]))
+
+
+def take_pictures(address: str, folder: pathlib.Path) -> None:
+    """Take the pictures of docs/view.md from a page with a prepared session."""
+    with open_browser() as browser:
+        tab = browser.new_page(viewport={"width": 1280, "height": 720})
+        page = TablePage(tab, Setup())
+        page.open(address)
+        page.wait_for("Click on the table")
+        page.hide_notices()
+        page.point_at((0.45, 1.1))
+        page.wait_for("Look at the plan")
+        # The ghost is on its way.
+        time.sleep(2.0)
+        page.picture(folder / "view-plan.png")
+        page.button("Cast").click()
+        for _ in range(2):
+            page.wait_for_rest()
+            time.sleep(6.0)
+            page.button("Correct and cast again").click()
+            page.wait_for("is under way")
+        page.wait_for_rest()
+        time.sleep(8.0)
+        page.picture(folder / "view-cast.png")
+        page.tab.get_by_role("tab", name="Look").click()
+        page.button("Open").click()
+        page.wait_for("from measured")
+        for kind in ("believed", "tuned"):
+            page.tab.get_by_label(kind).click()
+        time.sleep(8.0)
+        page.picture(folder / "view-look.png")
+        page.tab.get_by_role("tab", name="Cast").click()
+        page.tab.get_by_text("View", exact=True).click()
+        page.tab.get_by_label("Where it can land").click()
+        page.tab.get_by_label("Dark").click()
+        page.button("Replay").click()
+        time.sleep(8.0)
+        page.picture(folder / "view-dark.png")
+        phone = TablePage(browser.new_page(viewport={"width": 390, "height": 780}), Setup())
+        phone.open(address)
+        time.sleep(6.0)
+        phone.hide_notices()
+        phone.picture(folder / "view-phone.png")
+
+
+def main() -> None:
+    """Take the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("address", help="address of a page with a prepared session")
+    parser.add_argument("folder", type=pathlib.Path, help="folder of the pictures")
+    arguments = parser.parse_args()
+    if find_browser() is None:
+        raise SystemExit(f"none of {', '.join(BROWSERS)} is installed")
+    take_pictures(arguments.address, arguments.folder)
+
+
+if __name__ == "__main__":
+    main()
