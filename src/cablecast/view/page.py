@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 PORT = 8080
 
+_ROUNDS = 3
+"""Number of times that a ghost plays before it rests: a page that always moves keeps a fan busy."""
+
 SIMULATED_RIGS = ("virtual", "engine", "twin")
 """Kinds of rigs that move nothing: any other is asked for twice."""
 

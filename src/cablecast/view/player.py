@@ -9,7 +9,7 @@ from cablecast.view.shown import ShownCast
 
 FRAMES_PER_SECOND = 25.0
 PAUSE = 0.8
-"""Time that the end of a looped cast is shown before it begins again [s]."""
+"""Time that the end of a cast is shown before it begins again [s]."""
 
 
 class Figure(Protocol):
@@ -40,7 +40,7 @@ class Player:
         self.frame_count = 0
         self._on_frame = on_frame or (lambda time: None)
         self._acts: list[tuple[Figure, ShownCast]] = []
-        self._loop = False
+        self._rounds = 1
         self._done: Callable[[], None] | None = None
         self._lock = threading.RLock()
         self._wake = threading.Event()
@@ -57,7 +57,7 @@ class Player:
         self,
         acts: Sequence[tuple[Figure, ShownCast]],
         *,
-        loop: bool = False,
+        rounds: int = 1,
         start: float = 0.0,
         done: Callable[[], None] | None = None,
     ) -> None:
@@ -65,12 +65,12 @@ class Player:
 
         Args:
             acts: Figures and their casts.
-            loop: Whether to begin again at the end, after a pause.
+            rounds: Number of times that the casts are played, with a pause between.
             start: Time to begin at [s].
             done: Called at the first end, in the player's thread; it must not wait.
         """
         with self._lock:
-            self._acts, self._loop, self._done = list(acts), loop, done
+            self._acts, self._rounds, self._done = list(acts), rounds, done
             self.time, self.playing = start, True
             self._draw()
         self._wake.set()
@@ -127,12 +127,12 @@ class Player:
     def _advance(self, seconds: float) -> None:
         end = self.duration
         at_end = self.time >= end
-        # Beyond the end the time of a loop runs on through its pause.
+        # Between two rounds the time runs on through the pause.
         self.time += self.speed * seconds
         if self.time >= end and not at_end and self._done is not None:
             self._done()
-        if self._loop and self.time >= end + PAUSE * self.speed:
-            self.time = 0.0
-        elif not self._loop and self.time >= end:
+        if self._rounds > 1 and self.time >= end + PAUSE * self.speed:
+            self.time, self._rounds = 0.0, self._rounds - 1
+        elif self._rounds <= 1 and self.time >= end:
             self.time, self.playing = end, False
         self._draw()
