@@ -19,6 +19,7 @@ import numpy as np
 
 from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
+from cablecast.view.page import WIDE
 from cablecast.view.picture import Camera
 from cablecast.view.shapes import viewpoint, window_aspect
 
@@ -99,7 +100,7 @@ class TablePage:
         """Click on a point of the table [m]."""
         box = self.tab.locator("canvas").first.bounding_box()
         window = self.tab.viewport_size
-        aspect = window_aspect(window["width"] / window["height"])
+        aspect = window_aspect(min(window["width"] / window["height"], WIDE))
         position, look_at, fov = viewpoint(self._setup, aspect)
         camera = Camera(
             position=position,

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 PORT = 8080
 
+WIDE = 1.5
+"""Windows at least this wide for their height see the table from one place."""
+
 _ROUNDS = 3
 """Number of times that a ghost plays before it rests: a page that always moves keeps a fan busy."""
 
@@ -261,7 +264,7 @@ class Page:
         self._marks.landings(self.desk.tries_at(preview.target_xy))
         self.solid.visible = True
         self.player.play(
-            [(self.ghost, preview.cast), (self.solid, _still(preview.cast))], loop=True
+            [(self.ghost, preview.cast), (self.solid, _still(preview.cast))], rounds=_ROUNDS
         )
         self.refresh()
 
@@ -294,12 +297,15 @@ class Page:
 
     def _place_camera(self) -> None:
         camera = self.server.initial_camera
-        camera.position, camera.look_at, camera.fov = viewpoint(self.desk.setup)
+        seen = viewpoint(self.desk.setup, window_aspect(WIDE))
+        camera.position, camera.look_at, camera.fov = seen
 
     def _welcome(self, client: "viser.ClientHandle") -> None:
-        """Step back for a narrow window, so that the whole table is seen beside the panel."""
-        seen = viewpoint(self.desk.setup, window_aspect(client.camera.aspect))
-        client.camera.position, client.camera.look_at = seen[:2]
+        """Step back for a narrow window, so that the whole table is seen."""
+        aspect = client.camera.aspect
+        if aspect < WIDE:
+            seen = viewpoint(self.desk.setup, window_aspect(aspect))
+            client.camera.position, client.camera.look_at = seen[:2]
 
 
 def _still(cast: ShownCast) -> ShownCast:
