@@ -39,6 +39,9 @@ FLAGS = (
     "--disable-sync",
 )
 
+PICTURED = (-0.5, 0.85)
+"""Target of the pictures [m]."""
+
 PATIENCE = 90_000
 """Longest wait for anything on the page [ms]: a busy machine draws slowly."""
 
@@ -171,7 +174,7 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         page.open(address)
         page.wait_for("Click on the table")
         page.hide_notices()
-        page.point_at((0.45, 1.1))
+        page.point_at(PICTURED)
         page.wait_for("Look at the plan")
         # The ghost is on its way.
         time.sleep(2.0)
@@ -188,14 +191,17 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         page.tab.get_by_role("tab", name="Look").click()
         page.button("Open").click()
         page.wait_for("from measured")
+        page.tab.get_by_role("textbox", name="Cast").click()
+        page.tab.get_by_role("option").last.click()
         for kind in ("believed", "tuned"):
             page.tab.get_by_label(kind).click()
+            time.sleep(2.0)
         time.sleep(8.0)
         page.picture(folder / "view-look.png")
         page.tab.get_by_role("tab", name="Cast").click()
-        page.tab.get_by_text("View", exact=True).click()
+        page.tab.get_by_text("View", exact=True).first.click()
         page.tab.get_by_label("Where it can land").click()
-        page.tab.get_by_label("Dark").click()
+        page.tab.get_by_role("checkbox", name="Dark").click()
         page.button("Replay").click()
         time.sleep(8.0)
         page.picture(folder / "view-dark.png")

@@ -70,7 +70,7 @@ def serve(tmp_path):
 
 
 def open_page(browser, served):
-    tab = browser.new_page(viewport={"width": 1000, "height": 600})
+    tab = browser.new_page(viewport={"width": 1120, "height": 630})
     page = TablePage(tab, Setup())
     page.open(served.address)
     return page

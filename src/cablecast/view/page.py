@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 PORT = 8080
 
-WIDE = 1.5
+WIDE = 1.75
 """Windows at least this wide for their height see the table from one place."""
 
 _ROUNDS = 3

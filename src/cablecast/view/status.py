@@ -13,7 +13,7 @@ from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.scene import EXPECTED_SHARE
 from cablecast.view.worker import WorkState
 
-_ROWS = 8
+_ROWS = 5
 """Number of tries in the table; the others can be chosen from the list below it."""
 
 _WORTH_SAYING = 0.1
@@ -35,7 +35,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
         (f"{100 * EXPECTED_SHARE:.0f} % land", f"within {major:.0f} by {minor:.0f} %"),
         ("duration", f"{proposal.trajectory.duration:.2f} s"),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({JOINT_NAMES[fastest]})"),
-        ("acceleration", f"{shares[1, hardest]:.0f} % of its limit ({JOINT_NAMES[hardest]})"),
+        ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({JOINT_NAMES[hardest]})"),
         ("table's edge", f"{100 * preview.margin:.0f} cm away"),
     ]
     if proposal.failure > _WORTH_SAYING:
