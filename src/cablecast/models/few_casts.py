@@ -38,10 +38,10 @@ class ResidualScales:
         power: Exponent of the sensitivity in the local size.
     """
 
-    amplitude: float = 0.06
-    noise: float = 0.015
-    length: float = 1.0
-    power: float = 0.5
+    amplitude: float = 0.055
+    noise: float = 0.012
+    length: float = 0.8
+    power: float = 0.9
 
     def to_array(self) -> NDArray[np.float64]:
         """Return the unconstrained numbers of the fit, shape [4]."""
@@ -61,9 +61,9 @@ class ResidualScales:
         )
 
 
-PRIOR_DEVIATIONS = np.array([0.5, 0.6, 0.4, 0.3])
-"""Standard deviations of the numbers of `ResidualScales.to_array` about its defaults. They cover
-what was found on the casts of nine virtual laboratories (docs/aim.md)."""
+PRIOR_DEVIATIONS = np.array([0.5, 0.6, 0.4, 0.25])
+"""Standard deviations of the numbers of `ResidualScales.to_array` about its defaults. The defaults
+are near those of the residuals between two simulators of other parameters and resolution."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from cablecast.motion.feasibility import check_actions
 from cablecast.policies.base import check_targets
 from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
-from cablecast.policies.refinement import refine_actions
+from cablecast.policies.refinement import refine_actions, within_ranges
 
 REACH_PCT = 6.0
 """Distance from the target within which candidates are compared by their expected miss [% of cable
@@ -38,10 +38,12 @@ _SHORTLIST_COUNT = 8
 _EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
 # Newton steps of a correction, and the parts of it that are tried until the arm can follow.
 _NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
+# Parts of the way from a candidate to the action that is expected on the target.
+_PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
 # The spread is known at the candidate, not at the action moved onto the target.
 _MOVE_COST = 0.15
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
-_ALONG = 0.7
+_ALONG = 0.5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -197,29 +199,20 @@ class Aimer:
             TargetError: The target is not finite, out of reach, or off the table.
         """
         target = check_targets(self.policy.setup, target_xy)[0]
-        actions, hands = self._shortlist(target)
-        goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
+        actions, hands = self._candidates(target)
         sensitivity = self.model.sensitivity(actions, self._changes)
-        moved, moved_xy = refine_actions(
-            actions,
-            goals,
-            self._changes,
-            model=_CorrectedLandings(self, hands, sensitivity),
-            table_margin=self.policy.info.get("table_margin", TABLE_MARGIN),
-            iterations=_NEWTON_STEPS,
-            fractions=_FRACTIONS,
-        )
-        simulated_xy = self.model.predict(moved)
-        sensitivity = self.model.sensitivity(moved, self._changes)
-        places = self._places(moved, simulated_xy, sensitivity, hands)
-        distance = np.linalg.norm(moved_xy - goals, axis=1) / self.length
+        expected_xy = _CorrectedLandings(self, hands, sensitivity).predict(actions)
+        places = self._places(actions, self.model.predict(actions), sensitivity, hands)
+        goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
+        distance = np.linalg.norm(expected_xy - goals, axis=1) / self.length
         risk, failure = self._risk(distance, places)
+        stays = self.model.predict_margin(actions) >= self._table_margin
         # A candidate that somebody else chose may be beyond the arm's limits.
-        risk[~check_actions(moved, self.policy.setup).mask] = np.inf
+        risk[~(stays & check_actions(actions, self.policy.setup).mask)] = np.inf
         best = int(np.argmin(risk))
         if not np.isfinite(risk[best]):
             raise InputError("the arm can follow none of the policy's actions near this target")
-        action = mirror_actions(moved[best]) if hands[best] < 0 else moved[best]
+        action = mirror_actions(actions[best]) if hands[best] < 0 else actions[best]
         xy, covariance, scatter = self.predict(action)
         return AimChoice(
             target_xy=target,
@@ -230,6 +223,35 @@ class Aimer:
             failure=float(failure[best]),
             inside_coverage=bool(self.policy.inside_coverage(target)),
         )
+
+    def _candidates(
+        self, target: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return promising actions, those that are expected on the target, and some in between.
+
+        What is known of an action holds the less, the farther it is changed: a part of the way to
+        the target may miss by less than all of it.
+
+        Returns:
+            Actions to the right, shape [action, 4], and the hands to play them with, [action].
+        """
+        starts, hands = self._shortlist(target)
+        moved, _ = refine_actions(
+            starts,
+            _to_right(np.repeat(target[None], len(starts), axis=0), hands),
+            self._changes,
+            model=_CorrectedLandings(self, hands, self.model.sensitivity(starts, self._changes)),
+            table_margin=self._table_margin,
+            iterations=_NEWTON_STEPS,
+            fractions=_FRACTIONS,
+        )
+        ways = [within_ranges(starts + part * (moved - starts)) for part in _PARTS]
+        return np.concatenate(ways), np.tile(hands, len(_PARTS))
+
+    @property
+    def _table_margin(self) -> float:
+        """Distance that the free end must keep within the table's edges [m]."""
+        return float(self.policy.info.get("table_margin", TABLE_MARGIN))
 
     def _risk(
         self, distance: NDArray[np.float64], places: Places

@@ -77,13 +77,13 @@ def refine_actions(
         length = np.linalg.norm(step, axis=1, keepdims=True)
         step *= np.minimum(1.0, _STEP_MAX / np.maximum(length, 1e-12))
         moved += step @ changes
-        moved = _within_ranges(moved)
+        moved = within_ranges(moved)
         moved_xy = model.predict(moved)
     final, final_xy = start.copy(), start_xy.copy()
     left_over = np.ones(len(start), dtype=bool)
     start_miss = np.linalg.norm(start_xy - targets, axis=1)
     for fraction in fractions:
-        tried = moved if fraction == 1.0 else _within_ranges(start + fraction * (moved - start))
+        tried = moved if fraction == 1.0 else within_ranges(start + fraction * (moved - start))
         tried_xy = moved_xy if fraction == 1.0 else model.predict(tried)
         taken = left_over & (np.linalg.norm(tried_xy - targets, axis=1) < start_miss)
         if np.any(taken):
@@ -98,7 +98,7 @@ def refine_actions(
     )
 
 
-def _within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return actions to the right whose angles are clipped to their bounds."""
     clipped = actions.copy()
     clipped[:, 0] = np.clip(actions[:, 0], -THETA_MAX, -THETA_MIN)
