@@ -19,7 +19,7 @@ class Aim:
     """Cast at targets, look, correct, and cast again until they are hit.
 
     The first time, the rig makes five casts, the simulator is fitted to them, and a model learns
-    from simulated casts; that takes about a minute on two cores. Then each target is aimed at.
+    from simulated casts; that takes a few minutes on two cores. Then each target is aimed at.
     Before each cast the command says where it expects the free end to land and how surely, after it
     where it landed and what changes. Every cast is kept in --out and teaches: give further targets
     with the same command. An interrupted one goes on where it stopped. The exit status is 3 if a
