@@ -1,49 +1,72 @@
-"""The store of casts that a session learns from: none is ever overlooked or overwritten."""
+"""The store of all casts of a cable: each is kept as it is made, none twice."""
 
+import dataclasses
+import json
+
+import numpy as np
 import pytest
+from stick_rig import COUNT, SETUP, StickRig
 
-from cablecast.datasets.schema import ACTION_COLUMNS, ENDPOINT_COLUMNS, EXTENT_COLUMNS
-from cablecast.datasets.store import CastStore, StoredCast
-from cablecast.errors import DamagedFileError
-from cablecast.setup import Setup
-
-SETUP = Setup()
-COUNT = 4
+from cablecast.datasets.collect import collect_dataset
+from cablecast.datasets.store import CastStore
+from cablecast.datasets.trials import measured_joints, trial_track
+from cablecast.errors import DamagedFileError, InputError
 
 
-def cast(number):
-    values = dict.fromkeys((*ACTION_COLUMNS, *ENDPOINT_COLUMNS, *EXTENT_COLUMNS), 0.1 * number)
-    return StoredCast(purpose="aim", values=values | {"status": "ok", "duration": 1.0})
+@pytest.fixture(scope="module")
+def casts(tmp_path_factory):
+    path = tmp_path_factory.mktemp("store") / "casts"
+    return collect_dataset(path, StickRig(), SETUP, purpose="tune", count=COUNT)
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """Store some casts."""
+def test_casts_come_out_as_they_went_in(casts, tmp_path):
+    store = CastStore(SETUP, tmp_path / "store")
+    assert store.add_dataset(casts) == COUNT
+    again = CastStore(SETUP, tmp_path / "store").dataset()
+    np.testing.assert_array_equal(again.actions, casts.actions)
+    np.testing.assert_array_equal(again.endpoint_xy, casts.endpoint_xy)
+    assert list(again.status) == list(casts.status)
+    for row in range(COUNT):
+        there, here = trial_track(casts, row), trial_track(again, row)
+        np.testing.assert_array_equal(here.endpoint_xy, there.endpoint_xy)
+        joints, known = measured_joints(again, row), measured_joints(casts, row)
+        np.testing.assert_array_equal(joints.q, known.q)
+    assert again.fingerprint == store.dataset().fingerprint
+
+
+def test_a_cast_is_kept_once(casts, tmp_path):
     store = CastStore(SETUP, tmp_path)
-    for number in range(COUNT):
-        store.add(cast(number))
-    return tmp_path
+    store.add_dataset(casts)
+    assert store.add_dataset(casts) == 0
+    assert CastStore(SETUP, tmp_path).add_dataset(casts) == 0
+    assert len(store) == COUNT
 
 
-def test_stored_casts_come_back_in_their_order(folder):
-    store = CastStore(SETUP, folder)
-    assert [stored.values for stored in store.casts] == [cast(n).values for n in range(COUNT)]
+def test_casts_of_another_set_up_and_simulated_ones_are_refused(casts, tmp_path):
+    other = SETUP.with_motion(v_max=1.2)
+    with pytest.raises(InputError, match="another set-up"):
+        CastStore(other).add_dataset(casts)
+    simulated = dataclasses.replace(casts, info=casts.info | {"kind": "sim"})
+    with pytest.raises(InputError, match="were simulated"):
+        CastStore(SETUP).add_dataset(simulated)
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    with pytest.raises(InputError, match=r"v_max is 1\.5 there and 1\.2 here"):
+        CastStore(other, tmp_path)
 
 
-def test_casts_behind_a_missing_one_are_neither_overlooked_nor_overwritten(folder):
-    files = sorted((folder / "casts").iterdir())
-    files[1].unlink()
-    with pytest.raises(DamagedFileError, match=r"00001.json is missing, but 00002.json is there"):
-        CastStore(SETUP, folder)
-    # The way out that the message names.
-    for file, free in zip(files[2:], files[1:], strict=False):
-        file.rename(free)
-    assert len(CastStore(SETUP, folder)) == COUNT - 1
+def test_two_that_add_to_one_folder_never_overwrite_each_other(casts, tmp_path):
+    first, second = CastStore(SETUP, tmp_path), CastStore(SETUP, tmp_path)
+    first.add_dataset(casts)
+    with pytest.raises(InputError, match="another process has added casts"):
+        second.add_dataset(casts)
+    assert len(CastStore(SETUP, tmp_path)) == COUNT
 
 
-def test_nobody_is_told_that_a_damaged_cast_is_made_again(folder):
-    file = folder / "casts" / "00002.json"
-    file.write_bytes(file.read_bytes().replace(b"0.2", b"0.3", 1))
-    with pytest.raises(DamagedFileError, match=r"00002.json is damaged.*Restore it") as caught:
-        CastStore(SETUP, folder)
-    assert "makes it again" not in str(caught.value)
+def test_a_damaged_cast_is_said_by_name(casts, tmp_path):
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    file = tmp_path / "casts" / "00002.json"
+    values = json.loads(file.read_text())
+    values["values"]["theta1"] = 0.0
+    file.write_text(json.dumps(values))
+    with pytest.raises(DamagedFileError, match=r"00002\.json"):
+        CastStore(SETUP, tmp_path)

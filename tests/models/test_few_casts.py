@@ -1,0 +1,86 @@
+"""The process on residuals: a Kalman filter at one place, a map over many."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.models.few_casts import FewCastResidual, Places, ResidualScales
+
+# The covariance has a small number added to its diagonal, 1e-9 beside a noise of 4e-4.
+JITTER = 1e-4
+
+SCALES = ResidualScales(amplitude=0.08, noise=0.02, length=1.0, power=0.0)
+
+
+def places(inputs, log_sizes=None):
+    inputs = np.atleast_2d(inputs)
+    sizes = np.zeros(len(inputs)) if log_sizes is None else np.asarray(log_sizes, dtype=float)
+    return Places(inputs=inputs, log_sizes=sizes)
+
+
+HERE, FAR = places(np.zeros(7)), places(np.full(7, 50.0))
+
+
+def test_before_any_cast_the_residual_is_unknown_and_zero_on_average():
+    mean, variance = FewCastResidual.empty(SCALES).predict(HERE)
+    np.testing.assert_array_equal(mean, [[0.0, 0.0]])
+    assert variance == pytest.approx([0.08**2])
+
+
+def test_repeated_casts_are_averaged_as_by_a_kalman_filter():
+    process = FewCastResidual.empty(SCALES)
+    mean, variance = 0.0, 0.08**2
+    for seen in (0.05, 0.03, 0.06, 0.01):
+        gain = variance / (variance + 0.02**2)
+        mean, variance = mean + gain * (seen - mean), (1.0 - gain) * variance
+        process = process.with_cast(HERE, np.array([seen, -seen]))
+        found, left = process.predict(HERE)
+        np.testing.assert_allclose(found, [[mean, -mean]], rtol=JITTER)
+        np.testing.assert_allclose(left, [variance], rtol=JITTER)
+
+
+def test_a_cast_teaches_nothing_of_a_place_far_away():
+    process = FewCastResidual.empty(SCALES).with_cast(HERE, np.array([0.1, 0.1]))
+    mean, variance = process.predict(FAR)
+    np.testing.assert_allclose(mean, 0.0, atol=1e-6)
+    assert variance == pytest.approx([0.08**2])
+
+
+def test_the_mirror_image_of_an_action_shares_a_part_of_its_residual():
+    left = places(np.array([0.0, 0, 0, 0, 0, 0, -1.0]))
+    right = places(np.array([0.0, 0, 0, 0, 0, 0, 1.0]))
+    process = FewCastResidual.empty(SCALES).with_cast(right, np.array([0.1, 0.0]))
+    same, mirrored = (process.predict(place)[0][0, 0] for place in (right, left))
+    assert 0.3 * same < mirrored < 0.9 * same
+
+
+def test_a_sensitive_action_misses_and_scatters_by_more():
+    process = FewCastResidual.empty(dataclasses.replace(SCALES, power=1.0))
+    wide = places(np.zeros(7), [np.log(3.0)])
+    assert process.predict(wide)[1] == pytest.approx(9 * process.predict(HERE)[1])
+    assert process.scatter_variance(wide) == pytest.approx(9 * process.scatter_variance(HERE))
+
+
+def test_many_casts_overrule_what_was_expected_of_the_scales():
+    rng = np.random.default_rng(1)
+    inputs = rng.normal(size=(60, 7)) * [1, 1, 1, 1, 0, 0, 0]
+    truth = FewCastResidual.empty(ResidualScales(amplitude=0.2, noise=0.01, length=1.0, power=0.0))
+    grown = dataclasses.replace(
+        truth, places=places(inputs), residuals=np.zeros((60, 2)), scatter=np.ones(60)
+    )
+    drawn = np.linalg.cholesky(grown._covariance) @ rng.normal(size=(60, 2))
+    process = FewCastResidual.empty(ResidualScales(amplitude=0.05, noise=0.03, length=1.0))
+    for row in range(60):
+        process = process.with_cast(places(inputs[row]), drawn[row])
+    fitted = process.fitted().scales
+    assert fitted.amplitude == pytest.approx(0.2, rel=0.4)
+
+
+def test_casts_of_the_fit_do_not_tell_the_scales():
+    process = FewCastResidual.empty(SCALES)
+    for number in range(6):
+        process = process.with_cast(places(np.full(7, 3.0 * number)), np.zeros(2))
+    none = np.zeros(6, dtype=bool)
+    assert process.fitted(none).scales == SCALES
+    assert process.fitted().scales.amplitude < 0.5 * SCALES.amplitude
