@@ -1,7 +1,10 @@
+import ast
 import os
+import pathlib
 
 import pytest
 
+import cablecast
 from cablecast.files import write_bytes, write_json, write_text
 
 
@@ -40,3 +43,16 @@ def test_a_written_file_can_be_read_by_whom_the_umask_allows(tmp_path):
     finally:
         os.umask(umask)
     assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o644
+
+
+def test_text_is_read_and_written_in_utf_8_whatever_the_locale():
+    package = pathlib.Path(cablecast.__file__).parent
+    without = []
+    for file in sorted(package.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                is_text = node.func.attr in ("write_text", "read_text")
+                names = {keyword.arg for keyword in node.keywords}
+                if is_text and "encoding" not in names:
+                    without.append(f"{file.relative_to(package)}:{node.lineno}")
+    assert without == []

@@ -205,8 +205,10 @@ def write_tables(
     }
     stats = {name: statistics(values) for name, values in joined.items()}
     for name, values in (("info", info), ("stats", stats)):
-        (folder / f"meta/{name}.json").write_text(json.dumps(values, indent=2) + "\n")
-    (folder / "README.md").write_text(lerobot_card(dataset, info))
+        (folder / f"meta/{name}.json").write_text(
+            json.dumps(values, indent=2) + "\n", encoding="utf-8"
+        )
+    (folder / "README.md").write_text(lerobot_card(dataset, info), encoding="utf-8")
 
 
 def statistics(values: NDArray) -> dict[str, list[float]]:
