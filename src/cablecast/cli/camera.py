@@ -25,8 +25,9 @@ class CameraVerb:
     `check` says on one page what was asked of the camera and what it does: frame rate, lost frames,
     exposure, blur at the speed of the cable's end, tags seen, misfit of the calibration, and what
     to change. The exit status is 3 if there is anything to change. `sync` finds the offset of the
-    two clocks from a film of the swinging arm and the robot's log of the same swing, says how sure
-    it is, and writes it into the lab file. docs/camera.md explains both.
+    two clocks, says how sure it is, and writes it into the lab file: the robot of the lab file is
+    reset and makes one cast at the speed of the lab file; or give a film of a swing and the robot's
+    log of it. Either takes seconds to a minute. docs/camera.md explains both.
     """
 
     task: Annotated[tyro.conf.Positional[Task], argument("check|sync")]
@@ -39,9 +40,9 @@ class CameraVerb:
     """Speed of the cable's end for which the blur is stated, for check [m/s]."""
     picture: Annotated[pathlib.Path | None, argument("FILE", "not kept")] = None
     """Keep the last picture, with the tags and the table's edges drawn into it, for check."""
-    film: Annotated[pathlib.Path | None, argument("FILE", "needed for sync")] = None
+    film: Annotated[pathlib.Path | None, argument("FILE", "the robot makes a cast")] = None
     """Film of the swinging arm, for sync."""
-    log: Annotated[pathlib.Path | None, argument("FILE", "needed for sync")] = None
+    log: Annotated[pathlib.Path | None, argument("FILE", "the robot makes a cast")] = None
     """CSV of what the robot reported of that swing: time_s [s] and q1 to q6 [rad], for sync."""
     begin: Annotated[float, argument("S")] = 0.0
     """Time of the camera's clock at the first frame of the film, for sync [s]."""
@@ -70,13 +71,23 @@ class CameraVerb:
 
     def _sync(self) -> int:
         from cablecast.lab_file import update_lab_file
-        from cablecast.pipeline.camera import sync_film
+        from cablecast.pipeline.camera import sync_camera, sync_film
         from cablecast.setup import load_setup
 
-        if self.film is None or self.log is None:
-            raise InputError("sync needs a film of the swinging arm (--film) and its log (--log)")
-        found = sync_film(load_setup(self.setup), self.film, self.log)
-        offset = found.offset - self.begin
+        setup = load_setup(self.setup)
+        if self.film is not None and self.log is not None:
+            found = sync_film(setup, self.film, self.log)
+            offset = found.offset - self.begin
+        elif self.film is not None or self.log is not None or setup.robot is None:
+            raise InputError(
+                "sync needs a film of the swinging arm (--film) and its log (--log), or a robot in "
+                "the lab file that makes one cast"
+            )
+        else:
+            from cablecast.rigs.ur.rig import RigUR
+
+            found = sync_camera(setup, lambda camera: RigUR(setup, camera))
+            offset = found.offset
         print(
             f"offset     {offset:.5f} s: the robot's clock when the camera's shows zero\n"
             f"uncertain  {1e3 * found.sd:.2f} ms (standard deviation)\n"
