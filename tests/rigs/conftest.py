@@ -137,7 +137,7 @@ def rig_kind(request, setup) -> RigKind:
         from cablecast.twin.truth import TruthCamera
 
         make_twin = request.getfixturevalue("make_twin")
-        _, lab = make_twin({"watchdog": 0.3, "silence_max": 10.0}, segment_count=12, rate=2.0)
+        _, lab = make_twin({"watchdog": 1.0, "silence_max": 10.0}, segment_count=12, rate=2.0)
         return RigKind("ur", lambda: RigUR(lab, TruthCamera(lab, lab.robot.address)))
     if request.param == "engine":
         from cablecast.engines.warp_ import EngineWarp

@@ -63,7 +63,8 @@ class RobotConfig:
             each set point from a process of its own.
         lookahead: Lookahead time of servoj [s].
         gain: Gain of servoj [-].
-        watchdog: Longest silence of this computer before the controller stops the arm [s].
+        watchdog: Longest silence of this computer before the controller stops the arm [s]. Braking
+            takes another 0.2 s at most.
         silence_max: Longest time without a report of the controller before the connection counts
             as lost [s]. A twin that draws for its camera may need longer.
         lag_max: Largest distance of a joint from its set point, before the cast is aborted [rad].
@@ -108,7 +109,7 @@ class RobotConfig:
                 "position_margin": (0.0, 1.0, "rad"),
                 "lookahead": (0.03, 0.2, "s"),
                 "gain": (100.0, 2000.0, ""),
-                "watchdog": (0.04, 0.3, "s"),
+                "watchdog": (0.04, 1.0, "s"),
                 "silence_max": (0.1, 120.0, "s"),
                 "lag_max": (0.01, 2.0, "rad"),
                 "settle_time": (0.1, 60.0, "s"),

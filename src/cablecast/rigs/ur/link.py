@@ -5,7 +5,6 @@ import contextlib
 import dataclasses
 import json
 import queue
-import signal
 import socket
 import subprocess
 import sys
@@ -107,7 +106,7 @@ class UrLink:
             stderr=subprocess.DEVNULL,
             text=True,
             # Ctrl-C is for the one who drives the arm, who still needs the connection to stop it.
-            preexec_fn=_ignore_interrupts,
+            start_new_session=True,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -293,10 +292,6 @@ class UrLink:
             else:
                 self._answers.put(values)
         self._answers.put({"failed": "its process ended", "error": "its process ended"})
-
-
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _probe(address: str, port: int, name: str) -> None:

@@ -73,7 +73,8 @@ class RigUR(RigLifecycle):
             "lookahead": self.robot.lookahead,
             "gain": self.robot.gain,
             "payload_mass": self.robot.payload_mass,
-            "camera": camera.description,
+            # How well it is calibrated today is no setting of a collection that goes on tomorrow.
+            "camera": camera.description.get("camera", "unknown"),
             "workspace": settings["workspace"],
             "arm": settings["arm"],
         }
