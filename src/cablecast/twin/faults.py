@@ -26,9 +26,10 @@ FAULTS: dict[str, str] = {
 }
 """Faults of the twin, each in words."""
 
-PHASES = ("idle", "reset", "approach", "cast", "settle", "now")
+PHASES = ("idle", "reset", "approach", "cast", "settle", "readout", "now")
 """Phases that a fault may wait for: the arm stands, the reset's motion, the hold at the start of a
-cast, the cast's motion, and after it. "now" waits for nothing."""
+cast, the cast's motion, the time in which the cable comes to rest, and the end of the film. "now"
+waits for nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
