@@ -30,7 +30,8 @@ class Aim:
     """Targets, one after another: distance from the robot's base [m], and angle from straight ahead
     [deg], positive to the robot's right."""
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual (a laboratory in software), engine (the simulator), or
+    """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
+    simulator), or
     your own robot as package.module:factory."""
     within: Annotated[float, argument("PCT")] = 3.0
     """Distance from the target at which a cast has hit, in % of cable length."""

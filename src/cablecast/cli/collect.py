@@ -22,7 +22,8 @@ class Collect:
     """
 
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual (a laboratory in software), engine (the simulator), or
+    """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
+    simulator), or
     your own robot as package.module:factory."""
     purpose: typing.Literal["tune", "real"] = "tune"
     """Purpose of the casts: to tune the simulator, or to fine-tune the model."""

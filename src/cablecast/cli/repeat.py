@@ -23,7 +23,8 @@ class Repeat:
     """
 
     rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual (a laboratory in software), engine (the simulator), or
+    """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
+    simulator), or
     your own robot as package.module:factory."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
     """Lab file that describes cable, table, arm and motion."""
