@@ -7,7 +7,8 @@ import sys
 import pytest
 
 from cablecast.cli.main import main
-from cablecast.setup import load_setup, save_setup
+from cablecast.cli.options import with_instruments
+from cablecast.setup import Setup, load_setup, save_setup
 
 pytest.importorskip("rtde_receive")
 pytest.importorskip("mujoco")
@@ -77,3 +78,13 @@ def test_a_twin_that_makes_no_sense_is_refused_in_one_line(lab, words, message, 
 def test_a_dry_run_is_only_for_the_arm(capsys):
     assert main(["collect", "--dry-run"]) == 2
     assert "--dry-run is for --rig ur, not for virtual" in capsys.readouterr().err
+
+
+def test_a_model_is_evaluated_with_the_robot_of_the_lab_file(lab):
+    setup = load_setup(lab[0])
+    stored = Setup.from_dict(Setup().to_settings())
+    merged = with_instruments(stored, lab[0])
+    assert merged.robot == setup.robot
+    assert merged.arm.measured
+    assert merged.to_settings() == stored.to_settings()
+    assert with_instruments(stored, None) is stored

@@ -98,7 +98,7 @@ class Evaluate:
     @contextlib.contextmanager
     def _rig(self, policy: "Policy", out: pathlib.Path) -> "Iterator[CheckedRig]":
         """Yield the rig; "engine" is the simulator exactly as the model knew it."""
-        from cablecast.cli.options import open_rig
+        from cablecast.cli.options import open_rig, with_instruments
         from cablecast.pipeline.rigs import engine_rig
         from cablecast.policies.forward_search import ForwardSearchPolicy
 
@@ -106,7 +106,8 @@ class Evaluate:
             with engine_rig(policy.model, self.device) as rig:
                 yield rig
             return
-        with open_rig(self.rig, policy.setup, self.seed, out, self.time_limit) as rig:
+        setup = with_instruments(policy.setup, self.setup)
+        with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             yield rig
 
 

@@ -83,6 +83,20 @@ def check_same_setup(
         raise InputError(f"{where} was made for another set-up: {'; '.join(differences)}")
 
 
+def with_instruments(setup: "Setup", lab_file: pathlib.Path | None) -> "Setup":
+    """Return the set-up of a model with the robot and the camera of a lab file.
+
+    Args:
+        setup: Set-up that the model was made for.
+        lab_file: Lab file of --setup; nothing is changed where None.
+    """
+    if lab_file is None:
+        return setup
+    lab = load_lab(lab_file, None)
+    arm = dataclasses.replace(setup.arm, measured=lab.arm.measured)
+    return dataclasses.replace(setup, arm=arm, robot=lab.robot, camera=lab.camera)
+
+
 @contextlib.contextmanager
 def open_rig(
     spec: str, setup: "Setup", seed: int, out: pathlib.Path, time_limit: float = 120.0
