@@ -61,7 +61,7 @@ def way(link, setup, turn=0.3, speed=0.6):
 def time_to_rest(process, event):
     """Return how long after its newest event the arm still moved [s], by the twin's clock."""
     begin = [e["time"] for e in process.admin.events() if e["what"] == event][-1]
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 120.0
     while process.admin.state()["time"] < begin + 1.0:
         assert time.monotonic() < deadline
         time.sleep(0.05)
@@ -170,7 +170,7 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
 def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, words):
     process, setup = twin
     process.admin.fault(fault)
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     while process.admin.state()["faults"] and time.monotonic() < deadline:
         time.sleep(0.02)
     for _ in range(3):
@@ -219,11 +219,11 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
         )
     )
     driver = subprocess.run(
-        [sys.executable, str(script), str(tmp_path / "twin.yaml")], timeout=120, check=False
+        [sys.executable, str(script), str(tmp_path / "twin.yaml")], timeout=300, check=False
     )
     assert driver.returncode == -9
     begin = process.admin.state()["time"]
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 120.0
     while process.admin.state()["time"] < begin + 2.0:
         assert time.monotonic() < deadline
         time.sleep(0.05)

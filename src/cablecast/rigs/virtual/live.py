@@ -39,7 +39,10 @@ _AWAY = 0.05
 """Distance from the reset pose beyond which the next reset begins [m]."""
 _REST_TIME = 0.1
 _REST_MOVE = 5e-4
-_HISTORY_TIME = 0.5
+_HISTORY_TIME = 0.1
+"""Time for which set points are kept: longer than any dead time [s]."""
+_STILL_ERROR, _STILL_SPEED = 1e-7, 1e-6
+"""Distance from its set point [rad], and speed [rad/s], below which a joint is put to rest."""
 _SLIP_SHARE = 0.2
 
 
@@ -72,8 +75,14 @@ class LiveArm:
 
     def command(self, q: ArrayLike) -> None:
         """Give a set point that holds from now on [rad], shape [6]."""
+        q = np.array(q, dtype=float)
+        last, before = self._set_points[-1], self._set_points[-2]
+        if np.array_equal(q, last) and np.array_equal(last, before):
+            # It holds on; the next one is a step from here.
+            self._times[-1] = self.time
+            return
         self._times.append(self.time)
-        self._set_points.append(np.array(q, dtype=float))
+        self._set_points.append(q)
         while len(self._times) > 3 and self._times[1] < self.time - _HISTORY_TIME:
             del self._times[0], self._set_points[0]
 
@@ -82,6 +91,17 @@ class LiveArm:
         self.qd[:] = 0.0
         self._times = [self.time - 1.0, self.time]
         self._set_points = [self.q.copy(), self.q.copy()]
+
+    def _is_still(self) -> bool:
+        """Put the joints to rest where they have reached a set point that holds."""
+        last = self._set_points[-1]
+        held = self._times[-2] <= self.time - _HISTORY_TIME
+        if not (held and np.array_equal(last, self._set_points[-2])):
+            return False
+        if np.abs(self.q - last).max() > _STILL_ERROR or np.abs(self.qd).max() > _STILL_SPEED:
+            return False
+        self.q, self.qd = last.copy(), np.zeros(JOINT_COUNT)
+        return True
 
     def advance(self, step_count: int) -> Array:
         """Move on, and return the poses of the grip at each step.
@@ -92,6 +112,9 @@ class LiveArm:
         Returns:
             x, y, z [m], yaw, pitch [rad], shape [step, 5].
         """
+        if self._is_still():
+            self.time += step_count * self.dt
+            return np.repeat(self.arm.grip_pose(self.q)[None], step_count, axis=0)
         servos = self._servos
         times, points = np.array(self._times), np.stack(self._set_points)
         now = self.time + self.dt * np.arange(1, step_count + 1)
