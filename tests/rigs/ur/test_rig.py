@@ -108,10 +108,12 @@ def test_an_interrupt_stops_the_arm(stick, cast):
         with pytest.raises(KeyboardInterrupt):
             rig.execute(cast)
         thread.join()
+        # On a busy computer the twin's clock is slower than that of this test.
+        deadline = time.monotonic() + 60.0
+        while not (state := stick[0].admin.state())["at_rest"] or state["program"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
         begin = _last(stick[0].admin.events(), "program ends", "cablecast_cast")["time"]
-        assert rig._link.wait_for_report().is_playing is False
-        state = stick[0].admin.state()
-        assert state["at_rest"]
         truth = stick[0].admin.truth(begin - 2.0, begin)
         assert max(truth["joint_speed"]) > 0.5
 
