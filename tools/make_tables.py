@@ -14,8 +14,9 @@ import pathlib
 import re
 
 from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
-from cablecast.files import write_text
+from cablecast.files import write_json, write_text
 from cablecast.pipeline.reproduce_stages import QUICK
+from cablecast.pipeline.verify import HEADLINE_FILE, headline_figures
 from cablecast.reading import read_json, read_text
 from cablecast.report.reproduction import BEST_METHOD, METHOD_NAMES, Reproduction
 from cablecast.report.tables import BEST_METHOD_PUBLISHED
@@ -127,6 +128,16 @@ def insert(page: pathlib.Path, name: str, text: str, folder: pathlib.Path) -> No
     print(f"{page}: {name} of {folder}")
 
 
+def write_headline(folder: pathlib.Path) -> None:
+    """Write the figures that `cablecast verify` compares with."""
+    budget = read_json(folder / "config.json")["settings"]["budget"]
+    results = Reproduction(folder=folder, cables=tuple(budget["cables"]))
+    cable, metrics = next(iter(results.best_evaluations().items()))
+    figures = headline_figures(metrics["errors_pct"])
+    rounded = {name: round(value, 1) for name, value in figures.items()}
+    write_json(ROOT / "src/cablecast" / HEADLINE_FILE, {"cable": cable, "figures": rounded})
+
+
 def main() -> None:
     """Print the tables, or put them into the pages."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -141,6 +152,8 @@ def main() -> None:
             insert(page, name, table(arguments.folder), arguments.folder)
         else:
             print(table(arguments.folder), end="\n\n")
+    if arguments.write:
+        write_headline(arguments.folder)
 
 
 if __name__ == "__main__":

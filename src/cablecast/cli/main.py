@@ -30,6 +30,7 @@ from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
 from cablecast.cli.twin import Twin
+from cablecast.cli.verify import Verify
 from cablecast.cli.view import View
 from cablecast.errors import CablecastError
 
@@ -82,6 +83,7 @@ VERBS: dict[str, type] = {
     "twin": Twin,
     "demo": Demo,
     "reproduce": Reproduce,
+    "verify": Verify,
 }
 """Verbs of the command line, in the order in which data flows."""
 

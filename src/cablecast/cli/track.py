@@ -3,6 +3,7 @@
 import dataclasses
 import pathlib
 import re
+import typing
 from typing import Annotated, Any
 
 import tyro
@@ -44,6 +45,10 @@ class Track:
     """Time of the first frame of the motion, which is time 0 of the track [s]."""
     marker: Annotated[tuple[float, float], argument("LENGTH WIDTH")] = (0.038, 0.016)
     """Size of the marker along and across the cable [m]."""
+    color: typing.Literal["green", "red", "blue"] = "green"
+    """Color of the marker; a second one of another color tracks the hand that holds the cable."""
+    marker_z: Annotated[float | None, argument("M", "the cable's radius")] = None
+    """Height of the marker above the table [m]."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/track-VIDEO")] = None
     """Folder of the results."""
 
@@ -62,6 +67,8 @@ class Track:
             begin=self.begin,
             start=self.start,
             marker=self.marker,
+            color=self.color,
+            marker_z=self.marker_z,
         )
         name = "track-" + (re.sub(r"[^\w.-]+", "_", self.video.stem).strip(".") or "video")
         out = self.out or RUNS_FOLDER / name

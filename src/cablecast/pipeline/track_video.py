@@ -6,6 +6,7 @@ import itertools
 import math
 import os
 import pathlib
+import typing
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,12 @@ _CALIBRATION_FRAMES = 12
 _BOARD_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
+MarkerColor = typing.Literal["green", "red", "blue"]
+
+# The tracker looks for green: a marker of another color is seen with two channels swapped (BGR).
+_CHANNELS = {"green": (0, 1, 2), "red": (0, 2, 1), "blue": (1, 0, 2)}
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrackConfig:
     """Description of a recording.
@@ -53,6 +60,8 @@ class TrackConfig:
             cable where None.
         start: Time at which the motion begins, from the first frame on [s].
         marker: Length and width of the marker along and across the cable [m].
+        color: Color of the marker: "green", "red" or "blue".
+        marker_z: Height of the marker's middle above the table [m]; the cable's radius where None.
     """
 
     calibration: pathlib.Path | None = None
@@ -62,8 +71,15 @@ class TrackConfig:
     begin: tuple[float, float] | None = None
     start: float = 0.0
     marker: tuple[float, float] = (0.038, 0.016)
+    color: MarkerColor = "green"
+    marker_z: float | None = None
 
     def __post_init__(self):
+        if self.color not in _CHANNELS:
+            raise InputError(
+                f"marker color {str(self.color)[:40]!r} must be one of {', '.join(_CHANNELS)}"
+            )
+        check_number("marker_z", self.marker_z or 0.0, 0.0, 0.5, "m")
         if self.calibration is not None and (self.tags or self.board):
             raise InputError("a calibration says it all: give either it, or tags and board")
         check_number("view_deg", self.view_deg, 5.0, 175.0, "deg")
@@ -126,6 +142,8 @@ def track_video(
         "begin": config.begin,
         "start": config.start,
         "marker": config.marker,
+        "color": config.color,
+        "marker_z": config.marker_z,
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "track", settings)
@@ -174,7 +192,7 @@ def _track(
         setup.workspace,
         TrackerConfig(
             marker=MarkerConfig(length=length, width=width),
-            marker_z=setup.cable.radius,
+            marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,
             exposure_max=min(1.0 / 120, 1.0 / info.rate),
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
@@ -183,10 +201,15 @@ def _track(
     image = None
     for count, (time, frame) in enumerate(frames, start=1):
         image = frame
-        tracker.update(time - config.start, lambda w, f=frame: f[w[1] : w[3], w[0] : w[2]])
+        tracker.update(time - config.start, _grab(frame, config.color))
         if count_frames is not None and count % 60 == 0:
             count_frames(count, max(info.frame_count, count))
     return tracker, calibration, image
+
+
+def _grab(frame: Any, color: MarkerColor) -> Any:
+    """Return what gives the tracker pieces of a frame, in which the marker is green."""
+    return lambda window: frame[window[1] : window[3], window[0] : window[2]][..., _CHANNELS[color]]
 
 
 def _calibrate(
