@@ -7,10 +7,10 @@ import io
 import pathlib
 
 import pytest
+from tools.film_by_hand import main as film_by_hand
 
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tune import TuneConfig
-from tools.film_by_hand import main as film_by_hand
 
 FOLDER = pathlib.Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(path.name for path in FOLDER.glob("*.py"))
