@@ -11,6 +11,7 @@ from tests.filming.player import Player
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError
+from cablecast.filming.gripper import reported_speed
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.camera import SYNC_ACTION, sync_camera
 from cablecast.rigs.base import RigLifecycle
@@ -85,6 +86,16 @@ def test_one_cast_tells_the_offset_of_the_clocks(setup, player):
     found = sync_camera(setup, lambda camera: PlayedRig(player, camera))
     assert found.offset == pytest.approx(-CLOCK, abs=OFFSET_MAX)
     assert 0 < found.sd < SD_MAX
+
+
+def test_an_arm_that_rests_at_the_ends_of_its_record_rests_beyond_them():
+    times = np.linspace(0.0, 1.0, 101)
+    at = np.array([-3.0, 0.5, 4.0])
+    still = reported_speed(times, 100 * (3 * times**2 - 2 * times**3), 0.02)(at)
+    # The fastest point of that way is its middle, at 150 px/s.
+    np.testing.assert_allclose(still, [0.0, 150.0, 0.0], rtol=1e-3)
+    moving = reported_speed(times, 100 * times, 0.02)(at)
+    np.testing.assert_allclose(moving, [np.nan, 100.0, np.nan])
 
 
 def test_a_cast_that_was_aborted_tells_nothing(setup, player):

@@ -28,6 +28,8 @@ _FLOW_MIN = 0.6
 """Way of a pixel between two frames below which it stands still [px of the small picture]."""
 _AREA_MIN = 0.002
 """Share of the picture that must move for the motion to be the arm's."""
+_REST_SHARE = 0.05
+"""Share of its largest speed below which the arm stands still."""
 _POINT_DISTANCE = 0.05
 """Distance between points of the arm whose mean stands for what is seen of it [m]."""
 _TRAVEL_MIN = 0.15
@@ -118,7 +120,7 @@ def sync_by_motion(
     margin = 0.5 * min(float(np.ptp(robot_times)), float(np.ptp(times)))
     low, high = min(first, last) - margin, max(first, last) + margin
     signal = np.array(seen.velocities) @ axis
-    return fit_offset(times, signal, _speed(robot_times, way, dt), low, high, 0.01)
+    return fit_offset(times, signal, reported_speed(robot_times, way, dt), low, high, 0.01)
 
 
 def _arm_points(arm: ArmUR, q: Array) -> Array:
@@ -132,12 +134,25 @@ def _arm_points(arm: ArmUR, q: Array) -> Array:
     return np.concatenate(points, axis=1)
 
 
-def _speed(times: Array, way: Array, dt: float) -> Callable[[Array], Array]:
-    """Return mean speeds over the time between two frames, NaN outside the record."""
+def reported_speed(times: Array, way: Array, dt: float) -> Callable[[Array], Array]:
+    """Return mean speeds over the time between two frames.
+
+    Before and after its record an arm that stands at the record's end stands still; of one that
+    moves there nothing is known, and its speed is NaN.
+
+    Args:
+        times: Times of the record, rising [s], shape [report].
+        way: Way along a line [px], shape [report].
+        dt: Time between two frames [s].
+    """
+    speeds = np.abs(np.diff(way) / np.diff(times))
+    still = _REST_SHARE * speeds.max()
+    left = way[0] if speeds[0] <= still else np.nan
+    right = way[-1] if speeds[-1] <= still else np.nan
 
     def speed(at: Array) -> Array:
         ahead, behind = (
-            np.interp(at + side * dt / 2, times, way, left=np.nan, right=np.nan) for side in (1, -1)
+            np.interp(at + side * dt / 2, times, way, left=left, right=right) for side in (1, -1)
         )
         return (ahead - behind) / dt
 
