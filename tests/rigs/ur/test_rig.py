@@ -97,10 +97,11 @@ def test_an_interrupt_stops_the_arm(stick, cast):
     with quick_rig(stick) as rig:
         rig.reset()
 
+        start = stick[0].admin.state()["q"][0]
+
         def interrupt():
-            while stick[0].admin.state()["phase"] != "cast":
+            while abs(stick[0].admin.state()["q"][0] - start) < 0.15:
                 time.sleep(0.01)
-            time.sleep(0.2)
             os.kill(os.getpid(), signal.SIGINT)
 
         thread = threading.Thread(target=interrupt)
