@@ -191,8 +191,6 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         page.tab.get_by_role("tab", name="Look").click()
         page.button("Open").click()
         page.wait_for("from measured")
-        page.tab.get_by_role("textbox", name="Cast").click()
-        page.tab.get_by_role("option").last.click()
         for kind in ("believed", "tuned"):
             page.tab.get_by_label(kind).click()
             time.sleep(2.0)
