@@ -18,10 +18,10 @@ demo: $(STAMP) ## Five casts, a fit, a model, then casts at 32 targets with cabl
 	$(BIN)/cablecast demo
 
 test: $(STAMP) ## Run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 coverage: $(STAMP) ## Run the tests and report the lines that none of them runs
-	$(BIN)/python -m pytest --cov --cov-report=term --cov-report=html:build/coverage
+	$(BIN)/python -m pytest -n auto --dist loadfile --cov --cov-report=term --cov-report=html:build/coverage
 
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .
