@@ -4,8 +4,8 @@ import cablecast as cc
 
 setup = cc.Setup(cable="cable_1")
 with cc.make_rig("virtual", setup, seed=0) as rig:
-    casts = cc.collect(rig, count=16)
-    tuned = cc.tune(casts, config=cc.TuneConfig(coarse_generations=10, fine_generations=2))
+    casts = cc.collect(rig, count=5)
+    tuned = cc.tune(casts)
     policy = cc.train(cc.simulate(setup, tuned, count=4000), epochs=30)
     plan = policy.plan(r=1.10, theta_deg=16.7)
     print(plan.actions, plan.predicted_xy)

@@ -86,7 +86,9 @@ def simulate_dataset(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_count("shard_rows", shard_rows)
     check_seed(seed)
-    if check_workers(workers) != LOCAL and not hasattr(engine, "remade"):
+    remade = getattr(engine, "remade", None)
+    is_remote = check_workers(workers) != LOCAL
+    if is_remote and remade is None:
         raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
     params = setup.cable.params if params is None else params
     ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
@@ -108,9 +110,9 @@ def simulate_dataset(
                 progress(done, count)
             tasks = [(shard, (_part(actions, writer.rows_of(shard)),)) for shard in missing]
             function, shared = simulate_actions, (setup, params, engine, servo)
-            if workers != LOCAL:
+            if is_remote and remade is not None:
                 # Kernels do not travel: each worker makes the engine anew, for its one core.
-                function, shared = _simulate_remotely, (setup, params, engine.remade(), servo)
+                function, shared = _simulate_remotely, (setup, params, remade(), servo)
             for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)

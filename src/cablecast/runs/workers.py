@@ -121,10 +121,11 @@ def _core_count() -> float:
 def _result(reference: Any) -> Any:
     """Return the result of a task, or raise what it raised."""
     import ray
+    from ray.exceptions import RayTaskError
 
     try:
         return ray.get(reference)
-    except ray.exceptions.RayTaskError as error:
+    except RayTaskError as error:
         if isinstance(error.cause, CablecastError):
             raise error.cause from None
         raise

@@ -158,7 +158,8 @@ def energy_functions(precision: str, lane_count: int) -> SimpleNamespace:
         length = model.segment_length * real(last)
         weight = model.segment_mass[group] * (model.gravity * real(last))
         least = weight * (length * real(least_scale))
-        scale = wp.max(wp.max(state.energy_scale[group], energy[1]), least)
+        moving = wp.max(state.energy_scale[group], energy[1])  # pyright: ignore
+        scale = wp.max(moving, least)
         state.energy[group] = energy[0]
         state.work[group] = lane()
         state.growth[group] = growth

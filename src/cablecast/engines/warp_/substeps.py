@@ -9,6 +9,7 @@ divided, take the smallest number of `COUNTS` shorter steps that suffices.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def substep_counts(fastest: NDArray[np.float64], dt: float) -> NDArray[np.int_]:
     return np.array(COUNTS)[np.minimum(index, len(COUNTS) - 1)]
 
 
-def rows_of(values, worlds: NDArray[np.int_]):
+def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
     """Return the rows of some worlds: of parameters, of a state, of a path, or of an array.
 
     What all worlds share, a single row or None, is returned as it is.
