@@ -38,8 +38,30 @@ FILMS = "07_fit_my_cable.py"
 SCRIPT_LINES_MAX = 12
 
 
+# The script of the README has no arguments: its numbers are replaced in its text.
+SCRIPT = "01_cast_at_targets.py"
+SCRIPT_BUDGET = {
+    '"virtual"': '"engine"',
+    "cc.tune(casts)": "cc.tune(casts, segment_count=12, dt=0.002)",
+    "count=4000": "count=400",
+    "epochs=30": "epochs=5",
+}
+
+
+def run_script(text):
+    """Run the text of a script with less of everything, and return the last line that it printed."""
+    for full, small in SCRIPT_BUDGET.items():
+        assert full in text
+        text = text.replace(full, small)
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(compile(text, SCRIPT, "exec"), {})
+    return printed.getvalue().splitlines()[-1]
+
+
 def run_example(name, out):
     """Run an example and return the last line that it printed."""
+    if name == SCRIPT:
+        return run_script((FOLDER / name).read_text())
     spec = importlib.util.spec_from_file_location(f"example_{name[:2]}", FOLDER / name)
     module = importlib.util.module_from_spec(spec)
     with contextlib.redirect_stdout(io.StringIO()) as printed:
