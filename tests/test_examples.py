@@ -49,7 +49,7 @@ SCRIPT_BUDGET = {
 
 
 def run_script(text):
-    """Run the text of a script with less of everything, and return the last line that it printed."""
+    """Run a script with less of everything, and return the last line that it printed."""
     for full, small in SCRIPT_BUDGET.items():
         assert full in text
         text = text.replace(full, small)
