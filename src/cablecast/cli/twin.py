@@ -13,7 +13,7 @@ class Twin:
     """Run a UR controller and a laboratory in software, for --rig ur to connect to.
 
     It speaks RTDE, the dashboard and the program port on the loopback address of this computer
-    only. Stop it with Ctrl-C.
+    only. It runs until Ctrl-C and is ready within a minute.
     """
 
     setup: Annotated[pathlib.Path, argument("FILE")]

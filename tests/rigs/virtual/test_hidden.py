@@ -37,13 +37,17 @@ def test_only_the_laboratory_imports_the_hidden_parameters():
 
 
 def test_other_rooms_know_of_the_laboratory_only_what_it_makes_public():
-    room = SOURCE / "rigs"
+    # The twin is the laboratory behind a network: what it lets out are the protocols.
+    rooms = (SOURCE / "rigs", SOURCE / "twin")
     for path in SOURCE.rglob("*.py"):
-        if path.is_relative_to(room):
+        if any(path.is_relative_to(room) for room in rooms):
             continue
         text = path.read_text()
         assert "hidden_cable" not in text, path
         for name in imported_names(path):
+            # The shape of the arm, which pictures need, is no secret.
+            if name.startswith("cablecast.rigs.virtual.arm_shape."):
+                continue
             if name.startswith("cablecast.rigs.virtual"):
                 assert name.removeprefix("cablecast.rigs.virtual.") in {
                     "RigVirtual",
