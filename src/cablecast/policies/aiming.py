@@ -201,11 +201,12 @@ class Aimer:
         target = check_targets(self.policy.setup, target_xy)[0]
         actions, hands = self._candidates(target)
         sensitivity = self.model.sensitivity(actions, self._changes)
-        expected_xy = _CorrectedLandings(self, hands, sensitivity).predict(actions)
-        places = self._places(actions, self.model.predict(actions), sensitivity, hands)
+        simulated_xy = self.model.predict(actions)
+        places = self._places(actions, simulated_xy, sensitivity, hands)
+        mean, variance = self.experience.residual.predict(places)
         goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
-        distance = np.linalg.norm(expected_xy - goals, axis=1) / self.length
-        risk, failure = self._risk(distance, places)
+        distance = np.linalg.norm(simulated_xy + self.length * mean - goals, axis=1) / self.length
+        risk, failure = self._risk(distance, variance, places)
         stays = self.model.predict_margin(actions) >= self._table_margin
         # A candidate that somebody else chose may be beyond the arm's limits.
         risk[~(stays & check_actions(actions, self.policy.setup).mask)] = np.inf
@@ -254,18 +255,18 @@ class Aimer:
         return float(self.policy.info.get("table_margin", TABLE_MARGIN))
 
     def _risk(
-        self, distance: NDArray[np.float64], places: Places
+        self, distance: NDArray[np.float64], variance: NDArray[np.float64], places: Places
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the expected squared miss of actions and their chance of failure.
 
         Args:
             distance: Distance left from expected landing to target [cable lengths], shape [action].
+            variance: Variance of the residual along each axis [square cable lengths], [action].
             places: Places of the actions.
 
         Returns:
             Risk [square cable lengths] and chance [-], each of shape [action].
         """
-        _, variance = self.experience.residual.predict(places)
         scatter = self.experience.scatter(places)
         failure = self.experience.failure_chance(places)
         risk = distance**2 + 2.0 * (variance + scatter) + failure * FAILURE_MISS**2
@@ -292,10 +293,10 @@ class Aimer:
         hands = side * turns
         simulated_xy = _to_right(policy.predicted_xy[index], turns)
         places = self._places(actions, simulated_xy, policy.sensitivity[index], hands)
-        expected_xy = simulated_xy + self.length * self.experience.residual.predict(places)[0]
+        mean, variance = self.experience.residual.predict(places)
         goals = _to_right(np.repeat(target[None], len(index), axis=0), hands)
-        distance = np.linalg.norm(expected_xy - goals, axis=1) / self.length
-        risk, _ = self._risk(_MOVE_COST * distance, places)
+        distance = np.linalg.norm(simulated_xy + self.length * mean - goals, axis=1) / self.length
+        risk, _ = self._risk(_MOVE_COST * distance, variance, places)
         risk[distance > max(REACH_PCT / 100, float(distance.min()))] = np.inf
         short = np.argsort(risk)[: min(_SHORTLIST_COUNT, len(risk))]
         short = short[np.isfinite(risk[short])]
