@@ -3,8 +3,6 @@
 import pathlib
 import sys
 
-from conftest import SETUP, OffsetRig, linear_model
-
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.policies import ForwardSearchPolicy
@@ -12,6 +10,7 @@ from cablecast.rigs.make import make_rig
 from cablecast.view.page import Page
 from cablecast.view.session import make_desk
 from cablecast.view.worker import Worker
+from conftest import SETUP, OffsetRig, linear_model
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cablecast.datasets.schema import COLUMNS, OPTIONAL_COLUMNS
+from cablecast.runs.settings import flat_settings
 
 _TITLES = {
     "sim": "Simulated casts (D_sim)",
@@ -84,17 +85,7 @@ def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
         "",
         "| setting | value |",
         "|---|---|",
-        *(f"| `{name}` | {value} |" for name, value in _flatten(settings)),
+        *(f"| `{name}` | {value} |" for name, value in flat_settings(settings)),
         "",
     ]
     return "\n".join(lines)
-
-
-def _flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    rows = []
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            rows += _flatten(value, f"{prefix}{key}.")
-        else:
-            rows.append((f"{prefix}{key}", value))
-    return rows

@@ -6,6 +6,7 @@ from typing import Any
 from cablecast.models.forward import ForwardModel
 from cablecast.models.gaussian_process import GaussianProcessModel
 from cablecast.models.landing import LandingModel
+from cablecast.runs.settings import flat_settings
 
 _KINDS = {
     ForwardModel.FORMAT: "A neural network from an action to the resting point of the free end "
@@ -62,7 +63,11 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         "",
         "| setting | value |",
         "|---|---|",
-        *(f"| {name} | {value} |" for name, value in _flatten(_settings(info, policy_info))),
+        *(
+            f"| {name} | {value} |"
+            for name, value in flat_settings(_settings(info, policy_info))
+            if value is not None
+        ),
     ]
     return "\n".join(lines) + "\n"
 
@@ -130,14 +135,3 @@ def _settings(info: Mapping[str, Any], policy_info: Mapping[str, Any] | None) ->
         "policy": policy_info,
         "versions": info.get("versions"),
     }
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Return the leaves of nested settings with dotted names; a leaf that is None is left out."""
-    rows = []
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            rows += _flatten(value, f"{prefix}{key}.")
-        elif value is not None:
-            rows.append((f"{prefix}{key}", value))
-    return rows

@@ -45,6 +45,22 @@ def settings_differences(
     return phrases
 
 
+def flat_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Return the leaves of nested settings with dotted names.
+
+    Args:
+        settings: Settings.
+        prefix: Text that all names begin with.
+    """
+    rows = []
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            rows += flat_settings(value, f"{prefix}{key}.")
+        else:
+            rows.append((f"{prefix}{key}", value))
+    return rows
+
+
 def fingerprint(values: Any, *more: bytes) -> str:
     """Return a fingerprint of some content: the start of its SHA-256.
 

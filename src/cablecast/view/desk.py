@@ -17,6 +17,7 @@ from cablecast.cable import CableParams
 from cablecast.datasets.reader import settings_object
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, TargetError
+from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import Feasibility, check_grip_paths
 from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import Trajectory
@@ -184,7 +185,7 @@ class Desk:
                 raise TargetError(f"a target has shape {target.shape}: it must be [2]")
             proposal = session.propose(target)
             action = proposal.action.to_array()
-            side = action if action[1] > 0 else action * [-1.0, -1.0, 1.0, -1.0]
+            side = action if action[1] > 0 else mirror_actions(action)
             self.preview = Preview(
                 proposal=proposal,
                 cast=self.simulate(proposal.trajectory),
