@@ -97,8 +97,12 @@ def test_landings_over_the_network_agree_with_the_truth_to_three_millimetres(cam
         found = camera.locate(since)
         assert found is not None
         misses.append(found - player.trial.nodes[0, -1, :2])
+        before = camera.picture()
         camera.start()
         track = camera.stop(player.cast())
+        # The latest picture is one of this trial's.
+        assert camera.picture().shape == (720, 1280, 3)
+        assert camera.picture() is not before
         assert track.status is TrialStatus.OK
         assert len(track.times) == 7
         truth = player.trial.shape_at(track.times)[:, -1, :2]

@@ -15,6 +15,7 @@ from cablecast.rigs.answers import (
     END_TIME_MAX,
     SAMPLE_COUNT_MAX,
     check_description,
+    check_picture,
     check_track,
 )
 from cablecast.setup import Setup
@@ -253,3 +254,22 @@ def test_a_plain_description_is_copied_with_lists_for_tuples_and_numbers_for_num
     assert type(plain["size"][1]) is int
     pose[0] = 9.0
     assert plain["pose"] == [0.0, 0.6]
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        ("table.png", "is str"),
+        (np.zeros((4, 4), dtype=np.uint8), "shape (4, 4)"),
+        (np.zeros((4, 4, 3)), "float64"),
+        (np.zeros((0, 4, 3), dtype=np.uint8), "shape (0, 4, 3)"),
+    ],
+)
+def test_what_is_no_picture_of_a_camera_is_refused(picture, words):
+    with pytest.raises(RigError) as caught:
+        check_picture(picture)
+    assert words in str(caught.value)
+
+
+def test_a_rig_may_have_no_picture_yet():
+    assert check_picture(None) is None

@@ -329,3 +329,13 @@ def test_a_description_is_read_and_checked_once(make):
 
 def fail_to_describe(self):
     raise OSError("no robot")
+
+
+def test_a_rig_has_a_picture_exactly_where_it_has_one(make):
+    assert not hasattr(make(OddRig()), "picture")
+    rig = OddRig()
+    rig.picture = lambda: np.zeros((2, 3, 3), dtype=np.uint8)
+    assert make(rig).picture().shape == (2, 3, 3)
+    rig.picture = fail(OSError("unplugged"))
+    with pytest.raises(RigError, match="picture failed: OSError: unplugged"):
+        make(rig).picture()

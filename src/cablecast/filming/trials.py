@@ -63,6 +63,7 @@ class CameraOfTrials:
         except BaseException:
             self._camera.close()
             raise
+        self._latest = images[-1]
         self._usual = Brightness.of(images[-1])
         self._tags = detect_tags(images[-1])
         self.description: dict[str, Any] = {
@@ -150,6 +151,8 @@ class CameraOfTrials:
                 "anew, or they were never compared. Run `cablecast camera sync`"
             )
         tracker = filming.finish(timing.end_time - shift)
+        if filming.latest is not None:
+            self._latest = filming.latest
         track = tracker.track(timing.end_time - timing.start_time, begin)
         seen = tracker.frames[1]
         seen = seen[np.isfinite(seen).all(axis=1)]
@@ -188,6 +191,12 @@ class CameraOfTrials:
                 return xy
         return None
 
+    def picture(self) -> NDArray[np.uint8]:
+        """Return the latest picture that was read, BGR, shape [v, u, 3]; from any thread."""
+        filming = self._filming
+        latest = None if filming is None else filming.latest
+        return self._latest if latest is None else latest
+
     def close(self) -> None:
         """Let go of the device; it may be called twice."""
         self.cancel()
@@ -216,6 +225,8 @@ class CameraOfTrials:
                 frames.append(frame)
         if len(frames) < count:
             raise CameraError(f"camera source {self.settings.source} has ended")
+        if frames:
+            self._latest = frames[-1].image
         return frames
 
     def _tracker(self, start_xy: Any, **changes: Any) -> EndpointTracker:
@@ -249,6 +260,7 @@ class _Filming:
     ):
         self._camera, self._tracker, self._watch, self._writer = camera, tracker, watch, writer
         self.last_time = -np.inf
+        self.latest: NDArray[np.uint8] | None = None
         self._until = np.inf
         self._error: BaseException | None = None
         self._begun = threading.Event()
@@ -297,7 +309,7 @@ class _Filming:
     def _run(self) -> None:
         try:
             while (frame := self._camera.read()) is not None:
-                self.last_time = frame.time
+                self.last_time, self.latest = frame.time, frame.image
                 self._watch.look(frame)
                 _look(self._tracker, frame)
                 if self._writer is not None:

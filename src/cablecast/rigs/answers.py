@@ -51,6 +51,23 @@ _NEAR_DISTANCE = 0.3
 """Few endpoints lie nearer to the base than this [m]: tells millimetres from centimetres."""
 
 
+def check_picture(picture: object) -> NDArray[np.uint8] | None:
+    """Return a picture of a rig's camera, BGR, shape [v, u, 3]; None where there is none yet.
+
+    Raises:
+        RigError: It is no such picture.
+    """
+    if picture is None:
+        return None
+    found = type(picture).__name__
+    if isinstance(picture, np.ndarray):
+        shape = picture.shape
+        if picture.dtype == np.uint8 and len(shape) == 3 and shape[2] == 3 and picture.size:
+            return picture
+        found = f"an array of {picture.dtype} and shape {shape}"
+    raise RigError(f"the rig's picture is {found}: it must be uint8 of shape [v, u, 3], or None")
+
+
 def check_description(description: object) -> dict[str, Any]:
     """Return a rig's description as plain values of its own.
 

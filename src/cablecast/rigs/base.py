@@ -24,7 +24,7 @@ class Rig(Protocol):
     cable leaves the table, or cannot be seen) is a status of the track; a rig that cannot go on
     raises RigError.
 
-    Two methods are optional:
+    Three methods are optional:
 
     - `execute_many(trajectories, progress=None) -> list[EndpointTrack]`, which resets before each,
       for a rig that can run many trials at once; `run_trials` uses it.
@@ -32,6 +32,9 @@ class Rig(Protocol):
       purpose. Trials of two purposes must draw differently, for which `purpose_seed` is made. A
       collection that goes on after a stop calls it, so that its rows are those of one that never
       stopped.
+    - `picture()`, for a rig with a camera: its latest picture of the table, BGR, uint8, shape
+      [v, u, 3], or None while there is none. `cablecast view` shows it; it may be called from
+      another thread than the others, also while the arm moves.
 
     Attributes:
         description: Kind and settings of the rig, as plain values for a dataset card.

@@ -5,10 +5,13 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cablecast.checks import check_count, check_number, check_seed
 from cablecast.errors import CablecastError, RigError
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.answers import check_description, check_track
+from cablecast.rigs.answers import check_description, check_picture, check_track
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, purpose_seed
 from cablecast.rigs.time_limit import call_within
 from cablecast.setup import Setup
@@ -26,9 +29,9 @@ METHODS = ("reset", "execute", "close")
 class CheckedRig(RigLifecycle):
     """A rig whose every answer is checked; `make_rig` returns one.
 
-    It has `seek` and `execute_many` exactly where the rig itself has them. Whatever the rig raises
-    comes out as a CablecastError, but for KeyboardInterrupt. As a context manager it closes the
-    rig at the end, and an error in closing never hides an earlier one.
+    It has `seek`, `execute_many` and `picture` exactly where the rig itself has them. Whatever the
+    rig raises comes out as a CablecastError, but for KeyboardInterrupt. As a context manager it
+    closes the rig at the end, and an error in closing never hides an earlier one.
 
     Args:
         rig: Any object that answers the `Rig` contract.
@@ -51,6 +54,7 @@ class CheckedRig(RigLifecycle):
 
     seek: Callable[..., None]
     execute_many: Callable[..., list[EndpointTrack]]
+    picture: Callable[[], NDArray[np.uint8] | None]
 
     def __init__(
         self, rig: Rig, setup: Setup, seed: int = 0, *, time_limit: float | None = TIME_LIMIT
@@ -73,6 +77,8 @@ class CheckedRig(RigLifecycle):
         if callable(getattr(rig, "seek", None)):
             _check_takes_purpose(rig)
             self.seek = self._seek
+        if callable(getattr(rig, "picture", None)):
+            self.picture = self._picture
 
     def reset(self) -> None:
         """Bring cable and arm to the reset state."""
@@ -137,6 +143,11 @@ class CheckedRig(RigLifecycle):
         index = check_count("trial index", index, 0)
         purpose_seed(self.seed, purpose)
         self._call("seek", lambda: self.rig.seek(index, purpose))  # pyright: ignore
+
+    def _picture(self) -> NDArray[np.uint8] | None:
+        """Return the latest picture of the rig's camera; None where there is none yet."""
+        self._check_open()
+        return check_picture(self._call("picture", lambda: self.rig.picture()))  # pyright: ignore
 
     def _call(self, name: str, call: Callable[[], Answer], count: int = 1) -> Answer:
         """Return what a method of the rig returns, within the time of some trials."""

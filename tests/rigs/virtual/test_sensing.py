@@ -94,3 +94,30 @@ def test_a_record_too_coarse_for_a_camera_is_refused(setup):
 def test_unknown_sensing_is_refused_and_the_known_is_listed():
     with pytest.raises(InputError, match=r"'x-ray'.*exact, error_model, camera"):
         VirtualConfig(sensing="x-ray")
+
+
+def test_the_picture_shows_the_cable_where_the_last_trial_left_it(setup, small_cast, cast):
+    pytest.importorskip("cv2")
+    rig = RigVirtual(setup, 0, ERROR_MODEL)
+    assert rig.picture() is None
+    pictures, views = [], []
+    for trajectory in (small_cast, cast):
+        rig.reset()
+        track = rig.execute(trajectory)
+        pictures.append(rig.picture())
+        views.append(rig._still._camera.view.to_image(track.nodes[-1, -1:])[0])
+    assert rig.picture() is pictures[1]
+    marked = [green_near(picture, pixel) for picture in pictures for pixel in views]
+    # Each picture shows the marker at the end of its own trial alone.
+    assert [found > 0 for found in marked] == [True, False, False, True]
+    rig.close()
+    assert rig.picture() is None
+
+
+def green_near(picture, pixel, half=12):
+    """Return how many pixels near another are as green as the marker at the free end."""
+    u, v = np.round(pixel).astype(int)
+    blue, green, red = np.moveaxis(
+        picture[v - half : v + half, u - half : u + half].astype(int), -1, 0
+    )
+    return int(np.sum(green - np.maximum(blue, red) > 60))

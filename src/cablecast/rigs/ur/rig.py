@@ -130,6 +130,11 @@ class RigUR(RigLifecycle):
             if filming:
                 self.camera.cancel()
 
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return the latest picture of the camera, BGR; None where it keeps none."""
+        latest: Any = getattr(self.camera, "picture", None)
+        return latest() if callable(latest) else None
+
     def close(self) -> None:
         """Stop the arm, and let go of controller and camera."""
         if self._closed:

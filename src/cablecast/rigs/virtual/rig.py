@@ -1,10 +1,12 @@
 """RigVirtual: the virtual laboratory behind the Rig contract."""
 
 import dataclasses
+import importlib.util
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cablecast.checks import check_count, check_seed
 from cablecast.errors import RigError
@@ -16,6 +18,9 @@ from cablecast.rigs.virtual.sensing import RECORD_DT, make_sensor
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack
+
+if TYPE_CHECKING:
+    from cablecast.rigs.virtual.camera_still import CameraStill
 
 _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
@@ -55,6 +60,10 @@ class RigVirtual(RigLifecycle):
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
         self._lab: Laboratory | None = Laboratory(setup, recorded)
+        # The last trial as it really was, and the picture of its end once somebody asked for it.
+        self._last: EndpointTrack | None = None
+        self._still: CameraStill | None = None
+        self._picture: tuple[EndpointTrack, NDArray[np.uint8] | None] | None = None
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "virtual",
@@ -105,10 +114,27 @@ class RigVirtual(RigLifecycle):
         self._is_reset = False
         return self._run(trajectories, progress) if trajectories else []
 
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return what a camera above the table sees at the end of the last trial, BGR.
+
+        Returns:
+            Picture, shape [v, u, 3]; None before the first trial, and without OpenCV.
+        """
+        last = self._last
+        if last is None or importlib.util.find_spec("cv2") is None:
+            return None
+        if self._picture is None or self._picture[0] is not last:
+            from cablecast.rigs.virtual.camera_still import CameraStill
+
+            if self._still is None:
+                self._still = CameraStill(self.setup, self.config.lab_seed)
+            self._picture = last, self._still.picture(last, self.seed)
+        return self._picture[1]
+
     def close(self) -> None:
         """Forget the laboratory."""
         super().close()
-        self._lab = None
+        self._lab = self._still = self._picture = self._last = None
 
     def _run(
         self,
@@ -123,6 +149,7 @@ class RigVirtual(RigLifecycle):
         ]
         tracks = self._lab.run(trajectories, trials, progress)
         self._trial_count = first + len(trajectories)
+        self._last = tracks[-1]
         if self._sensor is None:
             return tracks
         return [
