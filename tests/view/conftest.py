@@ -19,7 +19,6 @@ SETUP = Setup()
 
 
 def linear_model():
-    """Return a model in closed form: it lands at (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20)."""
     """Return a model whose landing is (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20)."""
     weights = np.zeros((4, 2), dtype=np.float32)
     weights[1, 0], weights[2, 1], weights[3, 1] = 0.9, 1.0, 0.05

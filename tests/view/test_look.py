@@ -1,13 +1,19 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
+from cablecast.datasets.reader import read_dataset
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluate_policy
+from cablecast.files import write_json
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
+from cablecast.runs.folder import METRICS_FILE
 from cablecast.runs.parts import Parts
 from cablecast.setup import Setup
+from cablecast.tuning.result import PARAMS_FILE, write_params
 from cablecast.view.album import Album
 from cablecast.view.desk import Desk
 from cablecast.view.look import open_collection
@@ -48,6 +54,25 @@ def test_a_session_of_aim_is_shown_with_its_tries(rig, engine, policy, tmp_path)
     assert found.casts[1].label == "cast 1 at 1.19 m, 15°, try 2"
     assert found.casts[1].measured().nodes is not None
     assert found.setup == desk.setup
+
+
+def write_tuning(folder, params, fingerprint):
+    values = {"cable": Setup().cable.name, "params": params.to_dict()}
+    write_params(folder / PARAMS_FILE, values)
+    write_json(folder / METRICS_FILE, {"dataset_fingerprint": fingerprint})
+
+
+def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engine, tmp_path):
+    for name, count in (("other", 2), ("casts", 3)):
+        collect(rig, count=count, out=tmp_path / name)
+    fitted = dataclasses.replace(Setup().cable.params, mass=0.05)
+    write_tuning(tmp_path / "tune", fitted, read_dataset(tmp_path / "casts").fingerprint)
+    found = open_collection(tmp_path / "tune")
+    assert len(found) == 3
+    assert found.tuned.mass == fitted.mass
+    write_tuning(tmp_path / "tune", fitted, "of nothing here")
+    with pytest.raises(DatasetError, match="do not lie beside it"):
+        open_collection(tmp_path / "tune")
 
 
 @pytest.mark.parametrize("index", [-1, 2])

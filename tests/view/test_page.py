@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from cablecast.pipeline.aim_session import AimSession
+from cablecast.rigs.make import make_rig
 from cablecast.runs.parts import Parts
+from cablecast.runs.progress import Progress
+from cablecast.setup import Setup
 from cablecast.view.album import Album
 from cablecast.view.desk import Desk, Phase
+from cablecast.view.figure import LIFT
 from cablecast.view.page import Page
-from cablecast.view.status import plan_text, status_text, tries_text
+from cablecast.view.palette import DARK, LIGHT
+from cablecast.view.status import plan_text, status_text, tour_text, tries_text
 from cablecast.view.worker import Worker
 
 pytest.importorskip("viser")
@@ -93,13 +98,105 @@ def test_a_folder_is_looked_at_with_sliders(page):
     assert page.look_controls._shown == {}
 
 
-def test_colours_and_the_map_are_switched(page):
-    page.set_dark(True)
+def test_the_map_lies_on_the_table_and_says_what_its_colours_mean(page):
     page.show_map(True)
     assert page._map.visible
+    # Below it is the table's top; the lines and the target lie above it.
+    assert 0.0 < page._map.position[2] < LIFT
+    legend = page.playback._legend
+    assert legend.visible
+    assert "25 and more" in legend.content
     page.show_map(False)
     assert not page._map.visible
-    page.set_dark(False)
+    assert not legend.visible
+
+
+def test_a_map_without_a_model_is_refused_in_a_sentence(rig, engine):
+    page = Page(Desk(rig, engine), Finished(), lambda report: None, port=0)
+    page.guard(lambda: page.show_map(True))
+    assert "no model yet" in page.desk.message
+    assert page.playback._map.disabled
+    page.close()
+
+
+def test_what_is_dark_is_drawn_in_lighter_colours(page):
+    page.aim(TARGET)
+    page.cast()
+    page.worker.work()
+    page._landed(page.desk.last.target_xy)
+    for dark, paint in ((True, DARK), (False, LIGHT)):
+        page.set_dark(dark)
+        assert page.solid._cable.color == paint.cable
+        landing = f"/marks/tries/{page.desk.last.number}/ball"
+        assert page.server.scene._handle_from_node_name[landing].color == paint.text
+
+
+def test_the_arm_waits_at_its_start_while_the_ghost_moves(page):
+    page.aim(TARGET)
+    cast = page.desk.preview.cast
+    acts = dict(page.player._acts)
+    assert np.ptp(acts[page.ghost].joint_path.q, axis=0).max() > 0.1
+    still = acts[page.solid]
+    assert np.array_equal(still.joints_at(cast.duration), cast.joints_at(0.0))
+
+
+def test_a_twin_is_not_asked_for_twice(page):
+    page.desk.rig.description |= {"rig": "ur", "is_twin": False}
+    assert page.rig_is_real
+    page.desk.rig.description["is_twin"] = True
+    assert not page.rig_is_real
+
+
+def test_the_picture_of_the_camera_is_shown_and_its_trouble_said(own, engine):
+    own.picture = lambda: picture
+    picture = None
+    page = Page(Desk(make_rig(own, Setup()), engine), Finished(), lambda report: None, port=0)
+    camera = page.camera_controls
+    camera.close()
+    camera.look()
+    assert not camera._folder.visible
+    picture = np.zeros((108, 1920, 3), dtype=np.uint8)
+    picture[..., 0] = 200
+    camera.look()
+    assert camera._folder.visible
+    # Blue comes first in the rig's picture, last in the page's.
+    assert camera._image.image.shape == (27, 480, 3)
+    assert camera._image.image[0, 0].tolist() == [0, 0, 200]
+    picture = np.zeros((4, 4))
+    camera.look()
+    assert "must be uint8 of shape [v, u, 3]" in camera._text.content
+    page.close()
+
+
+def test_a_rig_without_a_camera_shows_no_picture(page):
+    page.camera_controls.look()
+    assert not page.camera_controls._folder.visible
+
+
+def test_the_tour_leads_to_the_first_cast_and_ends_there(page):
+    assert tour_text(page.desk, page.worker.state).count("✓") == 4
+    page.aim(TARGET)
+    assert "▶ **Cast.**" in tour_text(page.desk, page.worker.state)
+    page.cast()
+    page.worker.work()
+    assert tour_text(page.desk, page.worker.state) == ""
+    assert not page.cast_controls._tour.visible
+
+
+def test_the_tour_follows_the_steps_of_the_work(rig, engine):
+    desk, worker = Desk(rig, engine), Finished()
+    assert "▶" not in tour_text(desk, worker.state)
+    seen = []
+
+    def work(report):
+        for task in ("1/4 casts", "Casting", "2/4 fit", "Tuning 1.5 %"):
+            report(Progress(task=task))
+            seen.append(tour_text(desk, worker.state))
+
+    worker.submit("getting ready", work)
+    worker.work()
+    assert ["▶ **Cast a few" in text for text in seen] == [True, True, False, False]
+    assert ["▶ **Fit" in text for text in seen] == [False, False, True, True]
 
 
 def test_texts_state_the_plan_and_the_tries(page):

@@ -4,7 +4,14 @@ from typing import Any
 
 from cablecast.view.desk import Phase
 from cablecast.view.host import Host
-from cablecast.view.status import plan_text, set_changed, status_text, tries_text, try_name
+from cablecast.view.status import (
+    plan_text,
+    set_changed,
+    status_text,
+    tour_text,
+    tries_text,
+    try_name,
+)
 
 
 class CastControls:
@@ -28,6 +35,7 @@ class CastControls:
         self._stop.on_click(lambda _: page.stop())
         self._bar = gui.add_progress_bar(0.0, animated=True)
         self._plan = gui.add_markdown("")
+        self._tour = gui.add_markdown("", visible=False)
         with gui.add_folder("Target", expand_by_default=False):
             reach = page.desk.setup.workspace.reach(page.desk.setup.cable.length)
             self._r = gui.add_number("r [m]", 1.1, min=0.0, max=round(reach, 3), step=0.01)
@@ -43,18 +51,6 @@ class CastControls:
             self._replay.on_click(lambda _: self._replay_chosen())
             self._undo = gui.add_button("Undo the last try", color="gray", icon="arrow-back-up")
             self._undo.on_click(lambda _: page.undo())
-        with gui.add_folder("View", expand_by_default=False):
-            self._time = gui.add_slider("time [s]", 0.0, 5.0, 0.02, 0.0)
-            self._time.on_update(self._seek)
-            self._play = gui.add_button("Play or pause", color="gray", icon="player-play")
-            self._play.on_click(lambda _: page.player.toggle())
-            speed = gui.add_dropdown("speed", ("1", "1/2", "1/4", "1/10"), initial_value="1")
-            speed.on_update(lambda _: self._set_speed(str(speed.value)))
-            coverage = gui.add_checkbox("Where it can land", False)
-            coverage.on_update(lambda _: page.guard(lambda: page.show_map(coverage.value)))
-            dark = gui.add_checkbox("Dark", False)
-            dark.on_update(lambda _: page.set_dark(dark.value))
-        self._shown_time = -1.0
 
     def refresh(self) -> None:
         """Show the state of desk and worker."""
@@ -77,6 +73,9 @@ class CastControls:
         set_changed(
             self._plan, "content", "" if desk.preview is None else plan_text(desk.preview, desk)
         )
+        tour = tour_text(desk, state)
+        set_changed(self._tour, "visible", bool(tour))
+        set_changed(self._tour, "content", tour)
         set_changed(self._tries_folder, "visible", bool(desk.tries))
         set_changed(self._table, "content", tries_text(desk))
         names = tuple(try_name(one) for one in desk.tries) or ("-",)
@@ -84,24 +83,6 @@ class CastControls:
             self._number.options = names
             self._number.value = names[-1]
         set_changed(self._undo, "disabled", busy or desk.last is None)
-
-    def show_time(self, time: float, duration: float) -> None:
-        """Move the time slider, at most five times a second."""
-        if abs(time - self._shown_time) < 0.2 and 0.0 < time < duration:
-            return
-        self._shown_time = time
-        if duration > 0 and abs(self._time.max - duration) > 1e-6:
-            self._time.max = round(duration, 2)
-        set_changed(self._time, "value", round(min(time, duration), 2))
-
-    def _seek(self, event: Any) -> None:
-        # Setting the value from here comes without a client.
-        if event.client is not None:
-            self._page.player.seek(float(self._time.value))
-
-    def _set_speed(self, text: str) -> None:
-        over = text.partition("/")[2]
-        self._page.player.speed = 1.0 / float(over) if over else 1.0
 
     def _replay_chosen(self) -> None:
         for one in self._page.desk.tries:

@@ -40,8 +40,8 @@ class RodsDrawing:
     ):
         import trimesh
 
-        cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=14)
-        ball = trimesh.creation.uv_sphere(radius=1.0, count=[10, 14])
+        cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=24)
+        ball = trimesh.creation.uv_sphere(radius=1.0, count=[14, 24])
         centers, radii = rods.joints
         common: dict[str, Any] = {"opacity": opacity, "lod": "off", "receive_shadow": False}
         if opacity is not None:
@@ -182,6 +182,14 @@ class Figure:
             cast_shadow=False,
             receive_shadow=False,
         )
+
+    def recolor(self, color: Color) -> None:
+        """Draw the cable, its end and its trail in another colour."""
+        self._color = color
+        self._tip.color = color
+        self._trail.colors = np.array(color, dtype=np.uint8)
+        if self._cable is not None:
+            self._cable.color = color
 
     def repaint(self, paint: Paint) -> None:
         """Take the arm's colours from a light or dark scene."""

@@ -13,7 +13,7 @@ from cablecast.errors import InputError, MissingExtraError
 from cablecast.files import write_bytes, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
-from cablecast.view.palette import BLUE, DARK, LIGHT, PURPLE
+from cablecast.view.palette import DARK, LIGHT, PURPLE
 from cablecast.view.picture import Painter, Shot
 from cablecast.view.shapes import viewpoint
 
@@ -182,7 +182,7 @@ def film_html(
         paint = DARK if config.dark else LIGHT
         Room(server, setup, paint)
         marks = Marks(server, setup)
-        solid = Figure(server, "/solid", setup, BLUE, paint=paint)
+        solid = Figure(server, "/solid", setup, paint.cable, paint=paint)
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)
         serializer = server.get_scene_serializer()

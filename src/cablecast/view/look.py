@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cablecast.cable import CableParams
 from cablecast.checks import check_count
 from cablecast.conventions import xy_to_polar
-from cablecast.datasets.info import INFO_PATH
+from cablecast.datasets.info import INFO_PATH, read_info
 from cablecast.datasets.reader import Dataset, read_dataset
 from cablecast.datasets.store import CastStore
 from cablecast.datasets.trials import trial_track
@@ -26,7 +26,8 @@ from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim import SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import CONFIG_FILE, RunFolder
+from cablecast.reading import read_json
+from cablecast.runs.folder import CONFIG_FILE, METRICS_FILE, RunFolder
 from cablecast.runs.parts import Parts
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import SECTIONS, Setup
@@ -139,8 +140,9 @@ def open_collection(folder: str | os.PathLike[str]) -> Collection:
     """Return the casts of a folder.
 
     Args:
-        folder: Dataset of `collect` or `simulate`, folder of `evaluate`, or folder of `aim`. What
-            `tune` found is read from a folder `tune` in it or beside it.
+        folder: Dataset of `collect` or `simulate`, folder of `evaluate`, `tune` or `aim`. What
+            `tune` found is read from a folder `tune` in it or beside it. The casts that a folder of
+            `tune` was fitted to are looked for beside it.
 
     Raises:
         DatasetError: The folder holds no casts.
@@ -153,9 +155,26 @@ def open_collection(folder: str | os.PathLike[str]) -> Collection:
         return _of_dataset(read_dataset(path / CASTS_FOLDER), path)
     if (path / SESSION_FOLDER / CONFIG_FILE).exists():
         return _of_session(path)
+    if (path / PARAMS_FILE).exists():
+        return _of_tuning(path)
     raise DatasetError(
-        f"{path} holds no casts: name a folder that `cablecast collect`, `simulate`, `evaluate` or "
-        "`aim` wrote"
+        f"{path} holds no casts: name a folder that `cablecast collect`, `simulate`, `evaluate`, "
+        "`tune` or `aim` wrote"
+    )
+
+
+def _of_tuning(path: pathlib.Path) -> Collection:
+    """Return the casts that parameters were fitted to, which lie beside the result."""
+    metrics = read_json(path / METRICS_FILE) if (path / METRICS_FILE).exists() else {}
+    fingerprint = metrics.get("dataset_fingerprint", "")
+    for place in sorted(path.resolve().parent.iterdir()):
+        if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
+            dataset = read_dataset(place)
+            tuned = read_params(path, dataset.setup.cable)
+            found = _of_dataset(dataset, place)
+            return dataclasses.replace(found, tuned=tuned, servo=read_servo(path))
+    raise DatasetError(
+        f"{path} was fitted to casts that do not lie beside it: open the folder of the casts"
     )
 
 

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cablecast.conventions import polar_to_xy
-from cablecast.errors import CablecastError
+from cablecast.errors import CablecastError, InputError
 from cablecast.rigs.base import error_line
+from cablecast.view.camera_controls import CameraControls
 from cablecast.view.controls import CastControls
 from cablecast.view.desk import Desk
 from cablecast.view.figure import Figure
 from cablecast.view.look_controls import LookControls
 from cablecast.view.palette import BLUE, DARK, LIGHT, PURPLE
+from cablecast.view.playback import PlaybackControls
 from cablecast.view.player import Player
 from cablecast.view.scene import Marks, Room
 from cablecast.view.serving import start_server, stop_server
@@ -87,6 +89,8 @@ class Page:
             self.work_controls = WorkControls(self, home or pathlib.Path("runs"))
         with tabs.add_tab("Share"):
             self.share_controls = ShareControls(self)
+        self.playback = PlaybackControls(self, dark)
+        self.camera_controls = CameraControls(self)
         self.set_dark(dark)
         self._rest: ShownCast | None = None
         self._map: Any = None
@@ -104,10 +108,12 @@ class Page:
     @property
     def rig_is_real(self) -> bool:
         """True for a rig that moves something, so that a person is asked twice."""
-        return self.desk.rig.description.get("rig") not in SIMULATED_RIGS
+        what = self.desk.rig.description
+        return what.get("rig") not in SIMULATED_RIGS and what.get("is_twin") is not True
 
     def close(self) -> None:
         """Stop serving."""
+        self.camera_controls.close()
         self.player.close()
         stop_server(self.server)
 
@@ -176,15 +182,25 @@ class Page:
         )
         self._room.draw(paint)
         self.solid.repaint(paint)
+        self.solid.recolor(paint.cable)
+        self._marks.repaint(paint)
 
     def show_map(self, visible: bool) -> None:
-        """Show or hide how far casts are expected to miss."""
+        """Show or hide how far casts are expected to miss.
+
+        Raises:
+            InputError: There is no model yet that could tell.
+        """
         session = self.desk.session
-        if not visible or session is None:
+        if not visible:
             if self._map is not None:
                 self._map.visible = False
+            self.playback.explain_map(None)
             return
+        if session is None:
+            raise InputError("there is no model yet that knows where casts land: get ready first")
         shown, table = miss_map(session.aimer.policy), self.desk.setup.workspace
+        self.playback.explain_map(shown)
         # An image lies in its own x-y plane with y down, so it is turned about x.
         self._map = self.server.scene.add_image(
             "/map",
@@ -221,6 +237,7 @@ class Page:
         with self._lock:
             self.cast_controls.refresh()
             self.work_controls.refresh()
+            self.playback.refresh()
 
     def clear_stage(self) -> None:
         """Hide the figures and the marks of plan and cast."""
@@ -291,7 +308,7 @@ class Page:
         self.aim((origin - direction * origin[2] / direction[2])[:2])
 
     def _on_frame(self, time: float) -> None:
-        controls = getattr(self, "cast_controls", None)
+        controls = getattr(self, "playback", None)
         if controls is not None:
             controls.show_time(time, self.player.duration)
 
@@ -310,8 +327,13 @@ class Page:
 
 def _still(cast: ShownCast) -> ShownCast:
     """Return the first instant of a cast."""
+    joints = cast.joint_path
+    if joints is not None:
+        first = {name: getattr(joints, name)[:1] for name in ("times", "q", "qd")}
+        joints = dataclasses.replace(joints, **first)
     return dataclasses.replace(
         cast,
+        joint_path=joints,
         times=cast.times[:1],
         endpoint_xy=cast.endpoint_xy[:1],
         nodes=None if cast.nodes is None else cast.nodes[:1],

@@ -9,6 +9,7 @@ BLUE: Color = (0, 114, 178)
 VERMILLION: Color = (213, 94, 0)
 GREEN: Color = (0, 158, 115)
 PURPLE: Color = (204, 121, 167)
+SKY: Color = (86, 180, 233)
 INK: Color = (31, 41, 51)
 
 
@@ -23,6 +24,7 @@ class Paint:
     text: Color
     arm: Color
     joint: Color
+    cable: Color
 
 
 LIGHT = Paint(
@@ -33,6 +35,7 @@ LIGHT = Paint(
     text=INK,
     arm=(196, 203, 212),
     joint=(94, 119, 145),
+    cable=BLUE,
 )
 DARK = Paint(
     page=(26, 27, 30),
@@ -42,4 +45,5 @@ DARK = Paint(
     text=(230, 234, 240),
     arm=(150, 160, 172),
     joint=(70, 96, 124),
+    cable=SKY,
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cablecast.errors import MissingExtraError
 from cablecast.setup import Setup
-from cablecast.view.palette import BLUE, DARK, INK, LIGHT, PURPLE, VERMILLION, Color
+from cablecast.view.palette import DARK, INK, LIGHT, PURPLE, VERMILLION, Color
 from cablecast.view.shapes import (
     CABLE_RADIUS_MIN,
     arm_rods,
@@ -146,7 +146,7 @@ class Painter:
             self._mark_target(pen, shot.target_xy)
         for earlier in tries or []:
             self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, (123, 135, 148))
-        self._trail(pen, shot.cast.trail(time), BLUE)
+        self._trail(pen, shot.cast.trail(time), self._paint.cable)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
         self._cast_shadow(image, nodes, q)
         if shot.other is not None:
@@ -154,10 +154,10 @@ class Painter:
             if ghost is not None:
                 self._cable(pen, ghost, PURPLE, 0.6)
         if nodes is not None:
-            self._cable(pen, nodes, BLUE, 1.0)
+            self._cable(pen, nodes, self._paint.cable, 1.0)
         tip = nodes[-1] if nodes is not None else np.append(shot.cast.endpoint_at(time), 0.01)
         if np.all(np.isfinite(tip)):
-            self._dot(pen, tip, 0.016, BLUE)
+            self._dot(pen, tip, 0.016, self._paint.cable)
         if q is not None:
             self._arm(pen, q)
         if time >= shot.cast.duration:

@@ -9,7 +9,7 @@ from cablecast.pipeline.aim import ellipse_points
 from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
 from cablecast.view.figure import LIFT
-from cablecast.view.palette import INK, LIGHT, PURPLE, VERMILLION, Paint
+from cablecast.view.palette import GREEN, LIGHT, VERMILLION, Paint
 from cablecast.view.shapes import circle, level, polyline, reach_arc, table_lines
 
 if TYPE_CHECKING:
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 EXPECTED_SHARE = 0.9
 """Share of the landings that the ellipse of a plan holds."""
 
+_EARLIER = (123, 135, 148)  # Colour of the landings before the last.
 _THICKNESS = 0.04  # Of the table's top [m].
+_AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
 
 
 class Room:
@@ -96,8 +98,10 @@ class Room:
             place = (-table.half_width - 0.05, float(y), 0.0)
             self._label(f"y/{y:g}".replace(".", "_"), f"{y:g} m", place)
         scene.add_frame(
-            "/room/base", axes_length=0.18, axes_radius=0.006, position=(0.0, 0.0, 0.004)
+            "/room/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004)
         )
+        self._label("axis_x", "x", (_AXIS + 0.04, 0.0, 0.01))
+        self._label("axis_y", "y", (0.0, _AXIS + 0.04, 0.01))
 
     def _label(self, name: str, text: str, position: tuple[float, float, float]) -> None:
         self._server.scene.add_label(
@@ -119,9 +123,17 @@ class Marks:
 
     def __init__(self, server: "viser.ViserServer", setup: Setup):
         self._server, self._setup = server, setup
+        self._paint = LIGHT
+        self._tries: list[AimTrial] = []
+
+    def repaint(self, paint: Paint) -> None:
+        """Take the colours of a light or dark scene."""
+        self._paint = paint
+        self.landings(self._tries)
 
     def clear(self) -> None:
         """Take all marks away."""
+        self._tries = []
         for name in ("target", "expected", "tries"):
             self._server.scene.remove_by_name(f"/marks/{name}")
 
@@ -150,7 +162,7 @@ class Marks:
         self._server.scene.add_line_segments(
             "/marks/expected",
             np.concatenate(lines).astype(np.float32),
-            PURPLE,
+            GREEN,
             thickness=2.5,
             thickness_units="screen",
         )
@@ -159,13 +171,14 @@ class Marks:
         """Draw the landings of tries at one target, numbered, each with a line to the target."""
         scene = self._server.scene
         scene.remove_by_name("/marks/tries")
+        self._tries = trials
         length = self._setup.cable.length
         for one in trials:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
             place = np.append(one.final_xy, 0.012)
-            color = INK if is_last else (123, 135, 148)
+            color = self._paint.text if is_last else _EARLIER
             scene.add_icosphere(f"{name}/ball", 0.014, color, position=place, cast_shadow=False)
             ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
             scene.add_line_segments(
@@ -178,6 +191,11 @@ class Marks:
             text = f"{one.try_number}"
             if is_last:
                 text += f":  {one.miss_pct * length:.1f} cm, {one.miss_pct:.1f} %"
+            # The label stands on the far side of the landing, so that it does not hide the target.
+            is_beyond = one.final_xy[1] >= one.target_xy[1]
             scene.add_label(
-                f"{name}/label", text, position=place + [0.0, 0.0, 0.03], anchor="bottom-center"
+                f"{name}/label",
+                text,
+                position=place + [0.0, 0.04 if is_beyond else -0.04, 0.0],
+                anchor="bottom-center" if is_beyond else "top-center",
             )

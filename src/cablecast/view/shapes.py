@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 CABLE_RADIUS_MIN = 0.006
 """Smallest radius at which a cable is drawn [m]: a thinner one vanishes on a screen."""
 
-_BALL_SHARE = 1.03
+_BALL_SHARE = 1.07
 
 # A picture of this shape shows the whole width of a table from a distance of its width.
 _ASPECT = 1.65
@@ -178,10 +178,11 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     # A picture narrower than the table is seen from farther away.
     width = 2 * table.half_width * max(1.0, _ASPECT / max(aspect, 0.2))
     span = max(width, 1.7 * (table.y_max - table.y_min))
-    # In a tall picture the table stands in the upper half, above the panel.
-    low = 0.04 if aspect > 1.0 else 0.18
+    # In a tall picture the table stands in the upper half, above the panel, and is seen from higher
+    # up, so that a finger has more of it to point at.
+    low, direction = (0.04, (-0.52, 0.74)) if aspect > 1.0 else (0.19, (-0.28, 0.86))
     look_at = np.array([0.0, middle - low * span, 0.0])
-    return look_at + span * np.array([0.0, -0.52, 0.74]), look_at, float(np.radians(44))
+    return look_at + span * np.array([0.0, *direction]), look_at, float(np.radians(44))
 
 
 def window_aspect(aspect: float) -> float:
@@ -236,22 +237,24 @@ def miss_map(policy: Policy, step: float = MAP_STEP) -> MissMap:
 
 # Colours of shares 0, 1/2 and 1 of the scale: sure, doubtful, out of reach. Blue to orange stays
 # distinct under colour blindness.
-_MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float)
+MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float)
+
+MAP_FULL_SHARE = 0.25
+"""Expected miss at the end of the map's colours [share of cable length]."""
 
 
-def map_image(shown: MissMap, length: float, full_share: float = 0.25) -> NDArray[np.uint8]:
+def map_image(shown: MissMap, length: float) -> NDArray[np.uint8]:
     """Return the map as an image whose first row is the far edge, shape [row, column, 4].
 
     Args:
         shown: Map.
         length: Length of the cable [m].
-        full_share: Expected miss at the end of the scale [share of cable length].
     """
-    share = np.clip(shown.miss / (full_share * length), 0.0, 1.0)
+    share = np.clip(shown.miss / (MAP_FULL_SHARE * length), 0.0, 1.0)
     known = np.isfinite(share)
     at = 2.0 * np.nan_to_num(share)
     low = np.clip(at.astype(int), 0, 1)
     part = (at - low)[..., None]
-    colors = (1.0 - part) * _MAP_COLORS[low] + part * _MAP_COLORS[low + 1]
+    colors = (1.0 - part) * MAP_COLORS[low] + part * MAP_COLORS[low + 1]
     image = np.concatenate([colors, np.where(known, 120.0, 0.0)[..., None]], axis=-1)
     return np.flipud(image).astype(np.uint8)

@@ -20,6 +20,34 @@ _WORTH_SAYING = 0.1
 """Chance of a cast without a landing that is worth a line."""
 
 
+_TOUR = (
+    "**Cast a few times.** The rig casts, and it is seen where the cable goes.",
+    "**Fit.** The simulated cable is changed until it moves as yours did.",
+    "**Simulate.** It casts in every way that the arm can move.",
+    "**Learn.** A model keeps where those casts landed.",
+    "**Point.** Click on the table: a ghost shows the planned cast.",
+    "**Cast.** Watch the cable, and read how far it missed. Then correct, and cast again.",
+)
+"""What a newcomer goes through up to the first cast; the first four are those of `prepare_aim`."""
+
+_PREPARED_COUNT = 4
+
+
+def tour_text(desk: Desk, state: WorkState) -> str:
+    """Return the steps up to the first cast, with where one is; nothing after that cast."""
+    if desk.tries:
+        return ""
+    if desk.session is None:
+        now = max(state.step, 1) if state.name else 0
+    else:
+        now = _PREPARED_COUNT + (1 if desk.preview is None else 2)
+    lines = []
+    for number, what in enumerate(_TOUR, start=1):
+        mark = "✓" if number < now else "▶" if number == now else "○"
+        lines.append(f"{mark} {what}")
+    return "\n\n".join(lines)
+
+
 def plan_text(preview: Preview, desk: Desk) -> str:
     """Return what to expect of a plan, as a table in Markdown."""
     proposal = preview.proposal

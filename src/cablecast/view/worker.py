@@ -7,6 +7,7 @@ so that a robot stops, its connection is closed, and stored parts are kept.
 
 import dataclasses
 import queue
+import re
 import signal
 import threading
 import time
@@ -17,6 +18,8 @@ from cablecast.rigs.base import error_line
 from cablecast.runs.progress import Progress, ProgressCallback
 
 Work = Callable[[ProgressCallback], None]
+
+_STEP = re.compile(r"(\d+)/\d+ ")
 
 _LOOK_EVERY = 0.2
 """Time after which an idle worker looks whether it should end [s]."""
@@ -30,6 +33,7 @@ class WorkState:
         name: Name of the work under way; empty where there is none.
         progress: Latest report of the work, if it reported.
         seconds_left: Expected time left [s]; None if unknown.
+        step: Number of the step that the work said it is at, as in "2/4 fit"; 0 if it has none.
         message: End of the last work in one sentence; empty after a success.
         failed: Whether the last work failed; False after a stop.
     """
@@ -37,6 +41,7 @@ class WorkState:
     name: str = ""
     progress: Progress | None = None
     seconds_left: float | None = None
+    step: int = 0
     message: str = ""
     failed: bool = False
 
@@ -153,5 +158,9 @@ class Worker:
         if left is None and progress.total and progress.done > first_done:
             rate = (now - begun) / (progress.done - first_done)
             left = rate * (progress.total - progress.done)
-        self.state = dataclasses.replace(self.state, progress=progress, seconds_left=left)
+        named = _STEP.match(progress.task)
+        step = int(named[1]) if named else self.state.step
+        self.state = dataclasses.replace(
+            self.state, progress=progress, seconds_left=left, step=step
+        )
         self.notify()
