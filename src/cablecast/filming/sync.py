@@ -1,6 +1,7 @@
 """ClockCamera: a camera of trials that compares its clock with the robot's instead of tracking."""
 
 import threading
+import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,14 +109,18 @@ class _MotionFilm:
     def __init__(self, camera: LiveCamera, seen: SeenMotion):
         self._camera, self._seen = camera, seen
         self._done, self._begun = threading.Event(), threading.Event()
-        self._after = _AFTER
+        self._until = -np.inf
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
         self._begun.wait()
 
     def end(self) -> SeenMotion:
-        """Film on for a moment, and return what was seen."""
+        """Film on for a moment, and return what was seen.
+
+        Frames that wait to be looked at are of before, however many they are.
+        """
+        self._until = time.monotonic() + _AFTER
         self._done.set()
         self._thread.join()
         if self._error is not None:
@@ -124,19 +129,15 @@ class _MotionFilm:
 
     def drop(self) -> None:
         """End the film at once."""
-        self._after = 0.0
         self._done.set()
         self._thread.join()
 
     def _run(self) -> None:
-        end = np.inf
         try:
             for frame in self._camera:
                 self._seen.look(frame.image, frame.time)
                 self._begun.set()
-                if self._done.is_set():
-                    end = min(end, frame.time + self._after)
-                if frame.time >= end:
+                if self._done.is_set() and frame.arrival >= self._until:
                     return
             raise CameraError(f"camera source {self._camera.settings.source} has ended")
         except Exception as error:
