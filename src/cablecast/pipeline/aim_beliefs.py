@@ -15,6 +15,8 @@ from cablecast.pipeline.tuned import Tuned
 # Casts and posterior draws that tell how far off first casts may be, and the coarse cable for it.
 _SPREAD_ACTIONS, _SPREAD_DRAWS, _SPREAD_SEED = 40, 24, 7
 _SPREAD_ENGINE = (30, 1e-3)
+# Median distance from the middle of a round normal distribution, over the deviation of each axis.
+_MEDIAN_RADIUS = np.sqrt(2.0 * np.log(2.0))
 
 
 def believed_scales(tuned: Tuned) -> ResidualScales:
@@ -43,6 +45,9 @@ def believed_scales(tuned: Tuned) -> ResidualScales:
         duration=float(paths.duration.max()) + SETTLE_TIME,
     )
     landings = rollout.endpoint_xy[:, -1].reshape(_SPREAD_ACTIONS, _SPREAD_DRAWS, 2)
-    variance = np.nanvar(landings, axis=1).mean(axis=1) / setup.cable.length**2
-    amplitude = float(np.sqrt(usual.amplitude**2 + np.nanmedian(variance)))
+    # Some draws throw a sensitive cast far away: medians tell what is usual, variances do not.
+    middle = np.nanmedian(landings, axis=1, keepdims=True)
+    distance = np.nanmedian(np.linalg.norm(landings - middle, axis=2), axis=1)
+    spread = float(np.nanmedian(distance)) / _MEDIAN_RADIUS / setup.cable.length
+    amplitude = float(np.hypot(usual.amplitude, spread))
     return dataclasses.replace(usual, amplitude=amplitude)
