@@ -59,7 +59,9 @@ def test_the_page_shows_each_case_with_its_plot(tmp_path):
 def test_each_parameter_alone_decides_a_known_outcome(name):
     # With the right value the case is met (above). A value of seven tenths of it must miss
     # it: nothing else in the scene makes up for that.
-    case = next(case for case in CASES if name in case.parameters)
+    cases = [case for case in CASES if name in case.parameters]
+    # Where a beam tells it, its vibration is the shortest to simulate.
+    case = next((case for case in cases if case.name == "vibration"), cases[0])
 
     def make_mistaken(segment_count, dt, gravity=GRAVITY):
         engine = make_warp(segment_count, dt, gravity)
