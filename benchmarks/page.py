@@ -10,6 +10,7 @@ import dataclasses
 import os
 import pathlib
 import resource
+import tempfile
 import time
 from collections.abc import Callable
 
@@ -20,9 +21,10 @@ from benchmarks.common import has
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.make import make_rig
-from cablecast.view.desk import Desk
 from cablecast.view.look_controls import SLIDERS, slid_params
+from cablecast.view.page import Page
 from cablecast.view.session import make_desk
+from cablecast.view.worker import Worker
 
 
 @dataclasses.dataclass
@@ -40,14 +42,34 @@ class Args:
 def main(args: Args) -> None:
     policy = ForwardSearchPolicy.load(args.session / "model")
     setup = policy.setup
-    rng = np.random.default_rng(0)
-    rig = make_rig("engine", setup)
-    desk = make_desk(rig)
-    desk.set_session(AimSession(policy))
+    with (
+        tempfile.TemporaryDirectory(prefix="cablecast-") as folder,
+        make_rig("virtual", setup) as rig,
+    ):
+        desk = make_desk(rig, pathlib.Path(folder))
+        desk.set_session(AimSession(policy, out=pathlib.Path(folder) / "session"))
+        page = Page(desk, Stepping(), lambda report: None, port=8690)
+        try:
+            measure(page, policy, args)
+        finally:
+            page.close()
+
+
+class Stepping(Worker):
+    """A worker whose caller waits for the work."""
+
+    def work(self) -> None:
+        while self.busy:
+            self._step()
+
+
+def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> None:
+    desk, rng = page.desk, np.random.default_rng(0)
     targets = policy.predicted_xy[rng.choice(len(policy.predicted_xy), args.count)]
-    desk.aim(targets[0])
+    page.aim(targets[0])
     print(f"cores {os.cpu_count()}, load {os.getloadavg()[0]:.1f}")
-    report("plan after a click, with its simulated cast", lambda k: desk.aim(targets[k]), args)
+    report("plan after a click, with its simulated cast", lambda k: page.aim(targets[k]), args)
+    page.player.seek(0.0)
     preview = desk.aim(targets[0])
     exponents = rng.uniform(-0.5, 0.5, (args.count, len(SLIDERS)))
 
@@ -56,14 +78,16 @@ def main(args: Args) -> None:
         desk.simulate(preview.proposal.trajectory, params)
 
     report("slider to simulated cast", slide, args)
-    measure_memory(desk, targets, args)
+    report("map of expected misses", lambda k: page.show_map(True), args, 3)
+    page.show_map(False)
     if args.browser and find_browser() is not None and has("playwright"):
-        measure_frames(desk, targets)
+        measure_frames(page, targets)
+    measure_memory(page, targets, args)
 
 
-def report(what: str, work: Callable[[int], object], args: Args) -> None:
+def report(what: str, work: Callable[[int], object], args: Args, count: int | None = None) -> None:
     walls, cpus = [], []
-    for k in range(args.count):
+    for k in range(count or args.count):
         wall, cpu = time.perf_counter(), time.process_time()
         work(k)
         walls.append(time.perf_counter() - wall)
@@ -74,31 +98,31 @@ def report(what: str, work: Callable[[int], object], args: Args) -> None:
     )
 
 
-def measure_memory(desk: Desk, targets: np.ndarray, args: Args) -> None:
+def measure_memory(page: Page, targets: np.ndarray, args: Args) -> None:
+    """Cast through the page, ten times at each target, and print the process's peak memory."""
     for k in range(args.casts):
         if k % 10 == 0:
-            desk.aim(targets[(k // 10) % len(targets)])
-        desk.cast()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"memory after {args.casts} casts: at most {peak:.0f} MB")
+            page.aim(targets[(k // 10) % len(targets)])
+            page.cast()
+        else:
+            page.correct()
+        page.worker.work()
+        if page.worker.state.message:
+            raise SystemExit(f"cast {k} failed: {page.worker.state.message}")
+        if k + 1 in (1, args.casts // 4, args.casts // 2, args.casts):
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            print(f"memory after {k + 1} casts: at most {peak:.0f} MB", flush=True)
 
 
-def measure_frames(desk: Desk, targets: np.ndarray) -> None:
-    from cablecast.view.page import Page
-    from cablecast.view.worker import Worker
-
-    page = Page(desk, Worker(), lambda report: None, port=8690)
-    try:
-        with open_browser() as browser:
-            tab = TablePage(browser.new_page(viewport={"width": 1280, "height": 720}), desk.setup)
-            tab.open(page.address)
-            tab.wait_for("target")
-            print(f"frames a second at rest: {tab.frames_per_second():.1f}")
-            page.aim(targets[0])
-            tab.wait_for("Look at the plan")
-            before = page.player.frame_count
-            shown = tab.frames_per_second()
-            sent = (page.player.frame_count - before) / 3.0
-            print(f"frames a second while a plan plays: {shown:.1f} drawn, {sent:.1f} sent")
-    finally:
-        page.close()
+def measure_frames(page: Page, targets: np.ndarray) -> None:
+    with open_browser() as browser:
+        window = browser.new_page(viewport={"width": 1280, "height": 720})
+        tab = TablePage(window, page.desk.setup)
+        tab.open(page.address)
+        tab.wait_for("plan")
+        print(f"frames a second at rest: {tab.frames_per_second():.1f}")
+        page.aim(targets[0])
+        before, begun = page.player.frame_count, time.perf_counter()
+        shown = tab.frames_per_second()
+        sent = (page.player.frame_count - before) / (time.perf_counter() - begun)
+        print(f"frames a second while a plan plays: {shown:.1f} drawn, {sent:.1f} sent")

@@ -101,6 +101,10 @@ class TablePage:
 
     def point_at(self, xy: Any) -> None:
         """Click on a point of the table [m]."""
+        self.tab.mouse.click(*self.pixel(xy))
+
+    def pixel(self, xy: Any) -> tuple[float, float]:
+        """Return where in the window a point of the table [m] is seen before anybody turns it."""
         box = self.tab.locator("canvas").first.bounding_box()
         window = self.tab.viewport_size
         aspect = window_aspect(min(window["width"] / window["height"], WIDE))
@@ -113,7 +117,7 @@ class TablePage:
             height=round(box["height"]),
         )
         (x, y), _ = camera.project(np.append(xy, 0.0))
-        self.tab.mouse.click(box["x"] + float(x), box["y"] + float(y))
+        return box["x"] + float(x), box["y"] + float(y)
 
     def target(self) -> np.ndarray:
         """Return the target of the plan on the page [m], shape [2]."""
@@ -197,17 +201,26 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         time.sleep(8.0)
         page.picture(folder / "view-look.png")
         page.tab.get_by_role("tab", name="Cast").click()
-        page.tab.get_by_text("View", exact=True).first.click()
-        page.tab.get_by_label("Where it can land").click()
-        page.tab.get_by_role("checkbox", name="Dark").click()
         page.button("Replay").click()
         time.sleep(8.0)
-        page.picture(folder / "view-dark.png")
+        page.tab.get_by_text("View", exact=True).first.click()
+        page.tab.get_by_label("Where it can land").click()
+        page.wait_for("Expected miss of a first cast")
+        # The colours are explained at the bottom of the panel, and the camera's picture is there.
+        page.tab.mouse.move(1100, 500)
+        page.tab.mouse.wheel(0, 4000)
+        time.sleep(4.0)
+        page.picture(folder / "view-map.png")
+        page.tab.get_by_label("Where it can land").click()
         phone = TablePage(browser.new_page(viewport={"width": 390, "height": 780}), Setup())
         phone.open(address)
         time.sleep(6.0)
         phone.hide_notices()
         phone.picture(folder / "view-phone.png")
+        page.tab.get_by_role("checkbox", name="Dark").click()
+        page.tab.mouse.wheel(0, -4000)
+        time.sleep(4.0)
+        page.picture(folder / "view-dark.png")
 
 
 def main() -> None:

@@ -6,9 +6,11 @@ import pathlib
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
+from PIL import Image
 from tools.browse_page import TablePage, find_browser, open_browser
 
 from cablecast.setup import Setup
@@ -120,6 +122,51 @@ def test_a_person_points_casts_corrects_and_survives_a_kill(browser, serve):
         url.startswith((served.address, "data:", "blob:", "ws://127.0.0.1"))
         for url in page.requests
     )
+    page.tab.close()
+
+
+def test_the_map_is_seen_on_the_table_and_the_camera_beside_it(browser, serve, tmp_path):
+    page = open_page(browser, serve("virtual"))
+    page.wait_for("Click on the table")
+    page.hide_notices()
+
+    def blueness(name):
+        page.picture(tmp_path / name)
+        red, _, blue = Image.open(tmp_path / name).convert("RGB").getpixel(page.pixel(TARGET))
+        return blue - red
+
+    plain = blueness("plain.png")
+    page.tab.get_by_text("View", exact=True).first.click()
+    page.tab.get_by_label("Where it can land").click()
+    page.wait_for("Expected miss of a first cast")
+    # The model is sure there: the map is blue, and half transparent over a yellow table.
+    for _ in range(30):
+        if (coloured := blueness("map.png")) - plain > 30:
+            break
+        time.sleep(1.0)
+    assert coloured - plain > 30
+    page.point_at(TARGET)
+    page.wait_for("Look at the plan")
+    page.button("Cast").click()
+    page.wait_for_rest()
+    page.tab.get_by_text("Camera", exact=True).wait_for()
+    page.tab.close()
+
+
+def test_a_page_that_loses_its_connection_finds_the_table_again_by_itself(browser, serve):
+    served = serve("own")
+    page = open_page(browser, served)
+    page.wait_for("Click on the table")
+    page.hide_notices()
+    page.point_at(TARGET)
+    page.wait_for("Look at the plan")
+    served.kill()
+    address = served.address
+    served.start()
+    assert served.address == address
+    page.wait_for("Click on the table")
+    page.point_at(TARGET)
+    page.wait_for("Look at the plan")
     page.tab.close()
 
 

@@ -2,7 +2,19 @@ import numpy as np
 import pytest
 
 from cablecast.setup import Setup
-from cablecast.view.shapes import CABLE_RADIUS_MIN, Rods, arm_rods, map_image, miss_map, tube
+from cablecast.view.lettering import text_image
+from cablecast.view.shapes import (
+    CABLE_RADIUS_MIN,
+    TRAIL_COUNT,
+    TRAIL_WIDTH,
+    Rods,
+    arm_rods,
+    map_image,
+    miss_map,
+    ribbon,
+    thinned,
+    tube,
+)
 
 # Rounding of a rotation by a quaternion in double precision.
 ROUNDING = 1e-12
@@ -55,3 +67,32 @@ def test_the_map_knows_the_reach_and_the_misses(policy):
     assert image.shape == (*shown.miss.shape, 4)
     # The first row of the picture is the far edge.
     assert np.array_equal(image[0, :, 3] > 0, np.isfinite(shown.miss[-1]))
+
+
+def test_a_trail_always_has_as_many_vertices_and_as_wide_a_ribbon():
+    turn = np.linspace(0, np.pi, 600)
+    path = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    for count in (2, 63, 600):
+        kept = thinned(path[:count], len(path))
+        assert np.array_equal(kept[-1], path[count - 1])
+        vertices, faces = ribbon(kept, 0.004)
+        assert vertices.shape == (2 * TRAIL_COUNT, 3)
+        assert faces.max() == len(vertices) - 1
+        left, right = vertices.reshape(TRAIL_COUNT, 2, 3).transpose(1, 0, 2)[:, : len(kept)]
+        assert np.allclose(np.linalg.norm(left - right, axis=1), TRAIL_WIDTH)
+        assert np.allclose(((left + right) / 2)[:, :2], kept)
+    # A point that was left out stays out, so that the trail does not tremble.
+    early, late = (thinned(path[:count], len(path))[:-1] for count in (280, 550))
+    assert np.array_equal(early, late[: len(early)])
+
+
+def test_words_on_the_table_are_as_wide_as_they_are_long():
+    short, long = (text_image(text, (10, 20, 30)) for text in ("1", "1:  3.2 cm, 5.1 %"))
+    assert long.shape[1] > 4 * short.shape[1]
+    assert long.shape[0] == short.shape[0]
+    seen = long[long[..., 3] > 200]
+    assert len(seen) > 100
+    assert (seen[:, :3] == (10, 20, 30)).all()
+    # No letter is cut off at the edge.
+    assert not long[[0, -1], :, 3].any()
+    assert (text_image("1", (10, 20, 30), (9, 9, 9))[0, 0, :3] == 9).all()

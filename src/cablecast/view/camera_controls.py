@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import CablecastError
+from cablecast.view.figure import set_changed
 from cablecast.view.host import Host
-from cablecast.view.status import set_changed
 
 _EVERY = 0.5
 """Time between two looks at the camera [s]."""

@@ -3,10 +3,10 @@
 from typing import Any
 
 from cablecast.view.desk import Phase
+from cablecast.view.figure import set_changed
 from cablecast.view.host import Host
 from cablecast.view.status import (
     plan_text,
-    set_changed,
     status_text,
     tour_text,
     tries_text,

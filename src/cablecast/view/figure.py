@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cablecast.setup import Setup
 from cablecast.view.palette import LIGHT, Color, Paint
-from cablecast.view.shapes import Rods, arm_rods, level, polyline, tube
+from cablecast.view.shapes import Rods, arm_rods, ribbon, thinned, tube
 from cablecast.view.shown import ShownCast
 
 if TYPE_CHECKING:
@@ -17,6 +17,12 @@ LIFT = 0.002
 """Height of lines above the table, so that they are not hidden in it [m]."""
 
 _BALL_RADIUS = 0.016  # Of the attachment at the free end [m].
+
+
+def set_changed(handle: Any, name: str, value: Any) -> None:
+    """Set a property that has changed: every assignment is sent to every tab."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)
 
 
 def linear(color: Color) -> Color:
@@ -40,8 +46,10 @@ class RodsDrawing:
     ):
         import trimesh
 
-        cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=24)
-        ball = trimesh.creation.uv_sphere(radius=1.0, count=[14, 24])
+        # What shines through need not be round, and costs a browser that draws in software more.
+        sides = 24 if opacity is None else 12
+        cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=sides)
+        ball = trimesh.creation.uv_sphere(radius=1.0, count=[sides // 2, sides])
         centers, radii = rods.joints
         common: dict[str, Any] = {"opacity": opacity, "lod": "off", "receive_shadow": False}
         if opacity is not None:
@@ -126,8 +134,18 @@ class Figure:
         self._cable: Any = None
         self._node_count = 0
         self._visible = True
-        self._trail = server.scene.add_line_segments(
-            f"{name}/trail", np.zeros((1, 2, 3)), color, thickness=2.0, thickness_units="screen"
+        # One mesh whose vertices move: a browser that draws in software spends two thirds of its
+        # time on lines whose number changes.
+        vertices, faces = ribbon(np.zeros((1, 2)), 2 * LIFT)
+        self._trail = server.scene.add_mesh_simple(
+            f"{name}/trail",
+            vertices.astype(np.float32),
+            faces,
+            color=color,
+            side="double",
+            visible=False,
+            cast_shadow=False,
+            receive_shadow=False,
         )
         self._tip = server.scene.add_icosphere(
             f"{name}/tip",
@@ -158,13 +176,13 @@ class Figure:
         if nodes is not None:
             self._draw_cable(nodes)
         tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
-        self._tip.visible = bool(np.all(np.isfinite(tip)))
+        set_changed(self._tip, "visible", bool(np.all(np.isfinite(tip))))
         if self._tip.visible:
             self._tip.position = tip
-        trail = cast.trail(time)[::2]
-        self._trail.visible = len(trail) > 1
+        trail = thinned(cast.trail(time), len(cast.times))
+        set_changed(self._trail, "visible", len(trail) > 1)
         if len(trail) > 1:
-            self._trail.points = polyline(level(trail, 2 * LIFT)).astype(np.float32)
+            self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
 
     def _draw_cable(self, nodes: NDArray[np.float64]) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
@@ -187,7 +205,7 @@ class Figure:
         """Draw the cable, its end and its trail in another colour."""
         self._color = color
         self._tip.color = color
-        self._trail.colors = np.array(color, dtype=np.uint8)
+        self._trail.color = color
         if self._cable is not None:
             self._cable.color = color
 

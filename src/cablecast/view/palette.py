@@ -24,6 +24,7 @@ class Paint:
     text: Color
     arm: Color
     joint: Color
+    reach: Color
     cable: Color
 
 
@@ -35,6 +36,7 @@ LIGHT = Paint(
     text=INK,
     arm=(196, 203, 212),
     joint=(94, 119, 145),
+    reach=(94, 119, 145),
     cable=BLUE,
 )
 DARK = Paint(
@@ -45,5 +47,6 @@ DARK = Paint(
     text=(230, 234, 240),
     arm=(150, 160, 172),
     joint=(70, 96, 124),
+    reach=(140, 168, 196),
     cable=SKY,
 )

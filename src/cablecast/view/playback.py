@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from cablecast.view.figure import set_changed
 from cablecast.view.host import Host
 from cablecast.view.shapes import MAP_COLORS, MAP_FULL_SHARE, MissMap
-from cablecast.view.status import set_changed
 
 _SPEEDS = {"1": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1}
 _SHOWN_EVERY = 0.2

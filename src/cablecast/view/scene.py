@@ -9,6 +9,7 @@ from cablecast.pipeline.aim import ellipse_points
 from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
 from cablecast.view.figure import LIFT
+from cablecast.view.lettering import add_text
 from cablecast.view.palette import GREEN, LIGHT, VERMILLION, Paint
 from cablecast.view.shapes import circle, level, polyline, reach_arc, table_lines
 
@@ -19,6 +20,9 @@ EXPECTED_SHARE = 0.9
 """Share of the landings that the ellipse of a plan holds."""
 
 _EARLIER = (123, 135, 148)  # Colour of the landings before the last.
+_TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
+_TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
+_TEXT_LIFT = 0.03  # Height of that text, above any cable on the table [m].
 _THICKNESS = 0.04  # Of the table's top [m].
 _AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
 
@@ -87,30 +91,24 @@ class Room:
         scene.add_line_segments(
             "/room/reach",
             reach_arc(self._setup, LIFT).astype(np.float32),
-            paint.joint,
+            paint.reach,
             thickness=2.0,
             thickness_units="screen",
         )
-        edge = table.y_min - 0.04
+        edge = table.y_min - 0.07
         for x in np.arange(np.ceil(2 * -table.half_width) / 2, table.half_width + 1e-6, 0.5):
             self._label(f"x/{x:g}".replace("-", "m").replace(".", "_"), f"{x:g} m", (x, edge, 0.0))
         for y in np.arange(0.5 * max(1, np.ceil(2 * table.y_min)), table.y_max + 1e-6, 0.5):
-            place = (-table.half_width - 0.05, float(y), 0.0)
+            place = (-table.half_width - 0.13, float(y), 0.0)
             self._label(f"y/{y:g}".replace(".", "_"), f"{y:g} m", place)
         scene.add_frame(
             "/room/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004)
         )
-        self._label("axis_x", "x", (_AXIS + 0.04, 0.0, 0.01))
-        self._label("axis_y", "y", (0.0, _AXIS + 0.04, 0.01))
+        self._label("axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
+        self._label("axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
 
     def _label(self, name: str, text: str, position: tuple[float, float, float]) -> None:
-        self._server.scene.add_label(
-            f"/room/scale/{name}",
-            text,
-            position=position,
-            font_screen_scale=0.8,
-            anchor="center-center",
-        )
+        add_text(self._server, f"/room/scale/{name}", text, position, self.paint.text)
 
 
 class Marks:
@@ -177,9 +175,11 @@ class Marks:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
-            place = np.append(one.final_xy, 0.012)
+            x, y = map(float, one.final_xy)
             color = self._paint.text if is_last else _EARLIER
-            scene.add_icosphere(f"{name}/ball", 0.014, color, position=place, cast_shadow=False)
+            scene.add_icosphere(
+                f"{name}/ball", 0.014, color, position=(x, y, 0.012), cast_shadow=False
+            )
             ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
             scene.add_line_segments(
                 f"{name}/miss",
@@ -191,11 +191,8 @@ class Marks:
             text = f"{one.try_number}"
             if is_last:
                 text += f":  {one.miss_pct * length:.1f} cm, {one.miss_pct:.1f} %"
-            # The label stands on the far side of the landing, so that it does not hide the target.
-            is_beyond = one.final_xy[1] >= one.target_xy[1]
-            scene.add_label(
-                f"{name}/label",
-                text,
-                position=place + [0.0, 0.04 if is_beyond else -0.04, 0.0],
-                anchor="bottom-center" if is_beyond else "top-center",
-            )
+            # The text lies on the far side of the landing, so that it does not hide the target.
+            beside = _TEXT_AWAY if y >= one.target_xy[1] else -_TEXT_AWAY
+            place = (x, y + beside, _TEXT_LIFT)
+            plate = self._paint.page
+            add_text(self._server, f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)

@@ -24,6 +24,12 @@ _BESIDE_PANEL = 0.75
 TUBE_SIDES = 6
 """Number of sides of a cable that is drawn."""
 
+TRAIL_COUNT = 160
+"""Number of points of the trail of a free end."""
+
+TRAIL_WIDTH = 0.008
+"""Width at which the trail is drawn [m]."""
+
 MAP_STEP = 0.04
 """Distance of the targets of the map of expected misses [m]."""
 
@@ -118,6 +124,39 @@ def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
             np.stack([here_next, there, there_next], axis=-1).reshape(-1, 3),
         ]
     )
+    return vertices, faces.astype(np.uint32)
+
+
+def thinned(points: Array, whole_count: int) -> Array:
+    """Return at most `TRAIL_COUNT` points of a path that grows, always with the last.
+
+    Args:
+        points: Points so far, shape [point, 2].
+        whole_count: Number of points of the whole path: a point that was left out stays out.
+    """
+    step = max(1, -(-whole_count // (TRAIL_COUNT - 1)))
+    return points if len(points) < 2 else np.concatenate([points[:-1:step], points[-1:]])
+
+
+def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
+    """Return a path on the table as a flat mesh of always as many vertices.
+
+    Args:
+        xy: Points of the path [m], shape [point, 2]; at most `TRAIL_COUNT`.
+        height: Height above the table [m].
+
+    Returns:
+        Vertices [m], shape [2 * TRAIL_COUNT, 3], and faces, shape [face, 3].
+    """
+    along = np.gradient(xy, axis=0) if len(xy) > 1 else np.zeros_like(xy)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    side = TRAIL_WIDTH / 2 * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    # What is not yet there lies on the last point, without any area.
+    more = TRAIL_COUNT - len(xy)
+    edges = [np.concatenate([edge, np.repeat(xy[-1:], more, 0)]) for edge in (xy + side, xy - side)]
+    vertices = level(np.stack(edges, axis=1).reshape(-1, 2), height)
+    left = 2 * np.arange(TRAIL_COUNT - 1)[:, None]
+    faces = np.concatenate([left + [0, 1, 2], left + [1, 3, 2]])
     return vertices, faces.astype(np.uint32)
 
 

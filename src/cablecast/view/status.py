@@ -1,7 +1,6 @@
 """Texts of the page: the state of the table, a plan, and the tries."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ _TOUR = (
     "**Fit.** The simulated cable is changed until it moves as yours did.",
     "**Simulate.** It casts in every way that the arm can move.",
     "**Learn.** A model keeps where those casts landed.",
-    "**Point.** Click on the table: a ghost shows the planned cast.",
+    "**Point.** Choose a target with a click: a ghost shows the planned cast.",
     "**Cast.** Watch the cable, and read how far it missed. Then correct, and cast again.",
 )
 """What a newcomer goes through up to the first cast; the first four are those of `prepare_aim`."""
@@ -59,7 +58,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
-        ("expected", f"{100 * offset / length:.1f} % of the cable's length beside it"),
+        ("expected", f"{100 * offset:.1f} cm ({100 * offset / length:.1f} %) beside it"),
         (f"{100 * EXPECTED_SHARE:.0f} % land", f"within {major:.0f} by {minor:.0f} %"),
         ("duration", f"{proposal.trajectory.duration:.2f} s"),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({JOINT_NAMES[fastest]})"),
@@ -117,9 +116,3 @@ def try_name(one: AimTrial) -> str:
     """Return the name of a try in a list."""
     r, theta = xy_to_polar(one.target_xy)
     return f"{one.number}: {r:.2f} m, {math.degrees(theta):.0f}°, try {one.try_number}"
-
-
-def set_changed(handle: Any, name: str, value: Any) -> None:
-    """Set a property that has changed: every assignment is sent to every tab."""
-    if getattr(handle, name) != value:
-        setattr(handle, name, value)

@@ -3,8 +3,9 @@
 import pathlib
 from typing import Any
 
+from cablecast.view.figure import set_changed
 from cablecast.view.host import Host
-from cablecast.view.status import set_changed, status_text
+from cablecast.view.status import status_text
 from cablecast.view.works import WORKS, long_work
 
 

@@ -132,8 +132,9 @@ class RigUR(RigLifecycle):
 
     def picture(self) -> NDArray[np.uint8] | None:
         """Return the latest picture of the camera, BGR; None where it keeps none."""
-        latest: Any = getattr(self.camera, "picture", None)
-        return latest() if callable(latest) else None
+        # A camera need not keep its pictures: the protocol does not ask for it.
+        camera: Any = self.camera
+        return camera.picture() if hasattr(camera, "picture") else None
 
     def close(self) -> None:
         """Stop the arm, and let go of controller and camera."""
