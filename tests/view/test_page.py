@@ -1,5 +1,7 @@
 """The page without a browser: what its buttons call, against a server that nobody looks at."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -129,6 +131,28 @@ def test_what_is_dark_is_drawn_in_lighter_colours(page):
         assert page.solid._cable.color == paint.cable
         landing = f"/marks/tries/{page.desk.last.number}/ball"
         assert page.server.scene._handle_from_node_name[landing].color == paint.text
+
+
+def test_the_last_miss_is_written_over_no_other_number(page, own):
+    names = page.server.scene._handle_from_node_name
+    page.aim(TARGET)
+    page.cast()
+    page.worker.work()
+    own.offset = np.array([-0.3, 0.1])
+    for _ in range(2):
+        page.correct()
+        page.worker.work()
+    tries = page.desk.tries_at(page.desk.last.target_xy)
+    # Two at one place, and one beyond the text of both.
+    ends = [(-0.01, 0.0), (-0.3, 0.0), (0.0, 0.0)]
+    near = [
+        dataclasses.replace(one, final_xy=page.desk.last.target_xy + end)
+        for one, end in zip(tries, ends, strict=True)
+    ]
+    page._marks.landings(near)
+    shown = [f"/marks/tries/{one.number}/label" in names for one in near]
+    assert shown == [False, True, True]
+    assert all(f"/marks/tries/{one.number}/ball" in names for one in near)
 
 
 def test_the_arm_waits_at_its_start_while_the_ghost_moves(page):

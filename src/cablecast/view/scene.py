@@ -22,6 +22,7 @@ EXPECTED_SHARE = 0.9
 _EARLIER = (123, 135, 148)  # Colour of the landings before the last.
 _TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
 _TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
+_TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier number is left out [m].
 _TEXT_LIFT = 0.03  # Height of that text, above any cable on the table [m].
 _THICKNESS = 0.04  # Of the table's top [m].
 _AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
@@ -191,8 +192,13 @@ class Marks:
             text = f"{one.try_number}"
             if is_last:
                 text += f":  {one.miss_pct * length:.1f} cm, {one.miss_pct:.1f} %"
-            # The text lies on the far side of the landing, so that it does not hide the target.
-            beside = _TEXT_AWAY if y >= one.target_xy[1] else -_TEXT_AWAY
-            place = (x, y + beside, _TEXT_LIFT)
-            plate = self._paint.page
-            add_text(self._server, f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
+            if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
+                place = (*map(float, _text_xy(one)), _TEXT_LIFT)
+                plate = self._paint.page
+                add_text(self._server, f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
+
+
+def _text_xy(one: AimTrial) -> NDArray[np.float64]:
+    """Return where the text of a landing lies: on its far side, where it hides no target."""
+    beside = _TEXT_AWAY if one.final_xy[1] >= one.target_xy[1] else -_TEXT_AWAY
+    return one.final_xy + [0.0, beside]
