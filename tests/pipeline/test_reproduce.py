@@ -6,7 +6,8 @@ import json
 import pytest
 
 from cablecast.pipeline.reproduce import reproduce
-from cablecast.pipeline.reproduce_stages import METHODS, Budget
+from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
+from cablecast.workspace import load_targets
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("torch")
@@ -26,14 +27,21 @@ TINY = Budget(
     candidates=200,
     repeats=1,
 )
+FEW_TARGETS = 8
 
 
 class StoppedError(Exception):
     """Stands for a kill in the middle of the reproduction."""
 
 
+def test_methods_are_compared_at_all_targets_of_the_paper():
+    assert len(load_targets()) == TARGET_COUNT == 32
+
+
 @pytest.mark.slow
-def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path):
+def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
+    few = load_targets()[:: TARGET_COUNT // FEW_TARGETS]
+    monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
     begun = []
 
     def stop(report):
@@ -59,7 +67,7 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     assert set(first) == set(METHODS)
     assert set(second) == {"correction"}
     for values in first.values():
-        assert values["trial_count"] == 32
+        assert values["trial_count"] == FEW_TARGETS
     chosen = json.loads((tmp_path / "cable_1/select/metrics.json").read_text())["choice"]
     for cable in TINY.cables:
         info = json.loads((tmp_path / cable / "dataset/meta/info.json").read_text())
