@@ -13,10 +13,13 @@ JITTER = 1e-4
 SCALES = ResidualScales(amplitude=0.08, noise=0.02, length=1.0, power=0.0)
 
 
-def places(inputs, log_sizes=None):
+def places(inputs, log_sizes=0.0, log_shakes=0.0):
     inputs = np.atleast_2d(inputs)
-    sizes = np.zeros(len(inputs)) if log_sizes is None else np.asarray(log_sizes, dtype=float)
-    return Places(inputs=inputs, log_sizes=sizes)
+    return Places(
+        inputs=inputs,
+        log_sizes=np.full(len(inputs), log_sizes),
+        log_shakes=np.full(len(inputs), log_shakes),
+    )
 
 
 HERE, FAR = places(np.zeros(7)), places(np.full(7, 50.0))
@@ -55,11 +58,14 @@ def test_the_mirror_image_of_an_action_shares_a_part_of_its_residual():
     assert 0.3 * same < mirrored < 0.9 * same
 
 
-def test_a_sensitive_action_misses_and_scatters_by_more():
+def test_casts_to_some_places_miss_by_more_and_sensitive_ones_scatter_by_more():
     process = FewCastResidual.empty(dataclasses.replace(SCALES, power=1.0))
-    wide = places(np.zeros(7), [np.log(3.0)])
-    assert process.predict(wide)[1] == pytest.approx(9 * process.predict(HERE)[1])
-    assert process.scatter_variance(wide) == pytest.approx(9 * process.scatter_variance(HERE))
+    far = places(np.zeros(7), log_sizes=np.log(3.0))
+    assert process.predict(far)[1] == pytest.approx(9 * process.predict(HERE)[1])
+    assert process.scatter_variance(far) == pytest.approx(process.scatter_variance(HERE))
+    shaky = places(np.zeros(7), log_shakes=np.log(3.0))
+    assert process.predict(shaky)[1] == pytest.approx(process.predict(HERE)[1])
+    assert process.scatter_variance(shaky) == pytest.approx(9 * process.scatter_variance(HERE))
 
 
 def test_many_casts_overrule_what_was_expected_of_the_scales():

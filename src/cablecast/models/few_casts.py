@@ -1,11 +1,11 @@
 """FewCastResidual: what real casts add to a simulated landing, from the first cast on.
 
-The residual of a cast, measured minus simulated landing, is modelled as s(a) (g(a) + e). g is a
+The residual of a cast, measured minus simulated landing, is modelled as s g(a) + k(a) e. g is a
 Gaussian process with a Matern 3/2 kernel over the features of the action, the simulated landing and
-the side of the table; e is scatter from cast to cast. The local size s(a) follows the sensitivity
-of the simulated landing to the action: a wide fast sweep misses, and scatters, by more than a short
-one. Four numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to
-begin with and a hundred may overrule it.
+the side of the table; e is scatter from cast to cast. The size s is a power of that of `LocalSize`:
+casts that land far away miss by more than short ones. The scatter follows the sensitivity k of the
+landing to the action. Four numbers are fitted (`ResidualScales`), each with a prior, so that no
+cast is needed to begin with and a hundred may overrule it.
 """
 
 import dataclasses
@@ -23,7 +23,6 @@ LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
 """Length scales of the process along the normalised features of the action, the normalised
 landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
 
-_SHIFT_MIN = 1e-6
 _JITTER = 1e-9
 
 
@@ -35,7 +34,7 @@ class ResidualScales:
         amplitude: Standard deviation of g along each of x and y [cable lengths].
         noise: Standard deviation of the scatter e along each of x and y [cable lengths].
         length: Factor of all length scales.
-        power: Exponent of the sensitivity in the local size.
+        power: Exponent of the local size.
     """
 
     amplitude: float = 0.055
@@ -72,17 +71,23 @@ class Places:
 
     Attributes:
         inputs: Coordinates, shape [action, 7].
-        log_sizes: Logarithm of the sensitivity over that of a usual cast, shape [action].
+        log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
+        log_shakes: Logarithm of the sensitivity over that of a usual cast, shape [action].
     """
 
     inputs: NDArray[np.float64]
     log_sizes: NDArray[np.float64]
+    log_shakes: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.inputs)
 
     def __getitem__(self, rows) -> "Places":
-        return Places(inputs=self.inputs[rows], log_sizes=self.log_sizes[rows])
+        return Places(
+            inputs=self.inputs[rows],
+            log_sizes=self.log_sizes[rows],
+            log_shakes=self.log_shakes[rows],
+        )
 
     @classmethod
     def join(cls, parts: "list[Places]") -> "Places":
@@ -90,6 +95,7 @@ class Places:
         return cls(
             inputs=np.concatenate([part.inputs for part in parts]),
             log_sizes=np.concatenate([part.log_sizes for part in parts]),
+            log_shakes=np.concatenate([part.log_shakes for part in parts]),
         )
 
 
@@ -120,7 +126,9 @@ class FewCastResidual:
         """
         believed = believed or ResidualScales()
         return cls(
-            places=Places(inputs=np.empty((0, PLACE_COUNT)), log_sizes=np.empty(0)),
+            places=Places(
+                inputs=np.empty((0, PLACE_COUNT)), log_sizes=np.empty(0), log_shakes=np.empty(0)
+            ),
             residuals=np.empty((0, 2)),
             scatter=np.empty(0),
             believed=believed,
@@ -168,7 +176,7 @@ class FewCastResidual:
 
     def scatter_variance(self, places: Places) -> NDArray[np.float64]:
         """Return the variance of the scatter along each axis, shape [action]."""
-        return (self._sizes(places) * self.scales.noise) ** 2
+        return (np.exp(places.log_shakes) * self.scales.noise) ** 2
 
     def correlation(self, places: Places, others: Places | None = None) -> NDArray[np.float64]:
         """Return the correlation of g between places and others.
@@ -228,8 +236,8 @@ class FewCastResidual:
         """Covariance of the residuals of the casts, shape [cast, cast]."""
         sizes = self._sizes(self.places)
         shared = self.scales.amplitude**2 * self.correlation(self.places)
-        noise = (self.scales.noise * self.scatter) ** 2 + _JITTER
-        return np.outer(sizes, sizes) * (shared + np.diag(noise))
+        noise = self.scatter_variance(self.places) * self.scatter**2 + _JITTER
+        return np.outer(sizes, sizes) * shared + np.diag(noise)
 
     @functools.cached_property
     def _inverse(self) -> NDArray[np.float64]:
@@ -238,13 +246,3 @@ class FewCastResidual:
     @functools.cached_property
     def _solved(self) -> NDArray[np.float64]:
         return self._inverse @ self.residuals
-
-
-def log_sizes(sensitivity: NDArray[np.float64], usual: float) -> NDArray[np.float64]:
-    """Return the logarithm of sensitivities over that of a usual cast.
-
-    Args:
-        sensitivity: Sensitivities [m], shape [action].
-        usual: Sensitivity of a usual cast [m].
-    """
-    return np.asarray(np.log(np.maximum(sensitivity / usual, _SHIFT_MIN)), dtype=float)

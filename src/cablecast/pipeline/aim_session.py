@@ -17,7 +17,7 @@ from cablecast.datasets.store import CastStore, StoredCast
 from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.pipeline.aim_beliefs import believed_scales
+from cablecast.pipeline.aim_beliefs import make_beliefs
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.aiming import AimChoice, AimedCast, Aimer
@@ -96,9 +96,9 @@ class AimSession:
         if casts is not None:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
-        self._believed = None if tuned is None else believed_scales(tuned)
+        self._beliefs = make_beliefs(tuned)
         self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
-        self.aimer = Aimer(policy, self._believed)
+        self.aimer = Aimer(policy, self._beliefs.scales, self._beliefs.size)
         self.relearn()
 
     def relearn(self, without: Collection[int] = ()) -> None:
@@ -112,7 +112,7 @@ class AimSession:
             for number, cast in enumerate(self.store.casts)
             if number not in without and _has_action(cast)
         ]
-        self.aimer = Aimer(self.aimer.policy, self._believed)
+        self.aimer = Aimer(self.aimer.policy, self._beliefs.scales, self._beliefs.size)
         self.aimer.learn(kept)
         self._fitted_count = len(self.store)
 

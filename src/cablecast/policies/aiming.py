@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.models.features import deviations
-from cablecast.models.few_casts import Places, ResidualScales, log_sizes
+from cablecast.models.few_casts import Places, ResidualScales
+from cablecast.models.local_size import LocalSize
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_actions
 from cablecast.policies.base import check_targets
@@ -26,22 +27,19 @@ from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.refinement import refine_actions, within_ranges
 
-REACH_PCT = 6.0
-"""Distance from the target within which candidates are compared by their expected miss [% of cable
-length]."""
-
 FAILURE_MISS = 0.5
 """Miss that a cast without a landing counts as [cable lengths]."""
-_NEIGHBOR_COUNT = 3000
-_SHORTLIST_COUNT = 8
+# Candidates whose simulated landings are nearest, and those of them whose expected landings are.
+# More would find actions that the simulator is too sure of (`LocalSize`).
+_NEIGHBOR_COUNT, _SHORTLIST_COUNT = 3000, 16
+# Candidates that tell the local size, and the least sensitivity over the usual one.
+_SIZE_COUNT, _SHIFT_MIN = 400, 1e-6
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
 _EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
 # Newton steps of a correction, and the parts of it that are tried until the arm can follow.
 _NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
 # Parts of the way from a candidate to the action that is expected on the target.
 _PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
-# The spread is known at the candidate, not at the action moved onto the target.
-_MOVE_COST = 0.15
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
 _ALONG = 0.5
 
@@ -96,20 +94,31 @@ class Aimer:
     Args:
         policy: Policy of simulated casts alone.
         believed: Scales of the residual that are expected before any cast; the defaults where None.
+        size: By how much more casts to one place may miss than to another; from the sensitivity of
+            the policy's candidates where None.
 
     Attributes:
         experience: What real casts added to the simulated landings.
         casts: Casts that it learned from.
     """
 
-    def __init__(self, policy: ForwardSearchPolicy, believed: ResidualScales | None = None):
+    def __init__(
+        self,
+        policy: ForwardSearchPolicy,
+        believed: ResidualScales | None = None,
+        size: LocalSize | None = None,
+    ):
         self.policy = policy
         self.model = policy.model
         self.length = policy.setup.cable.length
         self.experience = Experience(believed)
         self.casts: list[AimedCast] = []
-        self._usual = float(np.median(policy.sensitivity))
         self._changes = deviations(policy.actions)
+        self._usual = float(np.median(policy.sensitivity))
+        some = slice(None, None, max(1, len(policy.actions) // _SIZE_COUNT))
+        self.size = size or LocalSize(
+            landing_xy=policy.predicted_xy[some], values=policy.sensitivity[some]
+        )
 
     def copy(self) -> "Aimer":
         """Return an aimer that knows the same casts and learns on its own."""
@@ -156,7 +165,11 @@ class Aimer:
                 hands[:, None],
             ]
         )
-        return Places(inputs=inputs, log_sizes=log_sizes(sensitivity, self._usual))
+        return Places(
+            inputs=inputs,
+            log_sizes=self.size.log_sizes(simulated_xy),
+            log_shakes=np.log(np.maximum(sensitivity / self._usual, _SHIFT_MIN)),
+        )
 
     def predict(
         self, actions: ArrayLike
@@ -200,8 +213,8 @@ class Aimer:
         """
         target = check_targets(self.policy.setup, target_xy)[0]
         actions, hands = self._candidates(target)
-        sensitivity = self.model.sensitivity(actions, self._changes)
         simulated_xy = self.model.predict(actions)
+        sensitivity = self.model.sensitivity(actions, self._changes)
         places = self._places(actions, simulated_xy, sensitivity, hands)
         mean, variance = self.experience.residual.predict(places)
         goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
@@ -293,13 +306,10 @@ class Aimer:
         hands = side * turns
         simulated_xy = _to_right(policy.predicted_xy[index], turns)
         places = self._places(actions, simulated_xy, policy.sensitivity[index], hands)
-        mean, variance = self.experience.residual.predict(places)
+        mean, _ = self.experience.residual.predict(places)
         goals = _to_right(np.repeat(target[None], len(index), axis=0), hands)
-        distance = np.linalg.norm(simulated_xy + self.length * mean - goals, axis=1) / self.length
-        risk, _ = self._risk(_MOVE_COST * distance, variance, places)
-        risk[distance > max(REACH_PCT / 100, float(distance.min()))] = np.inf
-        short = np.argsort(risk)[: min(_SHORTLIST_COUNT, len(risk))]
-        short = short[np.isfinite(risk[short])]
+        distance = np.linalg.norm(simulated_xy + self.length * mean - goals, axis=1)
+        short = np.argsort(distance)[: min(_SHORTLIST_COUNT, len(distance))]
         earlier, earlier_hands = _rightward(self._earlier(target))
         return (
             np.concatenate([actions[short], earlier]),
