@@ -165,14 +165,18 @@ class FewCastResidual:
             Expected residuals, shape [action, 2], and the variance along each of x and y of g
             alone, without scatter, shape [action]; [cable lengths] and their square.
         """
-        sizes = self._sizes(places)
-        if not len(self):
-            return np.zeros((len(places), 2)), (sizes * self.scales.amplitude) ** 2
-        kernel = sizes[:, None] * self._sizes(self.places) * self.correlation(places)
-        kernel = kernel * self.scales.amplitude**2
-        means = kernel @ self._solved
+        kernel = self._kernel(places)
         explained = np.einsum("ai,ai->a", kernel @ self._inverse, kernel)
-        return means, np.maximum((sizes * self.scales.amplitude) ** 2 - explained, 0.0)
+        prior = (self._sizes(places) * self.scales.amplitude) ** 2
+        return kernel @ self._solved, np.maximum(prior - explained, 0.0)
+
+    def means(self, places: Places) -> NDArray[np.float64]:
+        """Return the expected residuals alone, for very many actions, shape [action, 2].
+
+        Args:
+            places: Places of actions.
+        """
+        return self._kernel(places) @ self._solved
 
     def scatter_variance(self, places: Places) -> NDArray[np.float64]:
         """Return the variance of the scatter along each axis, shape [action]."""
@@ -227,6 +231,13 @@ class FewCastResidual:
         whitened = np.linalg.solve(factor, self.residuals)
         volume = 2.0 * float(np.log(np.diag(factor)).sum())
         return 0.5 * float(np.sum(whitened**2)) + volume + prior
+
+    def _kernel(self, places: Places) -> NDArray[np.float64]:
+        """Return the covariance of g between places and casts, shape [action, cast]."""
+        kernel = self.correlation(places)
+        kernel *= (self.scales.amplitude**2 * self._sizes(places))[:, None]
+        kernel *= self._sizes(self.places)
+        return kernel
 
     def _sizes(self, places: Places) -> NDArray[np.float64]:
         return np.exp(self.scales.power * places.log_sizes)

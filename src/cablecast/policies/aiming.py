@@ -11,6 +11,7 @@ to others.
 
 import copy
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,9 +30,10 @@ from cablecast.policies.refinement import refine_actions, within_ranges
 
 FAILURE_MISS = 0.5
 """Miss that a cast without a landing counts as [cable lengths]."""
-# Candidates whose simulated landings are nearest, and those of them whose expected landings are.
-# More would find actions that the simulator is too sure of (`LocalSize`).
-_NEIGHBOR_COUNT, _SHORTLIST_COUNT = 3000, 16
+# Candidates whose simulated landings are nearest: at least so many, and so many pairs of one and
+# a cast. Of these, those whose expected landings are nearest: more would find actions that the
+# simulator is too sure of (`LocalSize`).
+_NEIGHBOR_COUNT, _PAIR_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 16
 # Candidates that tell the local size, and the least sensitivity over the usual one.
 _SIZE_COUNT, _SHIFT_MIN = 400, 1e-6
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
@@ -296,25 +298,33 @@ class Aimer:
         Returns:
             Actions to the right, shape [action, 4], and the hands to play them with, [action].
         """
-        policy = self.policy
         side = -1.0 if target[0] < 0 else 1.0
+        places, actions, simulated_xy, turns = self._known_candidates
         # The candidates land on the right: for a target on the left all are mirrored.
-        count = min(_NEIGHBOR_COUNT, len(policy.actions))
-        _, index = policy.tree.query(_to_right(target[None], np.array([side]))[0], k=count)
-        index = np.atleast_1d(index)
-        actions, turns = _rightward(policy.actions[index])
         hands = side * turns
-        simulated_xy = _to_right(policy.predicted_xy[index], turns)
-        places = self._places(actions, simulated_xy, policy.sensitivity[index], hands)
-        mean, _ = self.experience.residual.predict(places)
-        goals = _to_right(np.repeat(target[None], len(index), axis=0), hands)
-        distance = np.linalg.norm(simulated_xy + self.length * mean - goals, axis=1)
-        short = np.argsort(distance)[: min(_SHORTLIST_COUNT, len(distance))]
+        goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
+        distance = np.linalg.norm(simulated_xy - goals, axis=1)
+        count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(self.casts)))
+        near = np.argsort(distance)[:count]
+        some = places[near]
+        some.inputs[:, -1] = hands[near]
+        mean = self.experience.residual.means(some)
+        distance = np.linalg.norm(simulated_xy[near] + self.length * mean - goals[near], axis=1)
+        short = near[np.argsort(distance)[:_SHORTLIST_COUNT]]
         earlier, earlier_hands = _rightward(self._earlier(target))
         return (
             np.concatenate([actions[short], earlier]),
             np.concatenate([hands[short], earlier_hands]),
         )
+
+    @functools.cached_property
+    def _known_candidates(self) -> tuple[Places, NDArray, NDArray, NDArray]:
+        """Places of the policy's candidates, actions and landings to the right [m], and hands."""
+        policy = self.policy
+        actions, turns = _rightward(policy.actions)
+        simulated_xy = _to_right(policy.predicted_xy, turns)
+        places = self._places(actions, simulated_xy, policy.sensitivity, turns)
+        return places, actions, simulated_xy, turns
 
     def _earlier(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the actions that landed nearest to a target, shape [action, 4]."""
