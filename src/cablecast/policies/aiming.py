@@ -20,6 +20,7 @@ from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.models.features import deviations
 from cablecast.models.few_casts import Places, ResidualScales
+from cablecast.models.landing import central_shifts
 from cablecast.models.local_size import LocalSize
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_actions
@@ -346,19 +347,18 @@ class _CorrectedLandings:
     def predict(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the expected landings [m], shape [action, 2]."""
         aimer = self.aimer
+        # Shifts are asked for by several changes of all actions in turn.
+        times = len(actions) // len(self.hands)
+        hands, sensitivity = np.tile(self.hands, times), np.tile(self.sensitivity, times)
         simulated_xy = aimer.model.predict(actions)
-        places = aimer._places(actions, simulated_xy, self.sensitivity, self.hands)
-        return simulated_xy + aimer.length * aimer.experience.residual.predict(places)[0]
+        places = aimer._places(actions, simulated_xy, sensitivity, hands)
+        return simulated_xy + aimer.length * aimer.experience.residual.means(places)
 
     def landing_shifts(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the shift of the landing for each change of an action, [action, 2, change]."""
-        shifts = [
-            (self.predict(actions + change) - self.predict(actions - change)) / 2
-            for change in changes
-        ]
-        return np.stack(shifts, axis=2)
+        return central_shifts(self.predict, actions, changes)
 
     def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distance that the free end keeps from the table's edges [m]."""
