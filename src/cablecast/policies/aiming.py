@@ -2,11 +2,11 @@
 
 The landings of a policy's candidates are known from the simulator. A Gaussian process adds what
 real casts showed (`Experience`), and says how surely. For a target the aimer takes the action
-with the least expected squared miss: the distance left, the uncertainty of the prediction, the
-scatter of the action, and the cost of a cast that may end out of sight. After a cast near a target
-the process is almost certain there, so the next action is a small step from the last one, damped by
-the scatter as in a Kalman filter. An action that scatters more than expected loses this advantage
-to others.
+with the least expected loss, from the distance left, the uncertainty of the prediction, the scatter
+of the action, and the chance of a cast that ends out of sight. After a cast near a target the
+process is almost certain there, so the next action is a small step from the last one, damped by the
+scatter as in a Kalman filter. An action that scatters more than expected, or stays far off, loses
+this advantage to others.
 """
 
 import copy
@@ -29,8 +29,8 @@ from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.refinement import refine_actions, within_ranges
 
-FAILURE_MISS = 0.5
-"""Miss that a cast without a landing counts as [cable lengths]."""
+NEAR = 0.08
+"""Miss beyond which it hardly matters how large a miss is [cable lengths]."""
 # Candidates whose simulated landings are nearest: at least so many, and so many pairs of one and
 # a cast. Of these, those whose expected landings are nearest: more would find actions that the
 # simulator is too sure of (`LocalSize`).
@@ -206,7 +206,7 @@ class Aimer:
         return xy, covariance * np.outer(flip, flip), float(np.sqrt(scatter[0])) * self.length
 
     def choose(self, target_xy: ArrayLike) -> AimChoice:
-        """Choose the action with the least expected squared miss.
+        """Choose the action with the least expected loss.
 
         Args:
             target_xy: Target [m], shape [2].
@@ -273,7 +273,11 @@ class Aimer:
     def _risk(
         self, distance: NDArray[np.float64], variance: NDArray[np.float64], places: Places
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the expected squared miss of actions and their chance of failure.
+        """Return the expected loss of actions and their chance of failure.
+
+        The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `NEAR`, and 1 for a cast without a
+        landing. Small misses count by their square, as in a Kalman filter. A large miss that is
+        certain counts for as much as one that is only possible: it is no reason to stay.
 
         Args:
             distance: Distance left from expected landing to target [cable lengths], shape [action].
@@ -281,12 +285,12 @@ class Aimer:
             places: Places of the actions.
 
         Returns:
-            Risk [square cable lengths] and chance [-], each of shape [action].
+            Loss [-] and chance [-], each of shape [action].
         """
-        scatter = self.experience.scatter(places)
         failure = self.experience.failure_chance(places)
-        risk = distance**2 + 2.0 * (variance + scatter) + failure * FAILURE_MISS**2
-        return risk, failure
+        width = NEAR**2 + variance + self.experience.scatter(places)
+        near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
+        return 1.0 - (1.0 - failure) * near, failure
 
     def _shortlist(
         self, target: NDArray[np.float64]

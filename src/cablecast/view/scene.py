@@ -193,7 +193,8 @@ class Marks:
             if is_last:
                 text += f":  {one.miss_pct * length:.1f} cm, {one.miss_pct:.1f} %"
             if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
-                place = (*map(float, _text_xy(one)), _TEXT_LIFT)
+                x, y = _text_xy(one)
+                place = (float(x), float(y), _TEXT_LIFT)
                 plate = self._paint.page
                 add_text(self._server, f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
 
