@@ -7,11 +7,11 @@ import pytest
 
 pytest.importorskip("cv2")
 
+from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial

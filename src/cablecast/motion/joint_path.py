@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
 from cablecast.errors import IKError, InputError
@@ -39,6 +39,20 @@ class JointPath:
     def peak_speed(self) -> NDArray[np.float64]:
         """Largest speed of each joint [rad/s], shape [6]."""
         return np.max(np.abs(self.qd), axis=0)
+
+
+def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
+    """Return joint angles at some times, held before the first and after the last tick.
+
+    Args:
+        path: Joints as they moved.
+        times: Times [s], shape [time].
+
+    Returns:
+        Angles [rad], shape [time, 6].
+    """
+    times = np.asarray(times, dtype=float)
+    return np.stack([np.interp(times, path.times, q) for q in path.q.T], axis=-1)
 
 
 def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:

@@ -28,6 +28,7 @@ from cablecast.policies.base import check_targets
 from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.refinement import refine_actions, within_ranges
+from cablecast.policies.sight import hidden_chance
 
 NEAR = 0.08
 """Miss beyond which it hardly matters how large a miss is [cable lengths]."""
@@ -220,9 +221,18 @@ class Aimer:
         sensitivity = self.model.sensitivity(actions, self._changes)
         places = self._places(actions, simulated_xy, sensitivity, hands)
         mean, variance = self.experience.residual.predict(places)
+        variance = variance + self.experience.scatter(places)
+        landing_xy = simulated_xy + self.length * mean
         goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
-        distance = np.linalg.norm(simulated_xy + self.length * mean - goals, axis=1) / self.length
-        risk, failure = self._risk(distance, variance, places)
+        distance = np.linalg.norm(landing_xy - goals, axis=1) / self.length
+        hidden = hidden_chance(
+            np.where(hands[:, None] < 0, mirror_actions(actions), actions),
+            _to_right(landing_xy, hands),
+            self.length * np.sqrt(variance),
+            self.policy.setup,
+        )
+        failure = 1.0 - (1.0 - hidden) * (1.0 - self.experience.failure_chance(places))
+        risk = _expected_loss(distance, variance, failure)
         stays = self.model.predict_margin(actions) >= self._table_margin
         # A candidate that somebody else chose may be beyond the arm's limits.
         risk[~(stays & check_actions(actions, self.policy.setup).mask)] = np.inf
@@ -270,28 +280,6 @@ class Aimer:
         """Distance that the free end must keep within the table's edges [m]."""
         return float(self.policy.info.get("table_margin", TABLE_MARGIN))
 
-    def _risk(
-        self, distance: NDArray[np.float64], variance: NDArray[np.float64], places: Places
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the expected loss of actions and their chance of failure.
-
-        The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `NEAR`, and 1 for a cast without a
-        landing. Small misses count by their square, as in a Kalman filter. A large miss that is
-        certain counts for as much as one that is only possible: it is no reason to stay.
-
-        Args:
-            distance: Distance left from expected landing to target [cable lengths], shape [action].
-            variance: Variance of the residual along each axis [square cable lengths], [action].
-            places: Places of the actions.
-
-        Returns:
-            Loss [-] and chance [-], each of shape [action].
-        """
-        failure = self.experience.failure_chance(places)
-        width = NEAR**2 + variance + self.experience.scatter(places)
-        near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
-        return 1.0 - (1.0 - failure) * near, failure
-
     def _shortlist(
         self, target: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -337,6 +325,28 @@ class Aimer:
         miss = [float(np.linalg.norm(cast.endpoint_xy - target)) / self.length for cast in landed]
         near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < _EARLIER_REACH]
         return np.array([landed[k].action for k in near]).reshape(-1, 4)
+
+
+def _expected_loss(
+    distance: NDArray[np.float64], variance: NDArray[np.float64], failure: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the expected loss of casts.
+
+    The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `NEAR`, and 1 for a cast without a
+    landing. Small misses count by their square, as in a Kalman filter. A large miss that is certain
+    counts for as much as one that is only possible: it is no reason to stay.
+
+    Args:
+        distance: Distance from expected landing to target [cable lengths], shape [action].
+        variance: Variance of the landing along each axis [square cable lengths], [action].
+        failure: Chance of a cast without a landing [-], shape [action].
+
+    Returns:
+        Loss [-], shape [action].
+    """
+    width = NEAR**2 + variance
+    near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
+    return 1.0 - (1.0 - failure) * near
 
 
 class _CorrectedLandings:

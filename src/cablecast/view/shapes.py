@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.arm.shape import arm_shape
 from cablecast.arm.ur import ArmUR
 from cablecast.policies.base import Policy
-from cablecast.rigs.virtual.arm_shape import arm_shape
 from cablecast.setup import Setup
 
 Array = NDArray[np.float64]

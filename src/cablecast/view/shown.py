@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.engines.base import Rollout
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.virtual.arm_shape import joints_at
 from cablecast.track import EndpointTrack, TrialStatus
 
 FRAME_DT = 0.02

@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
+from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 
 CABLE_RADIUS = 0.0055

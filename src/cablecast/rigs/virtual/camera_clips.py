@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
-from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.tracking.calibration import Calibration

@@ -6,12 +6,12 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Attachment, Cable
 from cablecast.camera.lens import CameraView
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.virtual.arm_shape import ArmShape, arm_shape, joints_at, sight_clearance
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.tracking.marker import MarkerConfig
 from cablecast.tracking.opencv import load_cv2

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.checks import check_ranges
 from cablecast.errors import InputError
 from cablecast.files import write_json
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.reading import read_json
-from cablecast.rigs.virtual.arm_shape import arm_shape, joints_at, sight_clearance
 from cablecast.rigs.virtual.camera_config import USUAL_CENTRE_Y, Mount, clutter_place
 from cablecast.workspace import Workspace
 

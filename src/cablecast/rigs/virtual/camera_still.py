@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from cablecast.motion.joint_path import JointPath
-from cablecast.rigs.virtual.arm_shape import joints_at
+from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera import Image, VirtualCamera
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.setup import Setup

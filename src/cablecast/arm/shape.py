@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import ArmUR
-from cablecast.motion.joint_path import JointPath
 
 # The upper arm and the forearm run beside the plane in which the DH lengths are measured. Their
 # distances from it along the shoulder's axis [m], from the maker's description for ROS
@@ -30,20 +29,6 @@ class ArmShape:
 
     ends: NDArray[np.float64]
     radii: NDArray[np.float64]
-
-
-def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
-    """Return joint angles at some times, held before the first and after the last tick.
-
-    Args:
-        path: Joints as they moved.
-        times: Times [s], shape [time].
-
-    Returns:
-        Angles [rad], shape [time, 6].
-    """
-    times = np.asarray(times, dtype=float)
-    return np.stack([np.interp(times, path.times, q) for q in path.q.T], axis=-1)
 
 
 def arm_shape(q: ArrayLike, arm: ArmUR) -> ArmShape:

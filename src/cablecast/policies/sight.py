@@ -1,0 +1,59 @@
+"""Chance that the arm hides the landing of its own cast from the camera."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.shape import arm_shape, sight_clearance
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.setup import Setup
+
+CAMERA_HEIGHT = 2.2
+"""Height of a camera above the middle of the table, where its place is not known [m]."""
+
+MARKER_RADIUS = 0.015
+"""Distance from the arm's outline at which a marker of usual size is half hidden [m]."""
+
+# Points that stand for a round normal distribution: shares of equal probability, each at the
+# distance from the middle that halves it.
+_RINGS, _SPOKES = 4, 8
+
+
+def hidden_chance(
+    actions: NDArray[np.float64],
+    landing_xy: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+    setup: Setup,
+) -> NDArray[np.float64]:
+    """Return the chance that a landing lies behind the resting arm as the camera sees it.
+
+    Args:
+        actions: Actions on either side, shape [action, 4].
+        landing_xy: Their expected landings [m], shape [action, 2].
+        deviation: Standard deviation of the landings along each axis [m], shape [action].
+        setup: Set-up with the arm and the table.
+
+    Returns:
+        Chance [-], shape [action]; 0 for an action that the arm cannot follow.
+    """
+    paths = cast_grip_paths(actions, setup)
+    poses = paths.evaluate(paths.duration[:, None])[:, 0]
+    still = np.zeros_like(poses)
+    q = setup.arm.inverse_motion(poses, still, still).q
+    points = landing_xy[:, None] + deviation[:, None, None] * _unit_points()
+    count = points.shape[1]
+    ground = np.concatenate([points, np.zeros((*points.shape[:2], 1))], axis=-1)
+    table = setup.workspace
+    camera = (0.0, 0.5 * (table.y_min + table.y_max), CAMERA_HEIGHT)
+    shape = arm_shape(np.repeat(q, count, axis=0), setup.arm)
+    clearance = sight_clearance(ground.reshape(-1, 3), camera, shape).reshape(-1, count)
+    return np.mean(clearance < MARKER_RADIUS, axis=1)
+
+
+def _unit_points() -> NDArray[np.float64]:
+    """Return points of a round normal distribution of deviation 1, shape [point, 2]."""
+    share = (np.arange(_RINGS) + 0.5) / _RINGS
+    radius = np.sqrt(-2.0 * np.log1p(-share))
+    # Every other ring is turned by half a spoke.
+    turn = (np.arange(_SPOKES) + 0.5 * (np.arange(_RINGS)[:, None] % 2)) * 2.0 * np.pi / _SPOKES
+    ring = radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    return ring.reshape(-1, 2)

@@ -1,0 +1,39 @@
+"""The arm hides what lies below it."""
+
+import numpy as np
+import pytest
+
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.policies.sight import _unit_points, hidden_chance
+from cablecast.setup import Setup
+
+SETUP = Setup(cable="cable_1")
+ACTIONS = np.radians([[-40.0, 40.0, 0.0, 60.0]]) + [0.0, 0.0, 0.7, 0.0]
+PATH = cast_grip_paths(ACTIONS, SETUP)
+GRIP_XY = PATH.evaluate(PATH.duration[:, None])[:, 0, :2]
+
+
+def chance(landing_xy, deviation):
+    return hidden_chance(ACTIONS, landing_xy, np.array([deviation]), SETUP)[0]
+
+
+def test_a_landing_below_the_forearm_is_hidden_and_one_beyond_the_gripper_is_seen():
+    assert chance(0.8 * GRIP_XY, 0.001) == 1.0
+    assert chance(1.5 * GRIP_XY, 0.001) == 0.0
+
+
+def test_the_less_sure_a_landing_is_the_less_surely_it_is_hidden():
+    sure, vague = chance(0.8 * GRIP_XY, 0.01), chance(0.8 * GRIP_XY, 0.15)
+    assert 0.05 < vague < 0.7 < sure
+
+
+def test_an_arm_that_cannot_follow_hides_nothing():
+    beyond = ACTIONS + [0.0, 0.0, 0.9, 0.0]
+    assert hidden_chance(beyond, GRIP_XY, np.array([0.01]), SETUP) == 0.0
+
+
+def test_the_points_stand_for_a_normal_distribution():
+    points = _unit_points()
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-12)
+    # The farthest ones stand for a tail that goes on without bounds.
+    assert np.mean(points**2) == pytest.approx(1.0, abs=0.15)
