@@ -5,6 +5,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Each file's tests share what they make; the files begin in the order of tests/conftest.py.
+PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test coverage lint format docs release clean
@@ -18,10 +20,10 @@ demo: $(STAMP) ## Five casts, a fit, a model, then casts at 32 targets with cabl
 	$(BIN)/cablecast demo
 
 test: $(STAMP) ## Run the tests
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest $(PARALLEL)
 
 coverage: $(STAMP) ## Run the tests and report the lines that none of them runs
-	$(BIN)/python -m pytest -n auto --dist loadfile --cov --cov-report=term --cov-report=html:build/coverage
+	$(BIN)/python -m pytest $(PARALLEL) --cov --cov-report=term --cov-report=html:build/coverage
 
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .

@@ -5,6 +5,12 @@ import signal
 import pytest
 
 
+def pytest_collection_modifyitems(items):
+    """Let the files with slow tests begin, so that no worker is left alone with one of them."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(autouse=True, scope="session")
 def interrupts():
     """Let SIGINT raise KeyboardInterrupt: a process that runs tests in parallel ignores it."""

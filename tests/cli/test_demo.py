@@ -28,6 +28,7 @@ def demo(tmp_path_factory):
         yield folder, printed.getvalue()
 
 
+@pytest.mark.slow
 def test_the_demo_goes_all_the_way_and_takes_up_what_is_done(demo, capsys):
     folder, first = demo
     root = folder / "runs" / "demo-cable_1"

@@ -14,6 +14,7 @@ MOST_BYTES = 60_000
 """A page with some thirty plots should load at once."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_the_engine_meets_the_closed_form(case):
     for outcome in case.run().outcomes:

@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+from cablecast.models.adaptation import REAL_ONLY
 from cablecast.pipeline.reproduce import reproduce
 from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
 from cablecast.workspace import load_targets
@@ -42,6 +43,8 @@ def test_methods_are_compared_at_all_targets_of_the_paper():
 def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
     few = load_targets()[:: TARGET_COUNT // FEW_TARGETS]
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
+    brief = dataclasses.replace(REAL_ONLY, epochs=30, patience=30)
+    monkeypatch.setattr("cablecast.models.adaptation.REAL_ONLY", brief)
     begun = []
 
     def stop(report):

@@ -117,21 +117,15 @@ class RigKind:
     make: Callable[[], Rig]
 
 
-@pytest.fixture(scope="module", params=["virtual", "checked virtual", "engine", "user", "ur"])
+@pytest.fixture(scope="module", params=["virtual", "engine", "checked engine", "user", "ur"])
 def rig_kind(request, setup) -> RigKind:
     """Each rig in a quick setting, made afresh by each call of `make`."""
-    if "virtual" in request.param:
+    if request.param == "virtual":
         pytest.importorskip("mujoco")
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
         config = VirtualConfig(segment_count=16, dt=1e-3, sensing="exact")
-
-        def make_virtual() -> Rig:
-            return RigVirtual(setup, 0, config)
-
-        if request.param == "virtual":
-            return RigKind("virtual", make_virtual)
-        return RigKind("virtual", lambda: make_rig(make_virtual(), setup))
+        return RigKind("virtual", lambda: RigVirtual(setup, 0, config))
     if request.param == "ur":
         from cablecast.rigs.ur.rig import RigUR
         from cablecast.twin.truth import TruthCamera
@@ -139,11 +133,13 @@ def rig_kind(request, setup) -> RigKind:
         make_twin = request.getfixturevalue("make_twin")
         _, lab = make_twin({"watchdog": 1.0, "silence_max": 10.0}, segment_count=12, rate=2.0)
         return RigKind("ur", lambda: RigUR(lab, TruthCamera(lab, lab.robot.address)))
-    if request.param == "engine":
+    if "engine" in request.param:
         from cablecast.engines.warp_ import EngineWarp
 
         engine = EngineWarp(segment_count=16, dt=1e-3)
-        return RigKind("engine", lambda: RigEngine(engine, setup))
+        if request.param == "engine":
+            return RigKind("engine", lambda: RigEngine(engine, setup))
+        return RigKind("engine", lambda: make_rig(RigEngine(engine, setup), setup))
 
     def make_user() -> Rig:
         with pytest.MonkeyPatch.context() as patch:

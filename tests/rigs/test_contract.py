@@ -38,6 +38,7 @@ def test_it_answers_the_rig_protocol_and_describes_itself_in_plain_values(rig_ki
     json.dumps(rig.description)
 
 
+@pytest.mark.slow
 def test_a_cast_ends_at_rest_on_the_table(rig_kind, track, cable, workspace):
     assert track.status is TrialStatus.OK
     assert np.all(np.isfinite(track.final_xy))

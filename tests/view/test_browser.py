@@ -72,7 +72,7 @@ def serve(tmp_path):
 
 
 def open_page(browser, served):
-    tab = browser.new_page(viewport={"width": 1120, "height": 630})
+    tab = browser.new_page(viewport={"width": 960, "height": 540})
     page = TablePage(tab, Setup())
     page.open(served.address)
     return page

@@ -23,7 +23,7 @@ _MEDIAN_RADIUS = np.sqrt(2.0 * np.log(2.0))
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Beliefs:
-    """What is expected of a fitted simulator before it is tried.
+    """Expected errors of a fitted simulator before it is tried.
 
     Attributes:
         scales: Scales of real landings about the simulated ones.

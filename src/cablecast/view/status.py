@@ -27,7 +27,7 @@ _TOUR = (
     "**Point.** Choose a target with a click: a ghost shows the planned cast.",
     "**Cast.** Watch the cable, and read how far it missed. Then correct, and cast again.",
 )
-"""What a newcomer goes through up to the first cast; the first four are those of `prepare_aim`."""
+"""Steps of a newcomer up to the first cast; the first four are those of `prepare_aim`."""
 
 _PREPARED_COUNT = 4
 

@@ -134,6 +134,7 @@ def rig(twin):
         yield rig
 
 
+@pytest.mark.slow
 def test_casts_are_collected_and_a_stop_in_between_is_resumed_by_the_same_command(
     twin, rig, tmp_path
 ):
