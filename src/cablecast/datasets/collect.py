@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.checks import check_seed
 from cablecast.datasets.reader import Dataset
-from cablecast.datasets.record import ATTEMPT_COUNT, TrialPlan, record_trials
+from cablecast.datasets.record import TrialPlan, record_trials
 from cablecast.datasets.simulate import actions_digest
 from cablecast.errors import InputError
 from cablecast.motion.action import Action, ActionRanges, check_action_values
 from cablecast.motion.feasibility import feasible_grid, feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
+from cablecast.rigs.attempts import ATTEMPT_COUNT
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import CountCallback
 from cablecast.setup import Setup

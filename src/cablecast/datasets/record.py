@@ -28,16 +28,14 @@ from cablecast.datasets.writer import DatasetWriter
 from cablecast.errors import DatasetError, RigError
 from cablecast.machine import core_count
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.base import Rig, error_line
+from cablecast.rigs.attempts import ATTEMPT_COUNT, TrialFailedError, attempt_trial
+from cablecast.rigs.base import Rig
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import CountCallback
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
 
 Kind = typing.Literal["tune", "real", "repeat", "evaluate"]
-
-ATTEMPT_COUNT = 3
-"""Number of attempts at a trial before the work stops."""
 
 # More than a row of a long trial takes: 5 s of six joints at 500 Hz are 140 kB.
 _ROW_BYTES_MAX = 2**20
@@ -199,25 +197,20 @@ class _Recording:
 
     def _attempt(self, index: int, motion: Trajectory) -> dict[str, Any]:
         """Return the row of one trial, repeated until it succeeds."""
-        reason = ""
-        for failures in range(self.plan.attempts):
-            try:
-                self._seek(index)
-                self.rig.reset()
-                track = self.rig.execute(motion)
-                if track.status is TrialStatus.ABORTED:
-                    reason = "the rig reported it as aborted"
-                else:
-                    return self._row(index, motion, track, failures)
-            # A rig is foreign code: whatever it raises, the trial has failed.
-            except Exception as error:
-                reason = str(error) if isinstance(error, RigError) else error_line(error)
-        kept = self.writer.row_count - len(self.writer.missing_shards())
-        raise RigError(
-            f"trial {index} failed {self.plan.attempts} times, the last time because: {reason}. "
-            f"{kept} of {self.writer.row_count} trials are kept in {self.writer.path}: clear the "
-            "cause, and the same command resumes with this trial"
-        )
+        try:
+            return attempt_trial(
+                self.rig,
+                motion,
+                seek=lambda: self._seek(index),
+                keep=lambda track, failures: self._row(index, motion, track, failures),
+                count=self.plan.attempts,
+            )
+        except TrialFailedError as error:
+            kept = self.writer.row_count - len(self.writer.missing_shards())
+            raise RigError(
+                f"trial {index} {error}. {kept} of {self.writer.row_count} trials are kept in "
+                f"{self.writer.path}: clear the cause, and the same command resumes with this trial"
+            ) from error
 
     def _seek(self, index: int) -> None:
         seek = getattr(self.rig, "seek", None)

@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.checks import check_count
-from cablecast.datasets.record import ATTEMPT_COUNT, TrialPlan, record_trials
+from cablecast.datasets.record import TrialPlan, record_trials
 from cablecast.datasets.trials import trial_track
 from cablecast.evaluation.metrics import ErrorSummary, summarise_errors, target_error_pct
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.policies.base import Policy
+from cablecast.rigs.attempts import ATTEMPT_COUNT
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import CountCallback
 from cablecast.setup import Setup

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.checks import check_count, check_number
 from cablecast.datasets.reader import Dataset
-from cablecast.datasets.record import ATTEMPT_COUNT, trial_values
+from cablecast.datasets.record import trial_values
 from cablecast.datasets.store import CastStore, StoredCast
 from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
@@ -23,7 +23,7 @@ from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.aiming import AimChoice, AimedCast, Aimer
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import ForwardSearchPolicy
-from cablecast.rigs.base import error_line
+from cablecast.rigs.attempts import TrialFailedError, attempt_trial
 from cablecast.rigs.checked import CheckedRig
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
@@ -237,24 +237,15 @@ class AimSession:
         """
         if rig.setup != self.setup:
             raise InputError("the rig has another set-up than the session")
-        reason = ""
-        for _ in range(ATTEMPT_COUNT):
-            try:
-                if hasattr(rig, "seek"):
-                    rig.seek(number, "aim")
-                rig.reset()
-                track = rig.execute(motion)
-            # A rig is foreign code: whatever it raises, the cast has failed.
-            except Exception as error:
-                reason = str(error) if isinstance(error, RigError) else error_line(error)
-                continue
-            if track.status is not TrialStatus.ABORTED:
-                return track
-            reason = "the rig reported it as aborted"
-        raise RigError(
-            f"cast {number} failed {ATTEMPT_COUNT} times, the last time because: {reason}. Earlier "
-            "casts are kept"
-        )
+
+        def seek() -> None:
+            if hasattr(rig, "seek"):
+                rig.seek(number, "aim")
+
+        try:
+            return attempt_trial(rig, motion, seek=seek, keep=lambda track, _: track)
+        except TrialFailedError as error:
+            raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
 
     def observe(self, proposal: AimProposal, track: EndpointTrack) -> AimTrial:
         """Learn from a proposed cast that was made.
