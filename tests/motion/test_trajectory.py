@@ -47,6 +47,14 @@ def test_no_trajectory_ever_exceeds_a_limit(theta1, theta2, r2, wrist, v_max, je
     assert np.max(np.hypot(poses[:, 0], poses[:, 1])) <= SETUP.workspace.r_max
 
 
+def test_a_peak_between_the_samples_of_the_check_is_found_in_the_set_points():
+    """The shoulder passes close to the base, where its acceleration peaks for a moment."""
+    setup = SETUP.with_motion(v_max=0.5, jerk=10.0, r0=0.875)
+    action = Action(-2.0, 0.84375, 0.425390625, 1.71875)
+    with pytest.raises(JointLimitError, match=r"set points ask for shoulder acceleration"):
+        plan_trajectory(action, setup)
+
+
 def test_every_action_of_a_feasible_grid_can_be_planned_on_both_sides():
     setup = SETUP.with_motion(v_max=1.8)
     for row in feasible_grid(60, setup, seed=1):

@@ -2,10 +2,13 @@
 
 import dataclasses
 
+import numpy as np
+
+from cablecast.arm.limits import JOINT_NAMES
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.action import Action
 from cablecast.motion.cast import cast_grip_paths
-from cablecast.motion.feasibility import check_grip_paths
+from cablecast.motion.feasibility import JOINT_LIMIT_KINDS, check_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.joint_path import JointPath, joint_path
 from cablecast.setup import Setup
@@ -65,4 +68,25 @@ def follow(
     feasibility = check_grip_paths(grip_path, setup)
     if not feasibility.mask[0]:
         raise JointLimitError(f"the arm cannot follow {what}: {feasibility.describe(0)}")
-    return Trajectory(action=action, grip_path=grip_path, joint_path=joint_path(grip_path, setup))
+    path = joint_path(grip_path, setup)
+    _check_set_points(path, setup, what)
+    return Trajectory(action=action, grip_path=grip_path, joint_path=path)
+
+
+def _check_set_points(path: JointPath, setup: Setup, what: str) -> None:
+    """Raise JointLimitError where set points ask for more than a limit.
+
+    `check_grip_paths` looks at samples of the path. On a slow sweep close to the base they lie far
+    apart, and a joint may peak between them. The set points are what the arm gets.
+    """
+    steps = np.diff(path.times)[:, None]
+    asked = (path.q, np.diff(path.q, axis=0) / steps, np.diff(path.qd, axis=0) / steps)
+    bounds = setup.arm.limits.to_array()
+    for kind, values, bound in zip(JOINT_LIMIT_KINDS, asked, bounds, strict=True):
+        peaks = np.max(np.abs(values), axis=0, initial=0.0)
+        for joint in np.flatnonzero(peaks > bound):
+            raise JointLimitError(
+                f"the arm cannot follow {what}: its set points ask for {JOINT_NAMES[joint]} "
+                f"{kind.name.lower()} {peaks[joint]:.4g} {kind.value}, above {bound[joint]:.4g} "
+                f"{kind.value}"
+            )
