@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Order and fixtures of all tests."""
 
 import signal
 

@@ -28,7 +28,7 @@ from cablecast.datasets.writer import DatasetWriter
 from cablecast.errors import DatasetError, RigError
 from cablecast.machine import core_count
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.attempts import ATTEMPT_COUNT, TrialFailedError, attempt_trial
+from cablecast.rigs.attempts import ATTEMPT_COUNT, TrialFailedError, attempt_trial, seek_trial
 from cablecast.rigs.base import Rig
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import CountCallback
@@ -182,7 +182,7 @@ class _Recording:
         motions = [self._motion(index) for index in batch]
         tracks: Sequence[EndpointTrack | None] = [None] * len(batch)
         if len(batch) > 1:
-            self._seek(batch[0])
+            seek_trial(self.rig, batch[0], self._purpose)
             # If one trial of a batch fails, each is tried on its own, so that the others are kept.
             with contextlib.suppress(Exception):
                 tracks = self.rig.execute_many(motions)
@@ -201,7 +201,8 @@ class _Recording:
             return attempt_trial(
                 self.rig,
                 motion,
-                seek=lambda: self._seek(index),
+                index=index,
+                purpose=self._purpose,
                 keep=lambda track, failures: self._row(index, motion, track, failures),
                 count=self.plan.attempts,
             )
@@ -212,11 +213,10 @@ class _Recording:
                 f"{self.writer.path}: clear the cause, and the same command resumes with this trial"
             ) from error
 
-    def _seek(self, index: int) -> None:
-        seek = getattr(self.rig, "seek", None)
-        if callable(seek):
-            # An evaluation uses the rig's own random numbers.
-            seek(index, "" if self.plan.kind == "evaluate" else self.plan.kind)
+    @property
+    def _purpose(self) -> str:
+        # An evaluation uses the rig's own random numbers.
+        return "" if self.plan.kind == "evaluate" else self.plan.kind
 
     def _motion(self, index: int) -> Trajectory:
         number = index // self.plan.repeats

@@ -245,10 +245,8 @@ class FewCastResidual:
     @functools.cached_property
     def _covariance(self) -> NDArray[np.float64]:
         """Covariance of the residuals of the casts, shape [cast, cast]."""
-        sizes = self._sizes(self.places)
-        shared = self.scales.amplitude**2 * self.correlation(self.places)
         noise = self.scatter_variance(self.places) * self.scatter**2 + _JITTER
-        return np.outer(sizes, sizes) * shared + np.diag(noise)
+        return self._kernel(self.places) + np.diag(noise)
 
     @functools.cached_property
     def _inverse(self) -> NDArray[np.float64]:

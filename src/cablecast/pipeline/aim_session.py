@@ -237,13 +237,10 @@ class AimSession:
         """
         if rig.setup != self.setup:
             raise InputError("the rig has another set-up than the session")
-
-        def seek() -> None:
-            if hasattr(rig, "seek"):
-                rig.seek(number, "aim")
-
         try:
-            return attempt_trial(rig, motion, seek=seek, keep=lambda track, _: track)
+            return attempt_trial(
+                rig, motion, index=number, purpose="aim", keep=lambda track, _: track
+            )
         except TrialFailedError as error:
             raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
 

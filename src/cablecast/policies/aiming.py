@@ -223,10 +223,10 @@ class Aimer:
         mean, variance = self.experience.residual.predict(places)
         variance = variance + self.experience.scatter(places)
         landing_xy = simulated_xy + self.length * mean
-        goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
-        distance = np.linalg.norm(landing_xy - goals, axis=1) / self.length
+        distance = np.linalg.norm(landing_xy - _to_right(target, hands), axis=1) / self.length
+        played = _played(actions, hands)
         hidden = hidden_chance(
-            np.where(hands[:, None] < 0, mirror_actions(actions), actions),
+            played,
             _to_right(landing_xy, hands),
             self.length * np.sqrt(variance),
             self.policy.setup,
@@ -239,11 +239,10 @@ class Aimer:
         best = int(np.argmin(risk))
         if not np.isfinite(risk[best]):
             raise InputError("the arm can follow none of the policy's actions near this target")
-        action = mirror_actions(actions[best]) if hands[best] < 0 else actions[best]
-        xy, covariance, scatter = self.predict(action)
+        xy, covariance, scatter = self.predict(played[best])
         return AimChoice(
             target_xy=target,
-            action=action,
+            action=played[best],
             expected_xy=xy[0],
             covariance=covariance[0],
             scatter=float(scatter[0]),
@@ -265,7 +264,7 @@ class Aimer:
         starts, hands = self._shortlist(target)
         moved, _ = refine_actions(
             starts,
-            _to_right(np.repeat(target[None], len(starts), axis=0), hands),
+            _to_right(target, hands),
             self._changes,
             model=_CorrectedLandings(self, hands, self.model.sensitivity(starts, self._changes)),
             table_margin=self._table_margin,
@@ -295,7 +294,7 @@ class Aimer:
         places, actions, simulated_xy, turns = self._known_candidates
         # The candidates land on the right: for a target on the left all are mirrored.
         hands = side * turns
-        goals = _to_right(np.repeat(target[None], len(actions), axis=0), hands)
+        goals = _to_right(target, hands)
         distance = np.linalg.norm(simulated_xy - goals, axis=1)
         count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(self.casts)))
         near = np.argsort(distance)[:count]
@@ -386,9 +385,14 @@ def _rightward(actions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
         Actions, shape [action, 4], and +1, or -1 for those that were mirrored, shape [action].
     """
     hands = np.where(actions[:, 1] < 0, -1.0, 1.0)
-    return np.where(hands[:, None] < 0, mirror_actions(actions), actions), hands
+    return _played(actions, hands), hands
+
+
+def _played(actions: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return actions to the right as they are played with given hands, shape [action, 4]."""
+    return np.where(hands[:, None] < 0, mirror_actions(actions), actions)
 
 
 def _to_right(xy: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points as the model sees them for actions of given hands, shape [action, 2]."""
+    """Return one point or one for each action as the model sees it, shape [action, 2]."""
     return np.where(hands[:, None] < 0, mirror_xy(xy), xy)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.shape import arm_shape, sight_clearance
+from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.setup import Setup
 
@@ -44,8 +44,9 @@ def hidden_chance(
     ground = np.concatenate([points, np.zeros((*points.shape[:2], 1))], axis=-1)
     table = setup.workspace
     camera = (0.0, 0.5 * (table.y_min + table.y_max), CAMERA_HEIGHT)
-    shape = arm_shape(np.repeat(q, count, axis=0), setup.arm)
-    clearance = sight_clearance(ground.reshape(-1, 3), camera, shape).reshape(-1, count)
+    shape = arm_shape(q, setup.arm)
+    each = ArmShape(ends=np.repeat(shape.ends, count, axis=0), radii=shape.radii)
+    clearance = sight_clearance(ground.reshape(-1, 3), camera, each).reshape(-1, count)
     return np.mean(clearance < MARKER_RADIUS, axis=1)
 
 

@@ -18,11 +18,25 @@ class TrialFailedError(RigError):
     """A trial failed as often as it was to be tried; the message begins with `failed`."""
 
 
+def seek_trial(rig: Rig, index: int, purpose: str) -> None:
+    """Let the next trial of a rig that draws by chance be the index-th of a purpose.
+
+    Args:
+        rig: Rig, with or without `seek`.
+        index: Number of the trial.
+        purpose: One of `PURPOSES`, or none.
+    """
+    seek = getattr(rig, "seek", None)
+    if callable(seek):
+        seek(index, purpose)
+
+
 def attempt_trial(
     rig: Rig,
     motion: Trajectory,
     *,
-    seek: Callable[[], None],
+    index: int,
+    purpose: str,
     keep: Callable[[EndpointTrack, int], Kept],
     count: int = ATTEMPT_COUNT,
 ) -> Kept:
@@ -31,7 +45,8 @@ def attempt_trial(
     Args:
         rig: Rig to play it on.
         motion: Motion to play.
-        seek: Called before each attempt, to choose what the rig draws by chance.
+        index: Number of the trial, which a rig that draws by chance draws from.
+        purpose: Purpose of the trial, one of `PURPOSES` or none.
         keep: Makes the result of a track and of the number of failures before it; a track that it
             refuses has failed, too.
         count: Number of attempts.
@@ -45,7 +60,7 @@ def attempt_trial(
     reason = ""
     for failures in range(count):
         try:
-            seek()
+            seek_trial(rig, index, purpose)
             rig.reset()
             track = rig.execute(motion)
             if track.status is not TrialStatus.ABORTED:

@@ -52,7 +52,7 @@ class Page:
         prepare: Gets the desk ready for the first target; called by the worker.
         host: Address to listen on; only this computer by default.
         port: Port to listen on; the next free one if it is taken.
-        dark: Whether the page begins dark.
+        dark: True for a page that begins dark.
         suggestion: Folder that is suggested to look at.
         home: Folder of the cable's results, e.g. runs/cable_1.
     """

@@ -18,7 +18,7 @@ class PlaybackControls:
 
     Args:
         page: Page that the controls act on.
-        dark: Whether the page begins dark.
+        dark: True for a page that begins dark.
     """
 
     def __init__(self, page: Host, dark: bool = False):

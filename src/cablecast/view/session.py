@@ -82,7 +82,7 @@ def serve(
         seed: Seed of everything that is drawn by chance.
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
-        dark: Whether the page begins dark.
+        dark: True for a page that begins dark.
         ready: Told the address once the page can be opened.
 
     Raises:

@@ -23,8 +23,8 @@ class LongWork:
     """One kind of long work.
 
     Attributes:
-        says: What it does, in a few words.
-        unit: What its amount counts; empty where it has none.
+        says: Purpose in a few words.
+        unit: Unit of its amount; empty where it has none.
         amount: Usual amount.
         amount_max: Largest amount.
         folder: Folder that it fills, below that of the cable.
