@@ -78,6 +78,21 @@ def test_without_a_session_nothing_can_be_planned(rig, engine, policy):
     assert desk.phase is Phase.READY
 
 
+def test_a_rehearsal_prepares_the_first_plan_and_leaves_no_trace(rig, engine, policy):
+    desk, session = Desk(rig, engine), AimSession(policy)
+    desk.rehearse(session)
+    assert desk.preview is None
+    assert session.history == ()
+    desk.set_session(session)
+    prepared = session.aimer._known_candidates
+    desk.aim(TARGET)
+    desk.cast()
+    desk.undo()
+    # What takes longest is not computed again, also where all is learned anew.
+    assert session.aimer._known_candidates is prepared
+    assert session.aimer.casts == []
+
+
 def test_a_session_of_another_set_up_is_refused(own, engine, policy):
     slow = Setup().with_motion(v_max=1.2)
     desk = Desk(make_rig(own, slow), engine)

@@ -1,6 +1,7 @@
 """`cablecast view`: the page to point, cast and look."""
 
 import dataclasses
+import os
 import pathlib
 from typing import Annotated
 
@@ -43,6 +44,9 @@ class View:
 
     def run(self) -> None:
         """Serve the page until it is interrupted."""
+        # NumPy reads this once. A plan multiplies small matrices, where a second thread mostly
+        # waits: with two, a plan takes twice the processor time (docs/view.md).
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from cablecast.checks import check_count
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.runs.places import AIM_FOLDER, cable_folder

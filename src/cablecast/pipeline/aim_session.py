@@ -96,9 +96,9 @@ class AimSession:
         if casts is not None:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
-        self._beliefs = make_beliefs(tuned)
+        beliefs = make_beliefs(tuned)
         self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
-        self.aimer = Aimer(policy, self._beliefs.scales, self._beliefs.size)
+        self.aimer = Aimer(policy, beliefs.scales, beliefs.size)
         self.relearn()
 
     def relearn(self, without: Collection[int] = ()) -> None:
@@ -112,7 +112,7 @@ class AimSession:
             for number, cast in enumerate(self.store.casts)
             if number not in without and _has_action(cast)
         ]
-        self.aimer = Aimer(self.aimer.policy, self._beliefs.scales, self._beliefs.size)
+        self.aimer = self.aimer.emptied()
         self.aimer.learn(kept)
         self._fitted_count = len(self.store)
 

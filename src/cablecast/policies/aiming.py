@@ -130,6 +130,12 @@ class Aimer:
         other.casts, other.experience = list(self.casts), self.experience.copy()
         return other
 
+    def emptied(self) -> "Aimer":
+        """Return an aimer of the same policy and beliefs that has not learned from any cast."""
+        other = copy.copy(self)
+        other.casts, other.experience = [], Experience(self.experience.residual.believed)
+        return other
+
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
         """Take casts into account, in the order in which they were made.
 
@@ -225,12 +231,8 @@ class Aimer:
         landing_xy = simulated_xy + self.length * mean
         distance = np.linalg.norm(landing_xy - _to_right(target, hands), axis=1) / self.length
         played = _played(actions, hands)
-        hidden = hidden_chance(
-            played,
-            _to_right(landing_xy, hands),
-            self.length * np.sqrt(variance),
-            self.policy.setup,
-        )
+        deviation = self.length * np.sqrt(variance)
+        hidden = hidden_chance(played, _to_right(landing_xy, hands), deviation, self.policy.setup)
         failure = 1.0 - (1.0 - hidden) * (1.0 - self.experience.failure_chance(places))
         risk = _expected_loss(distance, variance, failure)
         stays = self.model.predict_margin(actions) >= self._table_margin

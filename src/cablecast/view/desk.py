@@ -183,17 +183,30 @@ class Desk:
                 raise TargetError(f"target {str(target_xy)[:40]!r} must be two numbers") from None
             if target.shape != (2,):
                 raise TargetError(f"a target has shape {target.shape}: it must be [2]")
-            proposal = session.propose(target)
-            action = proposal.action.to_array()
-            side = action if action[1] > 0 else mirror_actions(action)
-            self.preview = Preview(
-                proposal=proposal,
-                cast=self.simulate(proposal.trajectory),
-                limits=check_grip_paths(proposal.trajectory.grip_path, self.setup),
-                margin=float(session.aimer.policy.model.predict_margin(side[None])[0]),
-            )
+            self.preview = self._plan(session, target)
             self.message = ""
             return self.preview
+
+    def rehearse(self, session: AimSession) -> None:
+        """Plan once for nobody: the first plan of a session takes several times as long as others.
+
+        Args:
+            session: Session that `set_session` is about to get.
+        """
+        landings = session.aimer.policy.predicted_xy
+        away = np.linalg.norm(landings - np.median(landings, axis=0), axis=1)
+        self._plan(session, landings[np.argmin(away)])
+
+    def _plan(self, session: AimSession, target: NDArray[np.float64]) -> Preview:
+        proposal = session.propose(target)
+        action = proposal.action.to_array()
+        side = action if action[1] > 0 else mirror_actions(action)
+        return Preview(
+            proposal=proposal,
+            cast=self.simulate(proposal.trajectory),
+            limits=check_grip_paths(proposal.trajectory.grip_path, self.setup),
+            margin=float(session.aimer.policy.model.predict_margin(side[None])[0]),
+        )
 
     def correct(self) -> Preview:
         """Plan the next cast at the target of the last one.

@@ -113,7 +113,7 @@ class Figure:
         setup: Set-up with arm and cable.
         color: Colour of the cable.
         opacity: Opacity of a ghost; None for a solid figure.
-        with_arm: Whether the arm is drawn, too.
+        with_arm: True for a figure with the arm.
     """
 
     def __init__(

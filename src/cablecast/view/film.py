@@ -38,7 +38,7 @@ class FilmConfig:
         height: Height [pixel], even.
         frames_per_second: Frames a second.
         speed: Shown seconds per second: 0.5 is slow motion.
-        dark: Whether the film is dark.
+        dark: True for dark colours.
     """
 
     width: int = 960

@@ -111,7 +111,7 @@ class Painter:
         setup: Set-up with table, arm and cable.
         width: Width of the pictures [pixel].
         height: Height of the pictures [pixel].
-        dark: Whether the pictures are dark.
+        dark: True for dark colours.
 
     Raises:
         MissingExtraError: Pillow is not installed.

@@ -29,7 +29,7 @@ class Player:
     Attributes:
         time: Time that is shown [s].
         speed: Shown seconds per second.
-        playing: Whether the time runs.
+        playing: True while the time runs.
         frame_count: Number of frames shown so far.
     """
 

@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
+from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.places import require
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import METRICS_FILE
 from cablecast.runs.parts import Parts
 from cablecast.runs.places import MODEL_FOLDER
-from cablecast.runs.progress import ProgressCallback
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.view.album import ALBUM_FOLDER, Album
 from cablecast.view.desk import Desk
 from cablecast.view.page import Page
@@ -55,9 +56,22 @@ def preparation(
             out=folder,
             progress=report,
         )
-        desk.set_session(session)
+        open_session(desk, session, report)
 
     return work
+
+
+def open_session(desk: Desk, session: AimSession, report: ProgressCallback = ignore) -> None:
+    """Hand a session to a desk, once its first plan will be as quick as the others.
+
+    Args:
+        desk: Desk to hand the session to.
+        session: Session that `prepare_aim` returned.
+        report: Told what is done.
+    """
+    report(Progress(task="A plan to begin with"))
+    desk.rehearse(session)
+    desk.set_session(session)
 
 
 def serve(

@@ -241,7 +241,7 @@ class MissMap:
         xy: Targets of a grid [m], shape [row, column, 2].
         miss: Expected miss, prediction and scatter together [m]; NaN off the reach, shape
             [row, column].
-        is_measured: Whether the scatter is that of real casts; otherwise it is the shift for errors
+        is_measured: True for the scatter of real casts; otherwise it is the shift for errors
             of the action of one degree and one centimetre.
     """
 

@@ -35,7 +35,7 @@ class WorkState:
         seconds_left: Expected time left [s]; None if unknown.
         step: Number of the step that the work said it is at, as in "2/4 fit"; 0 if it has none.
         message: End of the last work in one sentence; empty after a success.
-        failed: Whether the last work failed; False after a stop.
+        failed: True after work that failed; False after a stop.
     """
 
     name: str = ""
