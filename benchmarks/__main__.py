@@ -14,6 +14,7 @@ NAMES = {
     "figures": "the figure of docs/engine.md",
     "casts": "error at targets against the number of real casts and corrections",
     "page": "latencies, memory and frames of the page of `cablecast view`",
+    "cables": "one model for many cables beside a model for each",
     "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
 }
 

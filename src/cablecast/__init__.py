@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cablecast.engines.warp_.engine import EngineWarp as EngineWarp
     from cablecast.errors import CablecastError as CablecastError
     from cablecast.evaluation.evaluate import Evaluation as Evaluation
+    from cablecast.models.many_cables import ManyCablesModel as ManyCablesModel
     from cablecast.motion.action import Action as Action
     from cablecast.motion.trajectory import (
         Trajectory as Trajectory,
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from cablecast.pipeline.aim_session import AimSession as AimSession
     from cablecast.pipeline.collect import collect as collect
     from cablecast.pipeline.evaluate import evaluate as evaluate
+    from cablecast.pipeline.many_cables import policy_for_cable as policy_for_cable
+    from cablecast.pipeline.many_cables import train_cables as train_cables
     from cablecast.pipeline.plan import plan_motion as plan_motion
     from cablecast.pipeline.repeat import repeat as repeat
     from cablecast.pipeline.reproduce import reproduce as reproduce
@@ -80,6 +83,7 @@ _HOMES = {
     "Evaluation": "cablecast.evaluation.evaluate",
     "FitConfig": "cablecast.tuning.least_squares",
     "ForwardSearchPolicy": "cablecast.policies.forward_search",
+    "ManyCablesModel": "cablecast.models.many_cables",
     "MotionConfig": "cablecast.setup",
     "Plan": "cablecast.policies.base",
     "PolarCastingPolicy": "cablecast.policies.polar_casting",
@@ -102,6 +106,7 @@ _HOMES = {
     "make_rig": "cablecast.rigs.make",
     "plan_motion": "cablecast.pipeline.plan",
     "plan_trajectory": "cablecast.motion.trajectory",
+    "policy_for_cable": "cablecast.pipeline.many_cables",
     "prepare_aim": "cablecast.pipeline.aim",
     "read_dataset": "cablecast.datasets.reader",
     "repeat": "cablecast.pipeline.repeat",
@@ -111,6 +116,7 @@ _HOMES = {
     "simulate": "cablecast.pipeline.simulate",
     "track_video": "cablecast.pipeline.track_video",
     "train": "cablecast.pipeline.train",
+    "train_cables": "cablecast.pipeline.many_cables",
     "tune": "cablecast.pipeline.tune",
 }
 
@@ -127,6 +133,7 @@ __all__ = [
     "Evaluation",
     "FitConfig",
     "ForwardSearchPolicy",
+    "ManyCablesModel",
     "MotionConfig",
     "Plan",
     "PolarCastingPolicy",
@@ -150,6 +157,7 @@ __all__ = [
     "make_rig",
     "plan_motion",
     "plan_trajectory",
+    "policy_for_cable",
     "prepare_aim",
     "read_dataset",
     "repeat",
@@ -159,6 +167,7 @@ __all__ = [
     "simulate",
     "track_video",
     "train",
+    "train_cables",
     "tune",
 ]
 

@@ -19,11 +19,11 @@ class Aim:
     """Cast at targets, look, correct, and cast again until they are hit.
 
     The first time, the rig makes five casts, the simulator is fitted to them, and a model learns
-    from simulated casts; that takes a few minutes on two cores. Then each target is aimed at.
-    Before each cast the command says where it expects the free end to land and how surely, after it
-    where it landed and what changes. Every cast is kept in --out and teaches: give further targets
-    with the same command. An interrupted one goes on where it stopped. The exit status is 3 if a
-    target was missed by all tries.
+    from simulated casts; that takes a few minutes on two cores, less with --model. Then each target
+    is aimed at. Before each cast the command says where it expects the free end to land and how
+    surely, after it where it landed and what changes. Every cast is kept in --out and teaches: give
+    further targets with the same command. An interrupted one goes on where it stopped. The exit
+    status is 3 if a target was missed by all tries.
     """
 
     target: Annotated[tuple[tuple[float, float], ...], argument("R THETA [R THETA ...]")]
@@ -44,6 +44,12 @@ class Aim:
     casts: Annotated[pathlib.Path | None, argument("DIR", "made on the rig")] = None
     """Casts of this cable that `cablecast collect` recorded; with them the rig makes none to begin
     with."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "fitted to the casts")] = None
+    """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder); with
+    them and no --casts the rig makes no casts to begin with."""
+    model: Annotated[pathlib.Path | None, argument("DIR", "one is trained for this cable")] = None
+    """Model of many cables that `cablecast train --cables` made: the first target is aimed at
+    seconds after the fit, for nothing is simulated and nothing trained."""
     calibration_count: int = 5
     """Casts that the rig makes to begin with."""
     count: int = 16_000
@@ -63,7 +69,9 @@ class Aim:
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
         from cablecast.datasets.reader import read_dataset
+        from cablecast.models.many_cables import ManyCablesModel
         from cablecast.pipeline.aim import aim, prepare_aim
+        from cablecast.pipeline.tuned import load_tuned
         from cablecast.policies.base import check_targets
         from cablecast.runs.places import AIM_FOLDER, cable_folder
 
@@ -77,11 +85,15 @@ class Aim:
             theta_deg=[theta_deg for _, theta_deg in self.target],
         )
         casts = None if self.casts is None else read_dataset(self.casts)
+        tuned = None if self.params is None else load_tuned(self.params, setup)
+        model = None if self.model is None else ManyCablesModel.load(self.model)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             with console_progress() as progress:
                 session = prepare_aim(
                     rig,
                     casts=casts,
+                    tuned=tuned,
+                    model=model,
                     calibration_count=self.calibration_count,
                     count=self.count,
                     within_pct=self.within,

@@ -98,9 +98,26 @@ class Dataset:
         return self.setup.cable
 
     @property
+    def has_many_cables(self) -> bool:
+        """True if every simulated cast has its own cable."""
+        return set(CableParams.names()) <= set(self.extra)
+
+    @property
     def params(self) -> CableParams:
-        """Parameters that the cable was simulated with."""
+        """Parameters that the cable was simulated with, one value per row if they differ."""
+        if self.has_many_cables:
+            return CableParams.from_array(
+                np.stack([self.extra[name] for name in CableParams.names()], axis=-1)
+            )
         return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
+
+    def params_of(self, rows: NDArray[np.intp]) -> CableParams:
+        """Return the parameters of some casts, each of which has its own cable.
+
+        Args:
+            rows: Indices of the casts.
+        """
+        return CableParams.from_array(self.params.to_array()[rows])
 
     @property
     def servo(self):

@@ -1,7 +1,7 @@
 """Schema of D_tune, D_sim and D_real: one row is one trial.
 
-Every dataset has the columns from `index` to `y_max`. Trials on a rig add some of
-`OPTIONAL_COLUMNS`. Unknown columns are read as they are.
+Every dataset has the columns from `index` to `y_max`. Trials on a rig, and casts of many cables,
+add some of `OPTIONAL_COLUMNS`. Unknown columns are read as they are.
 """
 
 import dataclasses
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.cable import PARAM_UNITS
 from cablecast.errors import DatasetError
 
 SCHEMA_VERSION = 2
@@ -115,6 +116,16 @@ OPTIONAL_COLUMNS = (
     ),
     Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
     Column(name="rig", kind="string", unit="-", meaning="description of the rig, as JSON"),
+    # Where every cast has its own cable.
+    *(
+        Column(
+            name=name,
+            kind="float64",
+            unit=unit,
+            meaning=f"{name.replace('_', ' ')} of the simulated cable",
+        )
+        for name, unit in PARAM_UNITS.items()
+    ),
 )
 
 ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")

@@ -23,7 +23,7 @@ from cablecast.engines.base import SETTLE_TIME, Engine
 from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
-from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_uniform
 from cablecast.motion.servo import ServoModel
 from cablecast.runs.progress import CountCallback
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
@@ -64,10 +64,12 @@ def simulate_dataset(
     Args:
         path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
         setup: Cable, workspace, arm and motion settings.
-        params: Parameters of the cable, shared by all rows; the cable's own where None.
+        params: Parameters of the cable, shared by all rows or one value per row; the cable's own
+            where None. Where they differ, the actions are drawn at random and the rows hold the
+            parameters.
         engine: Simulator.
         count: Number of actions.
-        seed: Seed of the choice of actions among the feasible ones of the grid.
+        seed: Seed of the choice of actions among the feasible ones.
         ranges: Ranges of the actions; those that suit the set-up where None.
         servo: Servo of the simulated arm; it follows its set points exactly where None.
         shard_rows: Rows of each shard.
@@ -81,7 +83,7 @@ def simulate_dataset(
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
-        InputError: A count that is not positive, or parameters that differ between worlds.
+        InputError: A count that is not positive, or not that of the parameters.
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_count("shard_rows", shard_rows)
@@ -92,7 +94,7 @@ def simulate_dataset(
         raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
     params = setup.cable.params if params is None else params
     ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
-    actions = feasible_grid(count, setup, ranges, seed)
+    actions = _choose_actions(count, setup, params, ranges, seed)
     settings = {
         **_settings(setup, params, engine, ranges, servo),
         "count": count,
@@ -108,11 +110,11 @@ def simulate_dataset(
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             if progress is not None:
                 progress(done, count)
-            tasks = [(shard, (_part(actions, writer.rows_of(shard)),)) for shard in missing]
-            function, shared = simulate_actions, (setup, params, engine, servo)
+            tasks = [(shard, _part(actions, params, writer.rows_of(shard))) for shard in missing]
+            function, shared = _simulate_shard, (setup, engine, servo)
             if is_remote and remade is not None:
                 # Kernels do not travel: each worker makes the engine anew, for its one core.
-                function, shared = _simulate_remotely, (setup, params, remade(), servo)
+                function, shared = _simulate_remotely, (setup, remade(), servo)
             for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
@@ -136,7 +138,7 @@ def _settings(
     settings = {
         "schema_version": SCHEMA_VERSION,
         **setup.to_settings(),
-        "params": params.to_dict(),
+        **_params_settings(params),
         "engine": engine_settings(engine),
         "ranges": dataclasses.asdict(ranges),
         "sample_dt": SAMPLE_DT,
@@ -145,14 +147,48 @@ def _settings(
     return settings if servo is None else settings | {"servo": servo.to_dict()}
 
 
-def _part(actions: NDArray[np.float64], rows: range) -> NDArray[np.float64]:
-    return actions[rows.start : rows.stop]
+def _choose_actions(
+    count: int, setup: Setup, params: CableParams, ranges: ActionRanges, seed: int
+) -> NDArray[np.float64]:
+    """Return feasible actions: of a grid for one cable, drawn at random for many."""
+    if params.world_count is None:
+        return feasible_grid(count, setup, ranges, seed)
+    if params.world_count != count:
+        raise InputError(f"{count} casts cannot have the parameters of {params.world_count} cables")
+    return feasible_uniform(count, setup, ranges, seed)
+
+
+def _params_settings(params: CableParams) -> dict[str, Any]:
+    if params.world_count is None:
+        return {"params": params.to_dict()}
+    # Significant digits, because stiffnesses are far below 1.
+    digits = "\n".join(f"{value:.9e}" for value in params.to_array().ravel())
+    return {"params_sha256": hashlib.sha256(digits.encode()).hexdigest()[:16]}
+
+
+def _part(
+    actions: NDArray[np.float64], params: CableParams, rows: range
+) -> tuple[NDArray[np.float64], CableParams]:
+    part = slice(rows.start, rows.stop)
+    if params.world_count is None:
+        return actions[part], params
+    return actions[part], CableParams.from_array(params.to_array()[part])
+
+
+def _simulate_shard(
+    actions: NDArray[np.float64],
+    params: CableParams,
+    setup: Setup,
+    engine: Engine,
+    servo: ServoModel | None,
+) -> dict[str, Any]:
+    return simulate_actions(actions, setup, params, engine, servo)
 
 
 def _simulate_remotely(
     actions: NDArray[np.float64],
-    setup: Setup,
     params: CableParams,
+    setup: Setup,
     remade: tuple[type, dict[str, Any]],
     servo: ServoModel | None,
 ) -> dict[str, Any]:
@@ -179,7 +215,7 @@ def simulate_actions(
     Args:
         actions: Feasible actions, shape [row, 4].
         setup: Cable, workspace, arm and motion settings.
-        params: Parameters of the cable.
+        params: Parameters of the cable, shared by all rows or one value per row.
         engine: Simulator.
         servo: Servo of the simulated arm; it follows its set points exactly where None.
     """
@@ -199,11 +235,13 @@ def simulate_actions(
     codes = np.where(stayed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
     status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
     extent = np.where(finite[:, None], track_extent(track), np.nan)
+    own = {} if params.world_count is None else {n: getattr(params, n) for n in params.names()}
     return (
         dict(zip(ACTION_COLUMNS, actions.T, strict=True))
         | dict(zip(ENDPOINT_COLUMNS, endpoint_xy.T, strict=True))
         | {"status": status.tolist(), "duration": grip_paths.duration}
         | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))
+        | own
     )
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from cablecast.models.forward import ForwardModel
 from cablecast.models.gaussian_process import GaussianProcessModel
 from cablecast.models.landing import LandingModel
+from cablecast.models.many_cables import ManyCablesModel
 from cablecast.runs.settings import flat_settings
 
 _KINDS = {
@@ -14,6 +15,12 @@ _KINDS = {
     GaussianProcessModel.FORMAT: "A Gaussian process from an action to the resting point of the "
     "free end, the learned baseline of arXiv 2405.09581, section VI-A.",
 }
+
+_INPUT_LINE = (
+    "(theta1, theta2, r2, psi) in radians and metres, its output x and y on the table in metres. "
+    "The robot's base is at (0, 0), y points away from it, and x to its right. The model holds for "
+    "theta2 > 0; other actions are mirrored."
+)
 
 _ADAPTATIONS = {
     "correction": "A Gaussian process over the action and the predicted landing corrects the "
@@ -43,9 +50,7 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         "",
         _KINDS[model.FORMAT],
         "",
-        "Its input is (theta1, theta2, r2, psi) in radians and metres, its output x and y on the "
-        "table in metres. The robot's base is at (0, 0), y points away from it, and x to its "
-        "right. The model holds for theta2 > 0; other actions are mirrored.",
+        f"Its input is {_INPUT_LINE}",
         "",
         "## Training data",
         "",
@@ -63,17 +68,83 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         "",
         "| setting | value |",
         "|---|---|",
-        *(
-            f"| {name} | {value} |"
-            for name, value in flat_settings(_settings(info, policy_info))
-            if value is not None
-        ),
+        *_setting_rows(_settings(info, policy_info)),
     ]
     return "\n".join(lines) + "\n"
 
 
+def many_cables_card(model: ManyCablesModel) -> str:
+    """Return the card of a model of many cables in Markdown.
+
+    Args:
+        model: Trained model.
+    """
+    info, cable, config = model.info, model.setup.cable, model.setup.motion
+    settings = info["dataset"]["settings"]
+    engine = settings.get("engine", {})
+    lines = [
+        "---",
+        "license: apache-2.0",
+        "library_name: cablecast",
+        "tags:",
+        "- robotics",
+        "- deformable-objects",
+        "---",
+        "",
+        "# Landing model of many cables",
+        "",
+        "A neural network from an action and the ten parameters of a cable to the resting point of "
+        "the free end. `ManyCablesModel.load(folder).for_cable(params)` gives the model of one "
+        "cable at once; `cablecast aim --model` starts from it.",
+        "",
+        f"Its input is an action, {_INPUT_LINE} The parameters are those of `CableParams`, in SI "
+        "units.",
+        "",
+        "## Training data",
+        "",
+        f"- {_dataset_line(info['dataset'])}: every cast has its own cable",
+        f"- cables drawn uniformly from the ranges that `cablecast tune` searches around "
+        f"{cable.name}; simulated with {engine.get('segment_count', '?')} segments and steps of "
+        f"{engine.get('dt', '?')} s",
+        "",
+        "## Prediction errors",
+        "",
+        *_error_lines(info["metrics"], cable.length),
+        "",
+        "The held-out casts are those of cables that it never saw, drawn from all of the ranges.",
+        "",
+        "## Limits",
+        "",
+        f"- It holds for cables of {cable.length:g} m with a diameter of {cable.diameter:g} m, "
+        f"whose parameters lie within the ranges above, for v_max = {config.v_max:g} m/s and "
+        f"r0 = {config.r0:g} m.",
+        f"- The arm of its casts {'lags as' if settings.get('servo') else 'has no lag, unlike'} "
+        "the one that `tune` measured.",
+        "- It has seen no real casts, so its error on a rig is not known.",
+        "",
+        "## Settings",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *_setting_rows(_settings(info, None)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _setting_rows(settings: Mapping[str, Any]) -> list[str]:
+    rows = flat_settings(settings)
+    return [f"| {name} | {value} |" for name, value in rows if value is not None]
+
+
 def _data_lines(info: Mapping[str, Any]) -> list[str]:
     lines = [f"- {_dataset_line(info['dataset'])}"]
+    if many := info.get("many_cables"):
+        lines += [
+            "",
+            "These are casts of many cables, none of them this one: the network is that of the "
+            f"model of many cables `{many['fingerprint']}` at the parameters of this cable, and "
+            "the errors below are those over all cables.",
+        ]
     if adaptation := info.get("adaptation"):
         if adaptation["method"] != "real only":
             lines.append(f"- {_dataset_line(adaptation['dataset'])}")

@@ -19,6 +19,29 @@ Weights = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
 """Matrix, shape [in, out], and offset, shape [out], of each layer."""
 
 
+def network_outputs(inputs: NDArray[np.float32], weights: Weights) -> NDArray[np.float64]:
+    """Return the outputs of a network.
+
+    Args:
+        inputs: Normalised features, shape [row, feature].
+        weights: Matrix and offset of each layer.
+
+    Returns:
+        Normalised outputs, shape [row, output].
+    """
+    outputs = np.empty((len(inputs), len(weights[-1][1])))
+    for start in range(0, len(inputs), _CHUNK_ROWS):
+        hidden = inputs[start : start + _CHUNK_ROWS]
+        for layer, (matrix, offset) in enumerate(weights):
+            hidden = hidden @ matrix + offset
+            if layer < len(weights) - 1:
+                # Far below zero exp overflows to infinity, and SiLU is then zero as it should.
+                with np.errstate(over="ignore"):
+                    hidden /= 1.0 + np.exp(-hidden)
+        outputs[start : start + _CHUNK_ROWS] = hidden
+    return outputs
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ForwardModel(LandingModel):
     """A trained network, with an optional correction from real casts.
@@ -50,17 +73,7 @@ class ForwardModel(LandingModel):
         Returns:
             Endpoints [m], shape [action, 2].
         """
-        features = self.normalize(actions)
-        outputs = np.empty((len(features), 2))
-        for start in range(0, len(features), _CHUNK_ROWS):
-            hidden = features[start : start + _CHUNK_ROWS]
-            for layer, (matrix, offset) in enumerate(self.weights):
-                hidden = hidden @ matrix + offset
-                if layer < len(self.weights) - 1:
-                    # Far below zero exp overflows to infinity, and SiLU is then zero as it should.
-                    with np.errstate(over="ignore"):
-                        hidden /= 1.0 + np.exp(-hidden)
-            outputs[start : start + _CHUNK_ROWS] = hidden
+        outputs = network_outputs(self.normalize(actions), self.weights)
         return self.endpoint_mean + self.endpoint_scale * outputs
 
     def predict_spread(self, actions: ArrayLike) -> NDArray[np.float64] | None:

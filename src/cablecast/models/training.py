@@ -22,7 +22,8 @@ TrainingCallback = Callable[[dict[str, float]], None]
 """Called after every epoch with a row of the learning curve."""
 
 Casts = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""Normalised features, shape [row, 4], and normalised endpoints, shape [row, 2]."""
+"""Normalised features, shape [row, feature], and one or more normalised points, x before y, such as
+the endpoint, shape [row, 2 * point]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,16 +66,19 @@ class TrainingConfig:
                 raise InputError(f"{name} = {value} is outside [{low:g}, {high:g}]")
 
 
-def initial_weights(config: TrainingConfig, input_count: int, seed: int) -> Weights:
+def initial_weights(
+    config: TrainingConfig, input_count: int, seed: int, output_count: int = 2
+) -> Weights:
     """Return random weights that keep the variance from layer to layer (He).
 
     Args:
         config: Widths of the layers.
         input_count: Number of features.
         seed: Seed of the weights, which are the same on any machine and device.
+        output_count: Number of outputs.
     """
     generator = np.random.default_rng([seed, 1])
-    widths = [input_count, *[config.hidden_width] * config.hidden_count, 2]
+    widths = [input_count, *[config.hidden_width] * config.hidden_count, output_count]
     layers = []
     for fan_in, fan_out in itertools.pairwise(widths):
         matrix = generator.normal(scale=np.sqrt(2.0 / fan_in), size=(fan_in, fan_out))
@@ -178,14 +182,15 @@ class _TorchNetwork:
         return [self.torch.tensor(np.asarray(array), device=self.device) for array in arrays]
 
     def loss(self, inputs, wanted, row_weights=None):
-        """Return the mean distance between predicted and wanted endpoints, normalised."""
+        """Return the mean distance between predicted and wanted points, normalised."""
         torch, hidden = self.torch, inputs
         for matrix, offset in self.layers[:-1]:
             hidden = torch.nn.functional.silu(torch.addmm(offset, hidden, matrix))
         predicted = torch.addmm(self.layers[-1][1], hidden, self.layers[-1][0])
         # Equation 5 takes the norm, not its square, so outliers count less. They occur where the
         # endpoint folds back as the action changes.
-        distance = torch.linalg.vector_norm(predicted - wanted, dim=1)
+        offsets = (predicted - wanted).view(len(wanted), -1, 2)
+        distance = torch.linalg.vector_norm(offsets, dim=2).mean(dim=1)
         if row_weights is None:
             return distance.mean()
         return (row_weights * distance).sum() / row_weights.sum()

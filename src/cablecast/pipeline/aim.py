@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+import pathlib
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset
+from cablecast.models.many_cables import ManyCablesModel
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
+from cablecast.pipeline.many_cables import policy_for_cable
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import train
@@ -25,6 +28,7 @@ from cablecast.policies.forward_search import CANDIDATE_COUNT, ForwardSearchPoli
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.setup import Setup
 
 CALIBRATION_COUNT = 5
 """Casts that the simulator is fitted to before the first aimed one."""
@@ -79,6 +83,7 @@ def prepare_aim(
     *,
     casts: Dataset | None = None,
     tuned: Tuned | None = None,
+    model: ManyCablesModel | None = None,
     calibration_count: int = CALIBRATION_COUNT,
     count: int = SIMULATED_COUNT,
     epochs: int = EPOCHS,
@@ -92,10 +97,14 @@ def prepare_aim(
 ) -> AimSession:
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
+    With a model of many cables nothing is simulated and nothing trained: the session opens seconds
+    after the fit.
+
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
         casts: Casts on the rig that were made before; some are made where None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
+        model: Model of many cables, in place of one that is trained for this cable alone.
         calibration_count: Casts to make where none were given.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
@@ -116,13 +125,16 @@ def prepare_aim(
         MissingExtraError: A library that a later step needs is missing.
     """
     require("aiming", "torch", "safetensors")
+    if model is not None:
+        model.check_setup(rig.setup)
     check_count("calibration_count", calibration_count, 2, ACTION_COUNT_MAX)
     check_count("count", count, 50, ACTION_COUNT_MAX)
     check_count("candidate_count", candidate_count, 1, ACTION_COUNT_MAX)
-    check_seed(seed)
     report, keep = progress or ignore, out is not None
-    shared: dict[str, Any] = {"seed": seed, "progress": progress}
+    shared: dict[str, Any] = {"seed": check_seed(seed), "progress": progress}
     with folder_or_temporary(out) as folder:
+        path = folder / MODEL_FOLDER if keep else None
+        search = {"candidate_count": candidate_count, "out": path}
         if casts is None and tuned is None:
             report(Progress(task=f"1/4 {calibration_count} casts to fit the simulator to"))
             path = folder / CALIBRATION_FOLDER
@@ -131,18 +143,12 @@ def prepare_aim(
             report(Progress(task="2/4 fit"))
             path = folder / TUNE_FOLDER if keep else None
             tuned = tune(casts, device=device, out=path, progress=progress)
-        report(Progress(task="3/4 simulate"))
-        path = folder / DATASET_FOLDER
-        simulated = simulate(rig.setup, tuned, count=count, device=device, out=path, **shared)
-        report(Progress(task="4/4 train"))
-        policy = train(
-            simulated,
-            epochs=epochs,
-            candidate_count=candidate_count,
-            device=device,
-            out=folder / MODEL_FOLDER if keep else None,
-            **shared,
-        )
+        search |= shared
+        if model is None:
+            report(Progress(task="3/4 simulate"))
+            policy = _trained_policy(rig.setup, tuned, folder, count, epochs, device, search)
+        else:
+            policy = policy_for_cable(model, Tuned.of(tuned, rig.setup), rig.setup, **search)
         return AimSession(
             policy,
             casts=casts,
@@ -151,6 +157,22 @@ def prepare_aim(
             within_pct=within_pct,
             tries=tries,
         )
+
+
+def _trained_policy(
+    setup: Setup,
+    tuned: Tuned | None,
+    folder: pathlib.Path,
+    count: int,
+    epochs: int,
+    device: str,
+    search: dict[str, Any],
+) -> ForwardSearchPolicy:
+    """Return a policy that has learned from simulated casts of this cable; see `prepare_aim`."""
+    shared = {"seed": search["seed"], "progress": search["progress"], "device": device}
+    simulated = simulate(setup, tuned, count=count, out=folder / DATASET_FOLDER, **shared)
+    (search["progress"] or ignore)(Progress(task="4/4 train"))
+    return train(simulated, epochs=epochs, device=device, **search)
 
 
 def aim(

@@ -1,0 +1,142 @@
+"""One model for many cables, trained by one command, and policies from it without training."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import cablecast as cc
+from cablecast.cli.main import main
+from cablecast.conventions import mirror_xy
+from cablecast.errors import InputError
+from cablecast.motion.action import mirror_actions
+from cablecast.pipeline.many_cables import policy_for_cable, train_cables
+from cablecast.runs.progress import DONE_NOTE
+from cablecast.tuning.cables import draw_cables
+
+pytest.importorskip("torch")
+
+SETUP = cc.Setup()
+SMALL = {"cables": 400, "epochs": 50, "segment_count": 8, "dt": 2e-3}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return the folder of a model whose training was stopped on its way and begun again."""
+    path = tmp_path_factory.mktemp("cables") / "model"
+
+    def stop(state):
+        if state.task == "Training":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_cables(SETUP, **SMALL, out=path, progress=stop)
+    assert not (path / "metrics.json").exists()
+    tasks = []
+    train_cables(SETUP, **SMALL, out=path, progress=lambda state: tasks.append(state.task))
+    assert "Training" in tasks
+    return path
+
+
+@pytest.fixture(scope="module")
+def model(folder):
+    return cc.ManyCablesModel.load(folder)
+
+
+def other_cable():
+    values = draw_cables(SETUP.cable, 1, seed=5).to_array()[0]
+    params = cc.CableParams.from_array(values)
+    return dataclasses.replace(SETUP.cable, name="never seen", params=params)
+
+
+def test_a_stopped_training_equals_an_unbroken_one_and_a_finished_one_is_returned(folder, model):
+    unbroken = cc.train_cables(SETUP, **SMALL)
+    assert unbroken.fingerprint == model.fingerprint
+    assert unbroken.metrics["held_out_median_pct"] == model.metrics["held_out_median_pct"]
+    notes = []
+    again = train_cables(SETUP, **SMALL, out=folder, progress=lambda s: notes.append(s.note))
+    assert notes == [DONE_NOTE]
+    assert again.fingerprint == model.fingerprint
+    with pytest.raises(InputError, match="seed is 0 there and 1 here"):
+        train_cables(SETUP, **SMALL, seed=1, out=folder)
+
+
+def test_the_folder_holds_a_card_and_a_small_model(folder, model):
+    card = (folder / "MODELCARD.md").read_text()
+    assert "license: apache-2.0" in card
+    assert "400 simulated casts" in card
+    assert "8 segments and steps of 0.002 s" in card
+    # A million numbers of four bytes would be too many to download for a first try.
+    assert (folder / "model.safetensors").stat().st_size < 4e6
+    assert json.loads((folder / "metrics.json").read_text())["training_count"] == 380
+    assert len(model.margin_actions) == 380
+
+
+def test_a_policy_for_a_cable_plans_casts_and_is_read_back(model, tmp_path):
+    setup = cc.Setup(cable=other_cable())
+    params = setup.cable.params
+    policy = policy_for_cable(model, params, setup, candidate_count=500, out=tmp_path / "one")
+    assert policy.setup == setup
+    plan = policy.plan(r=1.1, theta_deg=10.0)
+    # The model knows casts to the right; others are their mirror images.
+    to_left = plan.actions[:, 1] < 0
+    rightward = np.where(to_left[:, None], mirror_actions(plan.actions), plan.actions)
+    expected = np.where(to_left[:, None], mirror_xy(plan.predicted_xy), plan.predicted_xy)
+    np.testing.assert_allclose(policy.model.predict(rightward), expected, atol=1e-6)
+    again = cc.policy_for_cable(model, params, setup, candidate_count=500, out=tmp_path / "one")
+    np.testing.assert_array_equal(again.actions, policy.actions)
+    read = cc.ForwardSearchPolicy.load(tmp_path / "one")
+    np.testing.assert_array_equal(read.plan(r=1.1, theta_deg=10.0).actions, plan.actions)
+    assert "none of them this one" in (tmp_path / "one" / "MODELCARD.md").read_text()
+    with pytest.raises(InputError, match=r"params\.mass"):
+        policy_for_cable(
+            model,
+            dataclasses.replace(params, mass=params.mass * 1.01),
+            setup,
+            candidate_count=500,
+            out=tmp_path / "one",
+        )
+
+
+def test_aiming_starts_from_it_and_simulates_and_trains_nothing(model, tmp_path, monkeypatch):
+    def refuse(*args, **options):
+        raise AssertionError("nothing may be trained")
+
+    monkeypatch.setattr("cablecast.pipeline.aim.train", refuse)
+    monkeypatch.setattr("cablecast.pipeline.aim.simulate", refuse)
+    setup = cc.Setup(cable=other_cable())
+    tuned = cc.Tuned(setup=setup, params=setup.cable.params)
+    with cc.make_rig("engine", setup) as rig:
+        session = cc.prepare_aim(
+            rig, tuned=tuned, model=model, candidate_count=500, tries=1, out=tmp_path / "aim"
+        )
+        result = cc.aim(session, rig, r=1.05, theta_deg=8.0)
+    assert [trial.try_number for trial in result.trials[0]] == [1]
+    assert session.aimer.policy.model.info["many_cables"]["fingerprint"] == model.fingerprint
+    assert not (tmp_path / "aim" / "dataset").exists()
+
+
+def test_a_rig_that_the_model_does_not_fit_is_refused_before_it_moves(model):
+    setup = cc.Setup(cable="cable_2")
+    with cc.make_rig("engine", setup) as rig, pytest.raises(InputError, match="cable length"):
+        cc.prepare_aim(rig, model=model)
+
+
+def test_casts_of_many_cables_do_not_train_a_model_of_one(folder):
+    with pytest.raises(InputError, match="many cables"):
+        cc.train(cc.read_dataset(folder / "dataset"))
+
+
+def test_the_command_line_trains_it_and_refuses_what_does_not_belong(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "--cables", "60", "--mode", "sim"]) == 2
+    assert "--mode sim does not go with --cables" in capsys.readouterr().err
+    assert main(["train", "--workers", "ray"]) == 2
+    assert "--workers ray needs --cables" in capsys.readouterr().err
+    assert main(["train", "--cables", "60", "--epochs", "1"]) == 0
+    folder = tmp_path / "runs/cable_1/model-many-cables"
+    assert "The model of many cables is in" in capsys.readouterr().out
+    assert cc.ManyCablesModel.load(folder).metrics["training_count"] == 57
+    assert main(["aim", "--target", "1.0", "5", "--model", str(folder / "dataset")]) == 2
+    assert "no model at" in capsys.readouterr().err
