@@ -2,7 +2,8 @@
 
     python tools/browse_page.py http://127.0.0.1:8080 docs/images
 
-takes the pictures of the documentation from a page that runs with a prepared session.
+takes the pictures of the documentation from a page that runs with a prepared session. With
+--first-cast it goes the way of a newcomer instead: three clicks on a page without a model.
 """
 
 import argparse
@@ -21,7 +22,7 @@ from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
 from cablecast.view.page import WIDE
 from cablecast.view.picture import Camera
-from cablecast.view.shapes import viewpoint, window_aspect
+from cablecast.view.shapes import viewpoint
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -88,8 +89,8 @@ class TablePage:
         self.wait_for("cablecast")
 
     def wait_for(self, text: str) -> None:
-        """Wait until a text is on the page."""
-        self.tab.wait_for_selector(f"text={text}")
+        """Wait until a text is seen on the page; what hidden tabs say does not count."""
+        self.tab.locator(f"text={text} >> visible=true").first.wait_for()
 
     def button(self, name: str) -> Any:
         """Return a button by its whole label."""
@@ -106,8 +107,7 @@ class TablePage:
     def pixel(self, xy: Any) -> tuple[float, float]:
         """Return where in the window a point of the table [m] is seen before anybody turns it."""
         box = self.tab.locator("canvas").first.bounding_box()
-        window = self.tab.viewport_size
-        aspect = window_aspect(min(window["width"] / window["height"], WIDE))
+        aspect = min(box["width"] / box["height"], WIDE)
         position, look_at, fov = viewpoint(self._setup, aspect)
         camera = Camera(
             position=position,
@@ -159,8 +159,8 @@ class TablePage:
             notices.first.click()
             time.sleep(0.3)
 
-    def picture(self, path: pathlib.Path) -> None:
-        """Save what the tab shows as PNG.
+    def picture(self, path: pathlib.Path) -> pathlib.Path:
+        """Save what the tab shows as PNG, and return its path.
 
         Playwright's own way waits for two quiet frames, which a page that moves never has.
         """
@@ -168,6 +168,7 @@ class TablePage:
         answer = session.send("Page.captureScreenshot", {"format": "png"})
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(base64.b64decode(answer["data"]))
+        return path
 
 
 def take_pictures(address: str, folder: pathlib.Path) -> None:
@@ -223,15 +224,48 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         page.picture(folder / "view-dark.png")
 
 
+def make_first_cast(address: str, folder: pathlib.Path) -> None:
+    """Go from a page without a model to the first cast in three clicks, and say what each took."""
+    with open_browser() as browser:
+        page = TablePage(browser.new_page(viewport={"width": 1280, "height": 720}), Setup())
+        page.open(address)
+        page.hide_notices()
+        begun = time.monotonic()
+
+        def say(what: str) -> None:
+            print(f"{time.monotonic() - begun:6.1f} s  {what}", flush=True)
+
+        say("click 1: Get ready")
+        page.button("Get ready").click()
+        done: set[str] = set()
+        while "Click on the table" not in (text := page.text()):
+            for task in re.findall(r"^(.+?): \d+ of \d+ ", text, re.MULTILINE):
+                if task not in done:
+                    say(f"    {task}")
+                    done.add(task)
+            time.sleep(0.2)
+        say("click 2: the table")
+        page.point_at(PICTURED)
+        page.wait_for("Look at the plan")
+        say("    the plan is seen")
+        say("click 3: Cast")
+        page.button("Cast").click()
+        page.wait_for("from the target")
+        say(f"    {page.tries()[0]!r}")
+        page.picture(folder / "first-cast.png")
+
+
 def main() -> None:
     """Take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("address", help="address of a page with a prepared session")
     parser.add_argument("folder", type=pathlib.Path, help="folder of the pictures")
+    parser.add_argument("--first-cast", action="store_true", help="make the first cast")
     arguments = parser.parse_args()
     if find_browser() is None:
         raise SystemExit(f"none of {', '.join(BROWSERS)} is installed")
-    take_pictures(arguments.address, arguments.folder)
+    browse = make_first_cast if arguments.first_cast else take_pictures
+    browse(arguments.address, arguments.folder)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from cablecast.view.playback import PlaybackControls
 from cablecast.view.player import Player
 from cablecast.view.scene import Marks, Room
 from cablecast.view.serving import start_server, stop_server
-from cablecast.view.shapes import map_image, miss_map, viewpoint, window_aspect
+from cablecast.view.shapes import map_image, miss_map, viewpoint
 from cablecast.view.share_controls import ShareControls
 from cablecast.view.shown import ShownCast
 from cablecast.view.work_controls import WorkControls
@@ -33,8 +33,11 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 PORT = 8080
 
-WIDE = 1.75
-"""Windows at least this wide for their height see the table from one place."""
+WIDE = 1.3
+"""Pictures of the scene at least this wide for their height see the table from one place."""
+
+_RESHAPED = 0.02
+"""Change of the picture's shape that moves the camera."""
 
 _ROUNDS = 3
 """Number of times that a ghost plays before it rests: a page that always moves keeps a fan busy."""
@@ -314,15 +317,25 @@ class Page:
 
     def _place_camera(self) -> None:
         camera = self.server.initial_camera
-        seen = viewpoint(self.desk.setup, window_aspect(WIDE))
+        seen = viewpoint(self.desk.setup, WIDE)
         camera.position, camera.look_at, camera.fov = seen
 
     def _welcome(self, client: "viser.ClientHandle") -> None:
-        """Step back for a narrow window, so that the whole table is seen."""
-        aspect = client.camera.aspect
-        if aspect < WIDE:
-            seen = viewpoint(self.desk.setup, window_aspect(aspect))
-            client.camera.position, client.camera.look_at = seen[:2]
+        """Step back where the picture is narrow, so that the whole table is seen.
+
+        The picture takes its final shape once the panel is docked, and another one with the window.
+        """
+        placed = WIDE
+
+        def place(camera: "viser.CameraHandle") -> None:
+            nonlocal placed
+            aspect = min(camera.aspect, WIDE)
+            if abs(aspect / placed - 1.0) > _RESHAPED:
+                placed = aspect
+                camera.position, camera.look_at = viewpoint(self.desk.setup, aspect)[:2]
+
+        place(client.camera)
+        client.camera.on_update(place)
 
 
 def _still(cast: ShownCast) -> ShownCast:

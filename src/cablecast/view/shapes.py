@@ -19,7 +19,6 @@ _BALL_SHARE = 1.07
 
 # A picture of this shape shows the whole width of a table from a distance of its width.
 _ASPECT = 1.65
-_BESIDE_PANEL = 0.75
 
 TUBE_SIDES = 6
 """Number of sides of a cable that is drawn."""
@@ -222,15 +221,6 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     low, direction = (0.04, (-0.52, 0.74)) if aspect > 1.0 else (0.19, (-0.28, 0.86))
     look_at = np.array([0.0, middle - low * span, 0.0])
     return look_at + span * np.array([0.0, *direction]), look_at, float(np.radians(44))
-
-
-def window_aspect(aspect: float) -> float:
-    """Return the shape of what the panel leaves of a window: beside it, or above it on a phone.
-
-    Args:
-        aspect: Width of the window by its height [-].
-    """
-    return _BESIDE_PANEL * aspect if aspect > 1.0 else aspect
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
