@@ -50,6 +50,9 @@ class Aim:
     model: Annotated[pathlib.Path | None, argument("DIR", "one is trained for this cable")] = None
     """Model of many cables that `cablecast train --cables` made: the first target is aimed at
     seconds after the fit, for nothing is simulated and nothing trained."""
+    refine: int = 0
+    """With --model, simulated casts of this cable that it learns from first; 1500 take some ten
+    seconds, and halve its error."""
     calibration_count: int = 5
     """Casts that the rig makes to begin with."""
     count: int = 16_000
@@ -94,6 +97,7 @@ class Aim:
                     casts=casts,
                     tuned=tuned,
                     model=model,
+                    refine=self.refine,
                     calibration_count=self.calibration_count,
                     count=self.count,
                     within_pct=self.within,

@@ -139,11 +139,14 @@ def _setting_rows(settings: Mapping[str, Any]) -> list[str]:
 def _data_lines(info: Mapping[str, Any]) -> list[str]:
     lines = [f"- {_dataset_line(info['dataset'])}"]
     if many := info.get("many_cables"):
+        start = f"the model of many cables `{many['fingerprint']}` at the parameters of this cable"
+        is_refined = "params_sha256" not in info["dataset"]["settings"]
         lines += [
             "",
-            "These are casts of many cables, none of them this one: the network is that of the "
-            f"model of many cables `{many['fingerprint']}` at the parameters of this cable, and "
-            "the errors below are those over all cables.",
+            f"The training began with {start}."
+            if is_refined
+            else f"These are casts of many cables, none of them this one: the network is that of "
+            f"{start}, and the errors below are those over all cables.",
         ]
     if adaptation := info.get("adaptation"):
         if adaptation["method"] != "real only":

@@ -14,10 +14,10 @@ from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset
 from cablecast.models.many_cables import ManyCablesModel
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
+from cablecast.pipeline import many_cables
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
-from cablecast.pipeline.many_cables import policy_for_cable
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import train
@@ -84,10 +84,11 @@ def prepare_aim(
     casts: Dataset | None = None,
     tuned: Tuned | None = None,
     model: ManyCablesModel | None = None,
+    refine: int = 0,
     calibration_count: int = CALIBRATION_COUNT,
     count: int = SIMULATED_COUNT,
     epochs: int = EPOCHS,
-    candidate_count: int = CANDIDATE_COUNT,
+    candidate_count: int | None = None,
     within_pct: float = WITHIN_PCT,
     tries: int = TRIES,
     seed: int = 0,
@@ -97,18 +98,16 @@ def prepare_aim(
 ) -> AimSession:
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
-    With a model of many cables nothing is simulated and nothing trained: the session opens seconds
-    after the fit.
-
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
         casts: Casts on the rig that were made before; some are made where None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
-        model: Model of many cables, in place of one that is trained for this cable alone.
+        model: Model of many cables, in place of one that is trained for this cable in minutes.
+        refine: Simulated casts that the model of many cables learns from first.
         calibration_count: Casts to make where none were given.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
-        candidate_count: Motions that planning chooses from.
+        candidate_count: Motions to choose from; 50,000, or 20,000 with `model`, where None.
         within_pct: Distance from a target at which a cast has hit [% of cable length].
         tries: Casts at one target at most.
         seed: Seed of everything that is drawn by chance.
@@ -129,6 +128,8 @@ def prepare_aim(
         model.check_setup(rig.setup)
     check_count("calibration_count", calibration_count, 2, ACTION_COUNT_MAX)
     check_count("count", count, 50, ACTION_COUNT_MAX)
+    usual = CANDIDATE_COUNT if model is None else many_cables.CANDIDATE_COUNT
+    candidate_count = usual if candidate_count is None else candidate_count
     check_count("candidate_count", candidate_count, 1, ACTION_COUNT_MAX)
     report, keep = progress or ignore, out is not None
     shared: dict[str, Any] = {"seed": check_seed(seed), "progress": progress}
@@ -140,15 +141,14 @@ def prepare_aim(
             path = folder / CALIBRATION_FOLDER
             casts = collect(rig, count=calibration_count, out=path, **shared)
         if casts is not None and tuned is None:
-            report(Progress(task="2/4 fit"))
-            path = folder / TUNE_FOLDER if keep else None
-            tuned = tune(casts, device=device, out=path, progress=progress)
+            tuned = _fitted(casts, folder if keep else None, device, progress)
         search |= shared
         if model is None:
             report(Progress(task="3/4 simulate"))
             policy = _trained_policy(rig.setup, tuned, folder, count, epochs, device, search)
         else:
-            policy = policy_for_cable(model, Tuned.of(tuned, rig.setup), rig.setup, **search)
+            known = Tuned.of(tuned, rig.setup)
+            policy = many_cables.policy_for_cable(model, known, rig.setup, refine=refine, **search)
         return AimSession(
             policy,
             casts=casts,
@@ -157,6 +157,15 @@ def prepare_aim(
             within_pct=within_pct,
             tries=tries,
         )
+
+
+def _fitted(
+    casts: Dataset, folder: pathlib.Path | None, device: str, progress: ProgressCallback | None
+) -> Tuned:
+    """Return the fit to the first casts; see `prepare_aim`."""
+    (progress or ignore)(Progress(task="2/4 fit"))
+    path = None if folder is None else folder / TUNE_FOLDER
+    return tune(casts, device=device, out=path, progress=progress)
 
 
 def _trained_policy(
