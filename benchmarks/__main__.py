@@ -12,9 +12,10 @@ NAMES = {
     "sensitivity": "error of the landing beside the cast's own sensitivity",
     "validation": "closed forms; writes docs/validation.md",
     "figures": "the figure of docs/engine.md",
+    "mocap": "motion capture of cables held at both ends, beside published figures",
     "casts": "error at targets against the number of real casts and corrections",
-    "page": "latencies, memory and frames of the page of `cablecast view`",
     "cables": "one model for many cables beside a model for each",
+    "page": "latencies, memory and frames of the page of `cablecast view`",
     "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
 }
 

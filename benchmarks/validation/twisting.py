@@ -86,16 +86,11 @@ TURN_TIME = 1.0
 
 def turned_grip(turn: float) -> GripPath:
     """Return a grip that points down and turns about the cable by an angle [rad] in a second."""
-
-    def yaw(times):
-        share = np.clip(times / TURN_TIME, 0.0, 1.0)
-        return turn * share**3 * (10 - 15 * share + 6 * share**2)
-
     times = np.linspace(0.0, TURN_TIME, 60)
+    share = times / TURN_TIME
     poses = np.zeros((60, 5))
-    poses[:, :3] = START
-    poses[:, 3], poses[:, 4] = yaw(times), DOWN
-    return GripPath.fit(times, poses)
+    poses[:, :3], poses[:, 4] = START, DOWN
+    return GripPath.fit(times, poses, turn * share**3 * (10 - 15 * share + 6 * share**2))
 
 
 def shaft(make: MakeEngine, segment_count: int, dt: float) -> Measured:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.checks import check_keys, check_name, check_number, check_ranges
 from cablecast.errors import InputError, UnknownNameError, UnreadableFileError
 from cablecast.files import write_text
+from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.reading import read_yaml
 
 
@@ -182,6 +183,7 @@ class Cable:
         params: Believed values of the ten parameters, from which tuning starts.
         deviations: Believed deviations of some of them, by name, as in `DEFAULT_DEVIATIONS`, which
             holds for the others.
+        material: What its material does beside the ten parameters; `EngineWarp` alone plays it.
     """
 
     name: str
@@ -191,6 +193,7 @@ class Cable:
     attachment_length: float = 0.0
     params: CableParams
     deviations: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
+    material: Material = dataclasses.field(default_factory=Material)
 
     def __post_init__(self):
         check_name(self.name, "cable")
@@ -205,6 +208,8 @@ class Cable:
         )
         if not isinstance(self.attachment, Attachment):
             raise InputError(f"cable attachment = {self.attachment!r} is not an Attachment")
+        if not isinstance(self.material, Material):
+            raise InputError(f"cable material = {self.material!r} is not a Material")
         if not isinstance(self.params, CableParams):
             raise InputError(f"cable params must be CableParams, not {type(self.params).__name__}")
         given = check_keys(self.deviations, set(CableParams.names()), "cable deviations")
@@ -222,7 +227,10 @@ class Cable:
         """Return plain values for a config or YAML file."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         values |= {"attachment": self.attachment.value, "params": self.params.to_dict()}
+        values["material"] = self.material.to_dict()
         # Left out where empty, so that casts of a cable without them belong together.
+        if not self.material.remembers:
+            del values["material"]
         if not self.deviations:
             del values["deviations"]
         return values
@@ -235,7 +243,7 @@ class Cable:
             InputError: A key is missing, unknown, or its value out of bounds.
         """
         known = {field.name for field in dataclasses.fields(cls)}
-        optional = {"attachment", "attachment_length", "deviations"}
+        optional = {"attachment", "attachment_length", "deviations", "material"}
         values = check_keys(values, known, "cable", required=known - optional)
         names = set(CableParams.names())
         params = check_keys(values.pop("params"), names, "cable params", required=names)
@@ -244,7 +252,13 @@ class Cable:
         except ValueError as error:
             choices = ", ".join(a.value for a in Attachment)
             raise InputError(f"{str(error)[:80]}: one of {choices}") from None
-        return cls(**values, attachment=attachment, params=CableParams(**params))
+        given = check_keys(values.pop("material", {}), set(MATERIAL_BOUNDS), "cable material")
+        return cls(
+            **values,
+            attachment=attachment,
+            params=CableParams(**params),
+            material=Material(**given),
+        )
 
 
 # Lengths, diameters and attachments are the paper's (figure 5). The paper gives no material

@@ -226,13 +226,18 @@ def plan_rollout(
     duration: float | None,
     sample_dt: float,
     far_path: GripPath | None,
+    plays_material: bool = False,
 ) -> RolloutPlan:
     """Check the arguments of `Engine.rollout` and fill in their defaults, alike for every engine.
 
     Raises:
-        InputError: Batches of different sizes, a state of another number of segments, or a
-            duration or interval out of bounds.
+        InputError: A material that the engine does not play, batches of different sizes, a state of
+            another number of segments, or a duration or interval out of bounds.
     """
+    if not plays_material and cable.material.remembers:
+        raise InputError("this engine knows no material beside the ten parameters: EngineWarp does")
+    if not plays_material and not grip_path.is_level:
+        raise InputError("the gripper of this engine keeps its side level: EngineWarp's may roll")
     if initial_state is None:
         initial_state = reset_state(cable, params, grip_path, engine.segment_count)
     elif initial_state.segment_count != engine.segment_count:
@@ -252,6 +257,7 @@ def plan_rollout(
             len(grip_path),
             initial_state.world_count,
             None if far_path is None else len(far_path),
+            cable.material.world_count,
         ),
         steps_per_sample=steps_per_sample,
         sample_count=1 + int(np.ceil(duration / (steps_per_sample * engine.dt) - 1e-6)),

@@ -38,10 +38,14 @@ class GripPath:
             shape [world, piece + 1].
         coefficients: Coefficient of each power of the time since the start of the piece, for
             x, y, z [m], yaw and pitch [rad], shape [world, piece, 5, 6].
+        roll: The same for the angle by which the gripper has turned about the cable's direction,
+            against a frame that the direction carries along without turning [rad], shape [world,
+            piece, 6]. None where it does not turn.
     """
 
     knots: NDArray[np.float64]
     coefficients: NDArray[np.float64]
+    roll: NDArray[np.float64] | None = None
 
     def __post_init__(self):
         world_count, knot_count = self.knots.shape
@@ -50,7 +54,12 @@ class GripPath:
             raise InputError(
                 f"coefficients have shape {self.coefficients.shape}: the knots require {shape}"
             )
-        if not (np.all(np.isfinite(self.knots)) and np.all(np.isfinite(self.coefficients))):
+        if self.roll is not None and self.roll.shape != (*shape[:2], shape[-1]):
+            raise InputError(
+                f"roll has shape {self.roll.shape}: the knots require {shape[:2]} + [6]"
+            )
+        roll = self.roll if self.roll is not None else np.zeros(1)
+        if not all(np.all(np.isfinite(k)) for k in (self.knots, self.coefficients, roll)):
             raise InputError("a grip path must be finite")
         if np.any(np.diff(self.knots, axis=1) < 0):
             raise InputError("the knots of a grip path must not decrease")
@@ -62,7 +71,8 @@ class GripPath:
         """Return the worlds selected by an index, a slice or a mask, always as a batch."""
         if isinstance(index, (int, np.integer)):
             index = [int(index)]
-        return GripPath(knots=self.knots[index], coefficients=self.coefficients[index])
+        roll = None if self.roll is None else self.roll[index]
+        return GripPath(knots=self.knots[index], coefficients=self.coefficients[index], roll=roll)
 
     @property
     def duration(self) -> NDArray[np.float64]:
@@ -104,7 +114,52 @@ class GripPath:
         """Return the motion mirrored about the workspace axis (x and yaw change sign)."""
         coefficients = self.coefficients.copy()
         coefficients[:, :, [0, 3]] *= -1.0
-        return GripPath(knots=self.knots.copy(), coefficients=coefficients)
+        roll = None if self.roll is None else -self.roll
+        return GripPath(knots=self.knots.copy(), coefficients=coefficients, roll=roll)
+
+    @property
+    def is_level(self) -> bool:
+        """True if the gripper's side stays as level as it is at the start (`levelled`)."""
+        level = self.levelled()
+        turn, wanted = (path._rolls(0) for path in (self, level))
+        return bool(np.allclose(turn, wanted, rtol=0.0, atol=1e-6))
+
+    def levelled(self) -> "GripPath":
+        """Return the motion of a gripper whose side stays level, as that of an arm with a yaw does.
+
+        Where the direction points up or down, a turn of the yaw is a turn about the cable: the roll
+        is the integral of -sin(pitch) d yaw, a quintic in each piece.
+        """
+        h = np.diff(self.knots, axis=1)
+
+        def rates(local: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            """Return the first and second derivative of the roll at a time within each piece."""
+            (yaw1, yaw2), (pitch, pitch1) = (
+                [_derivative(self.coefficients[:, :, channel], local, k) for k in orders]
+                for channel, orders in ((3, (1, 2)), (4, (0, 1)))
+            )
+            return (
+                -np.sin(pitch) * yaw1,
+                -np.cos(pitch) * pitch1 * yaw1 - np.sin(pitch) * yaw2,
+            )
+
+        points, weights = np.polynomial.legendre.leggauss(8)
+        turned = sum(
+            0.5 * weight * h * rates(0.5 * (1.0 + point) * h)[0]
+            for point, weight in zip(points, weights, strict=True)
+        )
+        if not np.any(turned):
+            return dataclasses.replace(self, roll=None)
+        roll = np.pad(np.cumsum(turned, axis=1), ((0, 0), (1, 0)))
+        starts, ends = rates(np.zeros_like(h)), rates(h)
+        return dataclasses.replace(
+            self,
+            roll=_hermite(
+                h,
+                (roll[:, :-1], starts[0], starts[1]),
+                (roll[:, 1:], ends[0], ends[1]),
+            ),
+        )
 
     @classmethod
     def from_hermite(
@@ -124,32 +179,36 @@ class GripPath:
         if a.ndim == 3:
             a = np.stack([a[:, :-1], a[:, 1:]], axis=2)
         h = np.diff(knots, axis=1)[..., None]
-        ends = [p[:, :-1], h * v[:, :-1], h**2 * a[:, :, 0]]
-        ends += [p[:, 1:], h * v[:, 1:], h**2 * a[:, :, 1]]
-        unit = np.einsum("ij,wpcj->wpci", _HERMITE, np.stack(ends, axis=-1))
-        safe = np.where(h > 0, h, 1.0)[..., None]
-        unit /= safe ** np.arange(DEGREE + 1)
-        # Padding pieces of zero duration hold the pose.
-        still = (h <= 0)[..., None] & (np.arange(DEGREE + 1) > 0)
-        return cls(knots=knots, coefficients=np.where(still, 0.0, unit))
+        coefficients = _hermite(
+            np.broadcast_to(h, (*h.shape[:2], len(CHANNELS))),
+            (p[:, :-1], v[:, :-1], a[:, :, 0]),
+            (p[:, 1:], v[:, 1:], a[:, :, 1]),
+        )
+        return cls(knots=knots, coefficients=coefficients)
 
     @classmethod
-    def fit(cls, times: ArrayLike, poses: ArrayLike) -> "GripPath":
+    def fit(cls, times: ArrayLike, poses: ArrayLike, roll: ArrayLike | None = None) -> "GripPath":
         """Fit a smooth path through measured poses (not-a-knot cubic spline), for one world.
 
         Args:
             times: At least four ascending times [s], shape [step].
             poses: x, y, z [m], yaw, pitch [rad], shape [step, 5].
+            roll: Turn about the cable [rad], shape [step]; none by default.
         """
         from scipy.interpolate import CubicSpline
 
         times = np.asarray(times, dtype=float)
         if times.ndim != 1 or len(times) < 4:
             raise InputError(f"fitting a grip path needs at least 4 times, not {times.shape}")
-        spline = CubicSpline(times, np.asarray(poses, dtype=float))
-        coefficients = np.zeros((1, len(times) - 1, len(CHANNELS), DEGREE + 1))
-        coefficients[0, :, :, :4] = np.moveaxis(spline.c[::-1], 0, -1)
-        return cls(knots=times[None], coefficients=coefficients)
+        turn = np.zeros(len(times)) if roll is None else np.asarray(roll, dtype=float)
+        spline = CubicSpline(times, np.column_stack([np.asarray(poses, dtype=float), turn]))
+        fitted = np.zeros((1, len(times) - 1, len(CHANNELS) + 1, DEGREE + 1))
+        fitted[0, :, :, :4] = np.moveaxis(spline.c[::-1], 0, -1)
+        return cls(
+            knots=times[None],
+            coefficients=fitted[:, :, : len(CHANNELS)],
+            roll=None if roll is None else fitted[:, :, -1],
+        )
 
     @classmethod
     def hold(cls, pose: ArrayLike, duration: float) -> "GripPath":
@@ -167,7 +226,7 @@ class GripPath:
     def stack(cls, paths: Sequence["GripPath"]) -> "GripPath":
         """Stack several batches into one, padded to the longest."""
         piece_count = max(path.coefficients.shape[1] for path in paths)
-        knots, coefficients = [], []
+        knots, coefficients, rolls = [], [], []
         for path in paths:
             pad = piece_count - path.coefficients.shape[1]
             knots.append(np.pad(path.knots, ((0, 0), (0, pad)), mode="edge"))
@@ -175,7 +234,12 @@ class GripPath:
             still = np.zeros((len(path), pad, len(CHANNELS), DEGREE + 1))
             still[..., 0] = end[:, None]
             coefficients.append(np.concatenate([path.coefficients, still], axis=1))
-        return cls(knots=np.concatenate(knots), coefficients=np.concatenate(coefficients))
+            rolls.append(path._rolls(pad))
+        return cls(
+            knots=np.concatenate(knots),
+            coefficients=np.concatenate(coefficients),
+            roll=None if all(p.roll is None for p in paths) else np.concatenate(rolls),
+        )
 
     @classmethod
     def chain(cls, paths: Sequence["GripPath"]) -> "GripPath":
@@ -185,6 +249,7 @@ class GripPath:
             paths: Paths of one row; each must start where the previous one ends.
         """
         knots, coefficients, end, before = [np.zeros(1)], [], 0.0, np.zeros(len(CHANNELS))
+        rolls, turned = [], 0.0
         for path in paths:
             if len(path) != 1:
                 raise InputError(f"a chain takes paths of one row, not a batch of {len(path)}")
@@ -197,7 +262,54 @@ class GripPath:
             before = path.evaluate(path.duration[:, None])[0, 0]
             knots.append(path.knots[0, 1:] - path.knots[0, 0] + end)
             coefficients.append(path.coefficients)
+            roll = path._rolls(1)
+            roll[..., 0] += turned - roll[0, 0, 0]
+            rolls.append(roll[:, :-1])
+            turned = float(roll[0, -1, 0])
             end = knots[-1][-1]
         return cls(
-            knots=np.concatenate(knots)[None], coefficients=np.concatenate(coefficients, axis=1)
+            knots=np.concatenate(knots)[None],
+            coefficients=np.concatenate(coefficients, axis=1),
+            roll=None if all(p.roll is None for p in paths) else np.concatenate(rolls, axis=1),
         )
+
+    def _rolls(self, pad: int) -> NDArray[np.float64]:
+        """Return the coefficients of the roll, with some pieces that hold its end."""
+        world_count, piece_count = self.coefficients.shape[:2]
+        rolls = np.zeros((world_count, piece_count + pad, DEGREE + 1))
+        if self.roll is not None:
+            rolls[:, :piece_count] = self.roll
+            rolls[:, piece_count:, 0] = np.sum(
+                self.roll[:, -1] * np.diff(self.knots, axis=1)[:, -1:] ** np.arange(DEGREE + 1),
+                axis=-1,
+            )[:, None]
+        return rolls
+
+
+def _derivative(
+    coefficients: NDArray[np.float64], local: NDArray[np.float64], order: int
+) -> NDArray[np.float64]:
+    """Return a derivative of polynomials, [world, piece], at a time within each piece [s]."""
+    value = np.zeros(local.shape)
+    for power in range(DEGREE, order - 1, -1):
+        factor = np.prod(np.arange(power, power - order, -1), dtype=float)
+        value = value * local + factor * coefficients[..., power]
+    return value
+
+
+_Ends = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
+
+def _hermite(duration: NDArray[np.float64], start: _Ends, end: _Ends) -> NDArray[np.float64]:
+    """Return quintics that match value, velocity and acceleration at both ends, [..., 6].
+
+    Args:
+        duration: Duration of each piece [s], shape [...]. Pieces of none hold their value.
+        start: Value, velocity and acceleration at the start, same shape each.
+        end: Those at the end.
+    """
+    ends = [value * duration**k for side in (start, end) for k, value in enumerate(side)]
+    unit = np.einsum("ij,...j->...i", _HERMITE, np.stack(ends, axis=-1))
+    powers = np.arange(DEGREE + 1)
+    unit /= np.where(duration > 0, duration, 1.0)[..., None] ** powers
+    return np.where((duration <= 0)[..., None] & (powers > 0), 0.0, unit)

@@ -121,7 +121,7 @@ class PlanePath:
         knots = np.array(self._times)
         return GripPath.from_hermite(
             knots[None], poses[None], velocities[None], accelerations[None]
-        )
+        ).levelled()
 
 
 def _to_base(states: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

@@ -122,21 +122,29 @@ class Batch:
         path = self.build.Path()
         knots = self.sorted(grip_path.knots)
         path.knots = wp.array(knots.astype(self.layout.real), dtype=real, device=device)
-        coefficients = self.sorted(grip_path.coefficients).reshape(row_count, piece_count, -1)
+        coefficients = grip_path.coefficients.reshape(row_count, piece_count, -1)
+        roll = np.zeros((row_count, piece_count, 6)) if grip_path.roll is None else grip_path.roll
+        coefficients = self.sorted(np.concatenate([coefficients, roll], axis=-1))
         path.coefficients = wp.array(
             coefficients.astype(self.layout.real), dtype=real, device=device
         )
         path.piece = wp.zeros((self.group_count, self.layout.lane_count), dtype=int, device=device)
-        for name in ("piece_start", "piece_duration", "spin", "previous_spin", "yaw"):
+        for name in ("piece_start", "piece_duration", "spin", "previous_spin", "roll"):
             setattr(path, name, self.zeros(self.group_count, dtype=self.build.lane))
         for name in ("position", "direction", "next_direction", "direction_rate"):
             setattr(path, name, self.zeros(self.group_count, dtype=self.build.vec3))
-        path.current = self.zeros(self.group_count, 30, dtype=self.build.lane)
+        path.current = self.zeros(self.group_count, 36, dtype=self.build.lane)
         path.next_knot = wp.zeros(self.group_count, dtype=real, device=device)
         return path
 
-    def state(self, initial: CableState):
-        """Pack the initial state; nothing is held by the table yet."""
+    def state(self, initial: CableState, rest_bend: NDArray | None):
+        """Pack the initial state; nothing is held by the table yet.
+
+        Args:
+            initial: Initial state.
+            rest_bend: Bend at which nodes feel no moment [m], shape [world, node, 3]; None where
+                the material remembers nothing.
+        """
         build, shape = self.build, (self.group_count, self.node_count)
         state = build.State()
         for name, values in (("position", initial.positions), ("velocity", initial.velocities)):
@@ -148,6 +156,12 @@ class Batch:
         for name, values in (("twist", twist), ("spin", initial.roll_rate)):
             setattr(state, name, self.array(self.to_lanes(values), build.lane))
         state.binormal = self.zeros(*shape, dtype=build.vec3)
+        if rest_bend is None:
+            rest_bend = np.zeros((1, 1, 3))
+        lanes = self.to_lanes(rest_bend.reshape(len(rest_bend), -1))
+        lanes = lanes.reshape(self.group_count, rest_bend.shape[1], 3, self.layout.lane_count)
+        state.rest_bend = self.array(lanes, build.vec3)
+        state.lag_bend = self.array(lanes, build.vec3)
         state.lateral_loss = self.zeros(*shape, dtype=build.lane)
         for name in ("tension", "axial_impulse", "couple_impulse"):
             zeros = self.zeros(self.group_count, self.segment_count, dtype=build.lane)

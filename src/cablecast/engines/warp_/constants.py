@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
 from cablecast.engines.warp_.bending import filter_factors
+from cablecast.engines.warp_.material import LAG_RATIO
 from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
 
 MOST_VISCOSITY = 0.25
@@ -29,6 +30,10 @@ def model_constants(
         Values by attribute of `Model`, shape [world], [world, node] or [world, segment].
     """
     values = dict(zip(params.names(), np.atleast_2d(params.to_array()).T, strict=True))
+    damping_time = np.atleast_1d(np.asarray(cable.material.damping_time, dtype=float))
+    world_count = max(len(damping_time), len(values["mass"]))
+    values = {name: np.broadcast_to(value, world_count) for name, value in values.items()}
+    damping_time = np.broadcast_to(damping_time, world_count)
     segment_length = cable.length / segment_count
     segment_mass = values["mass"] / segment_count
     mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
@@ -37,7 +42,9 @@ def model_constants(
     if far_is_held:
         mass[:, -1] = np.inf
     bending = values["bend_stiffness"] / segment_length**3
-    diagonal, lower1, lower2 = filter_factors(bending, mass, dt)
+    lag_ratio = np.where(damping_time > 0.0, LAG_RATIO, 0.0)
+    lag_time = np.maximum(damping_time / LAG_RATIO, 1e-9)
+    diagonal, lower1, lower2 = filter_factors(bending * (1.0 + lag_ratio), mass, dt)
     torsion = values["twist_stiffness"] / segment_length
     most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / dt**2
     # Segments and endpoint are solid cylinders of the cable's radius.
@@ -48,7 +55,8 @@ def model_constants(
     mass_ratio[:, -1] = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
     # Friction that spins a segment within a step must overcome its inertia, and the neighbours that
     # torsion ties to it.
-    held_inertia = spin_inertia + 2.0 * dt**2 * torsion[:, None]
+    squared_time = dt * (dt + damping_time)
+    held_inertia = spin_inertia + (2.0 * squared_time * torsion)[:, None]
     spin_response = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
     # Spin per velocity that all nodes lose. Friction that reckoned with less would roll some
     # segment too far.
@@ -60,6 +68,9 @@ def model_constants(
         "segment_mass": segment_mass,
         "bending": bending,
         "torsion": torsion,
+        "torsion_time": dt + damping_time,
+        "lag_ratio": lag_ratio,
+        "lag_kept": np.exp(-dt / lag_time),
         "shape_torsion": np.minimum(torsion, most_torsion),
         "friction": values["lateral_friction"] * values["worksurface_friction"],
         "rolling_friction": values["rolling_friction"] / cable.radius,
@@ -72,7 +83,7 @@ def model_constants(
         "lateral_mass": 1.0 / (1.0 + response * cable.radius),
         "mass_ratio": mass_ratio,
         "spin_response": spin_response,
-        "spin_pivot": spin_pivots(torsion, spin_inertia, dt, far_is_held),
+        "spin_pivot": spin_pivots(torsion, spin_inertia, squared_time, far_is_held),
         "filter_diagonal": diagonal,
         "filter_lower1": lower1,
         "filter_lower2": lower2,

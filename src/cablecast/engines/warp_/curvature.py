@@ -100,7 +100,8 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
             twist.binormal(model, sine_squared, before.edge, after.edge),
             previous_dt,
         )
-        return mul(model.torsion[group], turned + (after.spin - before.spin) * model.dt)
+        spin_difference = after.spin - before.spin
+        return mul(model.torsion[group], turned + mul(spin_difference, model.torsion_time[group]))
 
     @wp.func
     def held_torque(
@@ -150,7 +151,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         last = model.node_count - 1
         bending = model.bending[group]
         quarter = real(0.25) / (model.segment_length * model.segment_length)
-        coupling = model.torsion[group] * (model.dt * model.dt)
+        coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
         torque_per_impulse = model.segment_mass[group] * (real(0.5) * model.radius / model.dt)
         axial_impulses = state.axial_impulse[group]
         pivots = model.spin_pivot[group]

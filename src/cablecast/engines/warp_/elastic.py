@@ -45,7 +45,8 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
             force_dt: Time for which torques act in this step [s].
         """
         last = model.node_count - 1
-        coupling = model.torsion[group] * (model.dt * model.dt)
+        torsion_time = model.torsion_time[group]
+        coupling = mul(model.torsion[group], torsion_time) * model.dt
         one = lane(real(1.0))
         half_damping = model.angular_damping[group] * (real(0.5) * force_dt)
         explicit_damping = one - half_damping
@@ -78,7 +79,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
             spin = mul(implicit_damping, undamped)
             predicted_spins[node] = spin
             w_after = moments[node]
-            turned = twists[node] + (spin - spin_before) * model.dt
+            turned = twists[node] + mul(torsion_time, spin - spin_before)
             q_after = twist.shape_force(model, state, group, node, turned) * cells
             # The node before has all its neighbours now; before the first lies a dummy.
             i = wp.max(node - 1, 0)
@@ -100,7 +101,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         q_after = vec3()
         if model.far_is_held == 1:
             w_after = moments[last]
-            turned = twists[last] - spin_before * model.dt
+            turned = twists[last] - mul(torsion_time, spin_before)
             q_after = twist.shape_force(model, state, group, last, turned) * real(2.0)
         i = last - 1
         force = (

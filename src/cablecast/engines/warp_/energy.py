@@ -16,6 +16,7 @@ import warp as wp
 
 from cablecast.engines.warp_.bending import bending_functions
 from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.material import material_functions
 from cablecast.engines.warp_.world import world_structs
 
 STEPS_PER_CHECK = 16
@@ -34,10 +35,17 @@ UNKNOWN_ENERGY = 1e30
 
 
 @functools.cache
-def energy_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp functions that watch the energy."""
+def energy_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
+    """Build the Warp functions that watch the energy.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        remembers: Whether the material remembers bends.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
+    material = material_functions(precision, lane_count, remembers)
     bend_energy = bending_functions(precision, lane_count).bend_energy
     real, lane, dot, mul, node_mass = f.real, f.lane, f.dot, f.mul, f.reciprocal
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
@@ -90,6 +98,7 @@ def energy_functions(precision: str, lane_count: int) -> SimpleNamespace:
         # A segment is a solid cylinder, the last with the endpoint's mass.
         quarter_inertia = model.segment_mass[group] * (real(0.125) * model.radius * model.radius)
         moving += mul(quarter_inertia, rolling)
+        moving += material.remembered_energy(model, path, far_path, state, group)
         return wp.matrix_from_rows(moving + height * model.gravity, moving)
 
     @wp.func

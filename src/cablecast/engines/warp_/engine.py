@@ -4,12 +4,14 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, plan_rollout
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
+from cablecast.engines.warp_.material import LAG_RATIO, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.substeps import fastest_wave, merge, rows_of, substep_counts
 from cablecast.errors import InputError
@@ -94,13 +96,17 @@ class EngineWarp:
         return type(self), options | {"device": device, "thread_count": thread_count}
 
     def _arrange(self, lane_count: int, interleaved: bool) -> None:
-        """Choose how many worlds a thread owns, and how groups lie in memory (`Layout`)."""
-        self._layout = Layout(
-            build=rollout_kernel(self.precision, lane_count),
+        """Choose how many worlds a thread owns, and how groups lie in memory."""
+        self._lane_count, self._interleaved = lane_count, interleaved
+
+    def _layout(self, remembers: bool) -> Layout:
+        """Return the memory layout, with the kernel for a material that remembers or not."""
+        return Layout(
+            build=rollout_kernel(self.precision, self._lane_count, remembers),
             device=self.device,
             real=np.float32 if self.precision == "single" else np.float64,
-            lane_count=lane_count,
-            interleaved=interleaved,
+            lane_count=self._lane_count,
+            interleaved=self._interleaved,
         )
 
     def rollout(
@@ -117,17 +123,27 @@ class EngineWarp:
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
         plan = plan_rollout(
-            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
+            self,
+            cable,
+            params,
+            grip_path,
+            initial_state,
+            duration,
+            sample_dt,
+            far_path,
+            plays_material=True,
         )
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
+        lagging = LAG_RATIO * (np.atleast_1d(np.asarray(cable.material.damping_time)) > 0.0)
+        stiffness = np.asarray(stiffness * (1.0 + lagging), dtype=float)
         fastest = fastest_wave(stiffness, segment_mass, cable.length / self.segment_count)
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
         parts = []
         for count in np.unique(counts)[::-1]:
             worlds = np.flatnonzero(counts == count)
             played = self._play(
-                cable,
+                dataclasses.replace(cable, material=rows_of(cable.material, worlds)),
                 rows_of(params, worlds),
                 rows_of(grip_path, worlds),
                 rows_of(far_path, worlds),
@@ -154,15 +170,16 @@ class EngineWarp:
         record_nodes: bool,
     ) -> Rollout:
         """Simulate worlds that take the same step dt [s] in one launch."""
-        batch = Batch(self._layout, self.segment_count, plan.world_count, grip_path.duration)
+        layout = self._layout(cable.material.remembers)
+        batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
         if far_path is not None:
             motion_end = np.maximum(
                 motion_end, batch.to_lanes(np.asarray(far_path.duration)[:, None])[:, 0]
             )
-        state = batch.state(plan.initial_state)
+        state = batch.state(plan.initial_state, self._rest_bend(cable, grip_path, plan))
         samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
-        build = self._layout.build
+        build = layout.build
         inputs = [
             plan.sample_count,
             self.rest_speed,
@@ -177,6 +194,24 @@ class EngineWarp:
         ]
         launch(build.kernel, self.device, batch.group_count, self.thread_count, inputs)
         return batch.read(state, samples, plan.steps_per_sample * dt)
+
+    def _rest_bend(
+        self, cable: Cable, grip_path: GripPath, plan: RolloutPlan
+    ) -> NDArray[np.float64] | None:
+        """Return the bend at which nodes feel no moment [m]; None where nothing is remembered."""
+        if not cable.material.remembers:
+            return None
+        initial = plan.initial_state
+        curvature = np.atleast_1d(np.asarray(cable.material.rest_curvature, dtype=float))
+        worlds = max(len(grip_path), initial.world_count, len(curvature))
+        yaw = grip_path.evaluate(grip_path.knots[:, :1])[:, 0, 3]
+        return rest_bends(
+            np.broadcast_to(initial.positions, (worlds, *initial.positions.shape[1:])),
+            np.broadcast_to(initial.roll, (worlds, initial.roll.shape[1])),
+            np.broadcast_to(yaw, worlds),
+            np.broadcast_to(curvature, worlds),
+            cable.length / self.segment_count,
+        )
 
 
 _NO_PATH = GripPath.hold(np.zeros(5), 0.0)

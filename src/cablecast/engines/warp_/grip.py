@@ -24,12 +24,12 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def start(path: Path, group: int):
-        """Take the direction and the yaw of a held end at time 0."""
+        """Take the direction and the roll of a held end at time 0."""
         advance_pieces(path, group, real(0.0))
         piece_t = piece_time(path, group, real(0.0))
         path.direction[group] = direction(path, group, piece_t)
         path.next_direction[group] = path.direction[group]
-        path.yaw[group] = channel(path, group, 3, piece_t)
+        path.roll[group] = channel(path, group, 5, piece_t)
 
     @wp.func
     def follow(path: Path, group: int, t: real, dt: real):
@@ -54,11 +54,10 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
         path.direction_rate[group] = (new_direction - path.direction[group]) * inverse_dt
         path.direction[group] = new_direction
         path.next_direction[group] = direction(path, group, piece_t)
-        # Yaw turns clockwise about the vertical, of which sin(pitch) lies along the direction.
-        yaw = channel(path, group, 3, piece_t)
+        roll = channel(path, group, 5, piece_t)
         path.previous_spin[group] = path.spin[group]
-        path.spin[group] = mul(path.yaw[group] - yaw, new_direction[2]) * inverse_dt
-        path.yaw[group] = yaw
+        path.spin[group] = (roll - path.roll[group]) * inverse_dt
+        path.roll[group] = roll
 
     @wp.func
     def advance_pieces(path: Path, group: int, t: real):
@@ -85,7 +84,7 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
         path.piece_start[group] = piece_start
         path.piece_duration[group] = duration
         path.next_knot[group] = next_knot
-        for c in range(30):
+        for c in range(36):
             value = lane()
             for k in range(count):
                 row = wp.min(group * count + k, row_count - 1)
@@ -100,12 +99,12 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     @wp.func
     def channel(path: Path, group: int, index: int, piece_t: lane):
-        """Return one channel of the current pieces: x, y, z [m], yaw or pitch [rad].
+        """Return one channel of the current pieces: x, y, z [m], yaw, pitch or roll [rad].
 
         Args:
             path: Path.
             group: Group of worlds.
-            index: Index of the channel, 0 to 4.
+            index: Index of the channel, 0 to 5.
             piece_t: Time since the pieces began [s].
         """
         c = index * 6

@@ -33,17 +33,23 @@ addresses, which keeps the variable in memory and costs half of the speed.
 
 
 @functools.cache
-def rollout_kernel(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the kernel for a precision and a lane count; Warp caches the compiled code on disk."""
+def rollout_kernel(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
+    """Build the kernel; Warp caches the compiled code on disk.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        remembers: Whether the material remembers bends.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     grip = grip_functions(precision, lane_count)
     curvature = curvature_functions(precision, lane_count)
-    step = step_functions(precision, lane_count).step
+    step = step_functions(precision, lane_count, remembers).step
     real, lane, vec3 = f.real, f.lane, f.vec3
     Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples
     count = wp.constant(lane_count)
-    energy = energy_functions(precision, lane_count)
+    energy = energy_functions(precision, lane_count, remembers)
     steps_per_check = wp.constant(STEPS_PER_CHECK)
 
     @wp.kernel(

@@ -15,6 +15,7 @@ from cablecast.engines.warp_.energy import energy_functions
 from cablecast.engines.warp_.integrate import integrate_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.length import length_functions
+from cablecast.engines.warp_.material import material_functions
 from cablecast.engines.warp_.rolling import rolling_functions
 from cablecast.engines.warp_.sliding import sliding_functions
 from cablecast.engines.warp_.spinning import spinning_functions
@@ -22,14 +23,21 @@ from cablecast.engines.warp_.world import world_structs
 
 
 @functools.cache
-def step_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp function that advances a group of worlds by one step."""
+def step_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
+    """Build the Warp function that advances a group of worlds by one step.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        remembers: Whether the material remembers bends; where it does not, that costs nothing.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     curvature = curvature_functions(precision, lane_count)
     elastic = elastic_functions(precision, lane_count)
+    material = material_functions(precision, lane_count, remembers)
     integrate = integrate_functions(precision, lane_count)
-    energy = energy_functions(precision, lane_count)
+    energy = energy_functions(precision, lane_count, remembers)
     contact = contact_functions(precision, lane_count)
     spinning = spinning_functions(precision, lane_count)
     sliding = sliding_functions(precision, lane_count)
@@ -72,6 +80,7 @@ def step_functions(precision: str, lane_count: int) -> SimpleNamespace:
         curvature.measure_curvature(
             model, path, far_path, state, scratch, group, active * previous_dt
         )
+        material.remember_bends(model, path, far_path, state, scratch, group, active * previous_dt)
         work = energy.gripper_power(model, path, state, scratch, group, 0, real(1.0))
         if model.far_is_held == 1:
             work += energy.gripper_power(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.engines.base import CableState, Rollout
+from cablecast.material import Material
 
 MOST_FILTERED = 2.4
 """Largest (w dt)^2 of a step, at which half of what leapfrog bears is left for folds and tension.
@@ -57,12 +58,14 @@ def substep_counts(fastest: NDArray[np.float64], dt: float) -> NDArray[np.int_]:
 
 
 def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
-    """Return the rows of some worlds: of parameters, of a state, of a path, or of an array.
+    """Return the rows of some worlds: of parameters, a material, a state, a path, or an array.
 
     What all worlds share, a single row or None, is returned as it is.
     """
     if values is None or isinstance(values, (int, float)):
         return values
+    if isinstance(values, Material):
+        return values.rows(worlds)
     if isinstance(values, CableParams):
         if values.world_count is None:
             return values

@@ -39,20 +39,20 @@ segments no longer resembles a rod, and the torque stops growing."""
 
 
 def spin_pivots(
-    torsion: np.ndarray, inertia: np.ndarray, dt: float, far_is_held: bool
+    torsion: np.ndarray, inertia: np.ndarray, squared_time: np.ndarray, far_is_held: bool
 ) -> np.ndarray:
-    """Inverse pivots of I + dt^2 (C / l) L, eliminated from the far end on.
+    """Inverse pivots of I + dt (dt + tau) (C / l) L, eliminated from the far end on.
 
     Args:
         torsion: C / l [N·m], shape [world].
         inertia: Moment of inertia of each segment about its axis [kg·m²], shape [world, edge].
-        dt: Step [s].
+        squared_time: dt (dt + tau), tau the time by which twist is damped [s²], shape [world].
         far_is_held: Whether the far end is kept from turning.
 
     Returns:
         1 / pivot [1/(kg·m²)], shape [world, edge].
     """
-    k = dt**2 * torsion
+    k = squared_time * torsion
     edge_count = inertia.shape[1]
     inverse = np.empty_like(inertia)
     beyond = np.zeros_like(k)

@@ -38,6 +38,10 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             segment_mass: Mass of a segment [kg], shape [group].
             bending: EI / l^3 [N/m], shape [group].
             torsion: GJ / l [N·m], shape [group].
+            torsion_time: dt, and the time by which twist is damped [s], shape [group].
+            lag_ratio: Stiffness of the spring before the dashpot, over that of bending [-],
+                shape [group].
+            lag_kept: Share of its stretch that this spring keeps in a step [-], shape [group].
             shape_torsion: GJ / l as far as it acts on the shape (twist.py) [N·m], shape [group].
             friction: Coulomb coefficient [-], shape [group].
             rolling_friction: Lever arm of rolling friction over the radius [-], shape [group].
@@ -71,6 +75,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         segment_mass: wp.array(dtype=lane)
         bending: wp.array(dtype=lane)
         torsion: wp.array(dtype=lane)
+        torsion_time: wp.array(dtype=lane)
+        lag_ratio: wp.array(dtype=lane)
+        lag_kept: wp.array(dtype=lane)
         shape_torsion: wp.array(dtype=lane)
         friction: wp.array(dtype=lane)
         rolling_friction: wp.array(dtype=lane)
@@ -90,15 +97,15 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
     class Path:
         """Motion of a held end: quintic polynomials, the pieces that apply now, and the pose.
 
-        A piece has six coefficients for each of x, y, z [m], yaw and pitch [rad].
+        A piece has six coefficients for each of x, y, z [m], yaw, pitch and roll [rad].
 
         Attributes:
             knots: Times at which pieces begin and end [s], shape [row, piece + 1].
-            coefficients: Coefficients of all pieces, lowest power first, shape [row, piece, 30].
+            coefficients: Coefficients of all pieces, lowest power first, shape [row, piece, 36].
             piece: Index of the current piece, shape [group, lane].
             piece_start: Time at which the current piece began [s], shape [group].
             piece_duration: Duration of the current piece [s], shape [group].
-            current: Coefficients of the current piece, shape [group, 30].
+            current: Coefficients of the current piece, shape [group, 36].
             next_knot: Time at which the first lane leaves its piece [s], shape [group].
             position: Position at the end of the step [m], shape [group].
             direction: Unit direction of the cable at the start of the step, shape [group].
@@ -107,7 +114,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 shape [group].
             spin: Spin of the gripper about the direction in this step [rad/s], shape [group].
             previous_spin: Spin of the gripper in the previous step [rad/s], shape [group].
-            yaw: Yaw at the end of the step [rad], shape [group].
+            roll: Roll at the end of the step [rad], shape [group].
         """
 
         knots: wp.array2d(dtype=real)
@@ -123,7 +130,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         direction_rate: wp.array(dtype=vec3)
         spin: wp.array(dtype=lane)
         previous_spin: wp.array(dtype=lane)
-        yaw: wp.array(dtype=lane)
+        roll: wp.array(dtype=lane)
 
     @wp.struct
     class State:
@@ -145,6 +152,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 over m r / 2 [m/s], shape [group, segment].
             couple_impulse: Impulse on either node of a segment with which spinning friction holds
                 it against turning about the vertical [N·s], shape [group, segment].
+            rest_bend: Bend at which each node feels no moment [m], shape [group, node], or [1, 1]
+                where nothing is remembered.
+            lag_bend: Bend to which the dashpot at each node has yielded [m], same shape.
             work: Work that the grippers have done since the last check [J], shape [group].
             energy: Energy at the last check [J], shape [group].
             growth: Energy gained without work since it was least [J], shape [group].
@@ -162,6 +172,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         lateral_loss: wp.array2d(dtype=lane)
         axial_impulse: wp.array2d(dtype=lane)
         couple_impulse: wp.array2d(dtype=lane)
+        rest_bend: wp.array2d(dtype=vec3)
+        lag_bend: wp.array2d(dtype=vec3)
         work: wp.array(dtype=lane)
         energy: wp.array(dtype=lane)
         growth: wp.array(dtype=lane)

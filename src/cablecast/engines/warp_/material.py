@@ -1,0 +1,311 @@
+"""Material: bending that lags behind, and a cable that is curved when nothing bends it.
+
+Each node remembers two bends as vectors that turn with the cable's material: `rest`, the bend at
+which it feels no moment, and `lag`, the bend to which a dashpot has yielded so far. With b the bend
+of the node (bending.py), its moment over the segment length is
+
+    EI / l^3 ((phi / sin phi) b - rest + R (b - lag)),     lag' = (b - lag) / T.
+
+This is Zener's solid: a spring beside a spring of R times its stiffness that a dashpot stretches.
+For motions slower than T it is Kelvin's and Voigt's, EI (curvature + R T d curvature / dt); faster
+ones find it stiffer, but never rigid, so that no step is too long for it.
+
+What is remembered is carried by the tangent without turning, and turned by the spin about it. So
+the moment of a memory has a part that turns segments about their axis: a bent cable that rolls is
+bent anew all the time, and a curl rolls back.
+"""
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from cablecast.engines.warp_.lanes import lane_functions
+from cablecast.engines.warp_.world import world_structs
+
+LAG_RATIO = 3.0
+"""R: stiffness of the spring before the dashpot, over that of the cable. A greater one would follow
+Kelvin and Voigt to faster motions, and take shorter steps."""
+
+
+def rest_bends(
+    positions: NDArray[np.float64],
+    roll: NDArray[np.float64],
+    yaw: NDArray[np.float64],
+    rest_curvature: NDArray[np.float64],
+    segment_length: float,
+) -> NDArray[np.float64]:
+    """Return the bend of each node at which it feels no moment [m], shape [world, node, 3].
+
+    Args:
+        positions: Nodes [m], shape [world, node, 3].
+        roll: Turn of each segment against a frame that the tangent carries from the grip on [rad],
+            shape [world, segment].
+        yaw: Yaw of the grip [rad], shape [world].
+        rest_curvature: Curvature, positive to the left of the gripper [1/m], shape [world].
+        segment_length: Length of a segment [m].
+    """
+    edges = np.diff(positions, axis=1)
+    tangents = edges / np.maximum(np.linalg.norm(edges, axis=-1, keepdims=True), 1e-12)
+    left = np.stack([-np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    left = np.broadcast_to(left, (len(positions), 3))
+    bends = np.zeros_like(positions)
+    before = tangents[:, 0]
+    left = left - before * np.sum(left * before, axis=-1, keepdims=True)
+    for node in range(positions.shape[1] - 1):
+        after = tangents[:, node]
+        # The smallest turn that takes one tangent to the next.
+        middle = before + after
+        share = np.sum(left * after, axis=-1, keepdims=True) / np.maximum(
+            1.0 + np.sum(before * after, axis=-1, keepdims=True), 1e-6
+        )
+        left = left - middle * share
+        left = left / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-12)
+        angle = roll[:, node, None]
+        turned = np.cos(angle) * left + np.sin(angle) * np.cross(after, left)
+        bends[:, node] = turned
+        before = after
+    bends[:, -1] = bends[:, -2]
+    # At a gripper lies half a cell.
+    cells = np.ones(positions.shape[1])
+    cells[[0, -1]] = 0.5
+    return bends * cells[:, None] * (rest_curvature * segment_length**2)[:, None, None]
+
+
+@functools.cache
+def material_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
+    """Build the Warp functions of the material.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        remembers: Whether the material remembers bends; where it does not, functions do nothing.
+    """
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
+    Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
+    folded = wp.constant(0.01)
+
+    @wp.func
+    def cross(a: vec3, b: vec3):
+        """Return the vector product in each lane."""
+        return wp.matrix_from_rows(
+            mul(a[1], b[2]) - mul(a[2], b[1]),
+            mul(a[2], b[0]) - mul(a[0], b[2]),
+            mul(a[0], b[1]) - mul(a[1], b[0]),
+        )
+
+    @wp.func
+    def turned(a: vec3, half_turn: vec3, damp: lane):
+        """Return a vector turned by h, the tangent of half an angle; damp is 2 / (1 + |h|²)."""
+        return a + scale(damp, cross(half_turn, a + cross(half_turn, a)))
+
+    @wp.func
+    def remember_node(
+        model: Model,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        node: int,
+        bend: vec3,
+        middle: vec3,
+        rate: vec3,
+        spin: lane,
+        cells: real,
+        previous_dt: lane,
+    ):
+        """Bring the memories of a node up to now; add its moment, and return its torque [N·m].
+
+        Args:
+            model: Constants of the batch.
+            state: Memories, which are updated.
+            scratch: Bending moments, to which that of the memories is added.
+            group: Group of worlds.
+            node: Index of the node.
+            bend: Edge after the node minus the edge before it [m].
+            middle: Their sum, halfway through the previous step [m].
+            rate: Rate of their sum [m/s].
+            spin: Mean spin of the segments beside the node in the previous step [rad/s].
+            cells: 1, and 2 at a gripper, where half a cell lies.
+            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
+        """
+        one = lane(real(1.0))
+        squared_length = model.segment_length * model.segment_length
+        inverse_square = f.div(one, dot(middle, middle) + lane(squared_length * real(folded)))
+        along = scale(f.root(inverse_square), middle)
+        half = previous_dt * real(0.5)
+        half_turn = scale(mul(half, inverse_square), cross(middle, rate)) + scale(
+            mul(half, spin), along
+        )
+        damp = f.div(lane(real(2.0)), one + dot(half_turn, half_turn))
+        rest = turned(state.rest_bend[group][node], half_turn, damp)
+        lag = turned(state.lag_bend[group][node], half_turn, damp)
+        # In the first step, the dashpot is where the cable is.
+        kept = mul(model.lag_kept[group], previous_dt) * (real(1.0) / model.dt)
+        lag = bend + scale(kept, lag - bend)
+        state.rest_bend[group, node] = rest
+        state.lag_bend[group, node] = lag
+        stiffness = model.bending[group] * cells
+        ratio = model.lag_ratio[group]
+        lagging = scale(mul(stiffness, ratio), bend - lag)
+        moments = scratch.bending_moment[group]
+        moments[node] = moments[node] + lagging - scale(stiffness, rest)
+        remembered = rest + scale(ratio, lag)
+        torque = mul(stiffness, dot(along, cross(remembered, bend)))
+        # What a step cannot follow, because segments are so light about their axis, takes longer.
+        hardness = mul(stiffness, f.absolute(dot(remembered, bend))) * (model.dt * model.dt)
+        inertia = model.segment_mass[group] * (model.radius * model.radius)
+        return mul(torque, f.div(inertia, inertia + hardness))
+
+    @wp.func
+    # long: one fused loop over nodes, whose documented arguments take a third of it.
+    def remember_bends(
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        previous_dt: lane,
+    ):
+        """Bring all memories up to now, and add their moments and torques to those of the cable.
+
+        Args:
+            model: Constants of the batch.
+            path: Direction and spin of the gripper.
+            far_path: Direction of the gripper at the far end, where there is one.
+            state: State at the start of the step, whose memories are updated.
+            scratch: Bending moments and the eliminated torsion system, which are added to.
+            group: Group of worlds.
+            previous_dt: Duration of the previous step [s]; 0 before the first step and for worlds
+                at rest.
+        """
+        last = model.node_count - 1
+        position = state.position[group]
+        velocity = state.velocity[group]
+        spins = state.spin[group]
+        pivots = model.spin_pivot[group]
+        right_sides = scratch.torque[group]
+        coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
+        half = real(0.5)
+        edge_after = position[last] - position[last - 1]
+        rate_after = velocity[last] - velocity[last - 1]
+        spin_after = spins[last - 1]
+        torque_after = lane()
+        if model.far_is_held == 1:
+            held = far_path.direction[group] * model.segment_length
+            rate = far_path.direction_rate[group] * model.segment_length + rate_after
+            middle = held + edge_after - scale(previous_dt * half, rate)
+            torque_after = remember_node(
+                model,
+                state,
+                scratch,
+                group,
+                last,
+                held - edge_after,
+                middle,
+                rate,
+                spin_after * half,
+                real(2.0),
+                previous_dt,
+            )
+        # What the torque on a segment and those beyond it leaves after the elimination of these.
+        eliminated = lane()
+        for back in range(1, last):
+            node = last - back
+            edge = position[node] - position[node - 1]
+            edge_rate = velocity[node] - velocity[node - 1]
+            spin = spins[node - 1]
+            rate = edge_rate + rate_after
+            middle = edge + edge_after - scale(previous_dt * half, rate)
+            torque = remember_node(
+                model,
+                state,
+                scratch,
+                group,
+                node,
+                edge_after - edge,
+                middle,
+                rate,
+                (spin + spin_after) * half,
+                real(1.0),
+                previous_dt,
+            )
+            right_side = (torque + torque_after) * half + eliminated
+            right_sides[node] = right_sides[node] + right_side
+            eliminated = mul(mul(coupling, pivots[node]), right_side)
+            torque_after = torque
+            edge_after = edge
+            rate_after = edge_rate
+            spin_after = spin
+        edge = path.direction[group] * model.segment_length
+        rate = path.direction_rate[group] * model.segment_length + rate_after
+        middle = edge + edge_after - scale(previous_dt * half, rate)
+        torque = remember_node(
+            model,
+            state,
+            scratch,
+            group,
+            0,
+            edge_after - edge,
+            middle,
+            rate,
+            (path.previous_spin[group] + spin_after) * half,
+            real(2.0),
+            previous_dt,
+        )
+        right_sides[0] = right_sides[0] + (torque + torque_after) * half + eliminated
+
+    @wp.func
+    def remembered_energy(model: Model, path: Path, far_path: Path, state: State, group: int):
+        """Return the energy of a world in what its material remembers [J]."""
+        last = model.node_count - 1
+        position = state.position[group]
+        rest_bends = state.rest_bend[group]
+        lag_bends = state.lag_bend[group]
+        half_ratio = model.lag_ratio[group] * real(0.5)
+        edge = path.next_direction[group] * model.segment_length
+        energy = lane()
+        for node in range(last):
+            edge_after = position[node + 1] - position[node]
+            bend = edge_after - edge
+            lagging = bend - lag_bends[node]
+            cells = real(wp.max(2 - node, 1))
+            energy += mul(half_ratio, dot(lagging, lagging)) * cells
+            rest = rest_bends[node]
+            energy += dot(rest, rest * real(0.5) - bend) * cells
+            edge = edge_after
+        if model.far_is_held == 1:
+            bend = far_path.next_direction[group] * model.segment_length - edge
+            lagging = bend - lag_bends[last]
+            energy += mul(half_ratio, dot(lagging, lagging)) * real(2.0)
+            rest = rest_bends[last]
+            energy += dot(rest, rest - bend * real(2.0))
+        return mul(model.bending[group], energy)
+
+    @wp.func
+    def forget_bends(
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        previous_dt: lane,
+    ):
+        """Do nothing in place of `remember_bends`."""
+
+    @wp.func
+    def no_energy(model: Model, path: Path, far_path: Path, state: State, group: int):
+        """Return nothing in place of `remembered_energy`."""
+        return lane()
+
+    if not remembers:
+        return SimpleNamespace(remember_bends=forget_bends, remembered_energy=no_energy)
+    return SimpleNamespace(remember_bends=remember_bends, remembered_energy=remembered_energy)

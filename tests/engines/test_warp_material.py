@@ -1,0 +1,185 @@
+"""What the material does beside the ten parameters, against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines import make_engine
+from cablecast.engines.base import CableState
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.engines.warp_.material import LAG_RATIO
+from cablecast.errors import InputError
+from cablecast.material import Material
+from cablecast.motion.grip_path import GripPath
+
+LENGTH, DENSITY, HEIGHT = 0.6, 0.05, 2.0
+SEGMENT_COUNT = 30
+# First solution of cos(x) cosh(x) = -1: the first mode of a cantilever.
+FIRST_MODE = 1.8751041
+START = (0.0, 0.0, HEIGHT)
+CABLE = Cable(
+    name="rod",
+    length=LENGTH,
+    diameter=0.01,
+    params=CableParams(
+        twist_stiffness=2e-3,
+        bend_stiffness=5e-2,
+        mass=DENSITY * LENGTH,
+        endpoint_mass=0.0,
+        lateral_friction=0.5,
+        worksurface_friction=0.5,
+        spinning_friction=0.0,
+        rolling_friction=0.0,
+        linear_damping=0.0,
+        angular_damping=0.0,
+    ),
+)
+
+
+def made_of(**values):
+    return dataclasses.replace(CABLE, material=Material(**values))
+
+
+def resting(cable):
+    """Return a cable in air that soon brings it to rest."""
+    return dataclasses.replace(cable, params=dataclasses.replace(cable.params, linear_damping=3.0))
+
+
+def first_mode(amplitude):
+    """Return a cantilever along y, bent into its first mode [m], shape [1, node, 3]."""
+    s = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)
+    a, k = FIRST_MODE, FIRST_MODE / LENGTH
+    share = (np.cosh(a) + np.cos(a)) / (np.sinh(a) + np.sin(a))
+    x = np.cosh(k * s) - np.cos(k * s) - share * (np.sinh(k * s) - np.sin(k * s))
+    slopes = np.arcsin(np.diff(x * amplitude / x[-1]) / (LENGTH / SEGMENT_COUNT))
+    nodes = np.zeros((1, SEGMENT_COUNT + 1, 3))
+    nodes[0, :, 2] = HEIGHT
+    nodes[0, 1:, 0] = np.cumsum(np.sin(slopes)) * LENGTH / SEGMENT_COUNT
+    nodes[0, 1:, 1] = np.cumsum(np.cos(slopes)) * LENGTH / SEGMENT_COUNT
+    return nodes
+
+
+def swing(cable, nodes, duration, path=None, **options):
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0, gravity=0.0)
+    path = GripPath.hold([*START, 0.0, 0.0], 0.1) if path is None else path
+    return engine.rollout(
+        cable, cable.params, path, CableState.at_rest(nodes), duration, 0.004, **options
+    )
+
+
+def straight():
+    nodes = np.zeros((1, SEGMENT_COUNT + 1, 3))
+    nodes[0, :, 1] = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)
+    nodes[0, :, 2] = HEIGHT
+    return nodes
+
+
+@pytest.mark.parametrize("damping_time", [0.005, 0.05])
+def test_a_mode_of_bending_decays_as_that_of_zeners_solid(damping_time):
+    amplitude = 0.01
+    rollout = swing(made_of(damping_time=damping_time), first_mode(amplitude), 2.0)
+    # x'' = -w² (x + R (x - q)), q' = (x - q) / T, from rest with q = x.
+    w = FIRST_MODE**2 * np.sqrt(CABLE.params.bend_stiffness / DENSITY / LENGTH**4)
+    rate = LAG_RATIO / damping_time
+    system = np.array(
+        [[0, 1, 0], [-(w**2) * (1 + LAG_RATIO), 0, w**2 * LAG_RATIO], [rate, 0, -rate]]
+    )
+    roots, modes = np.linalg.eig(system)
+    weights = np.linalg.solve(modes, [amplitude, 0.0, amplitude])
+    exact = np.real(np.exp(np.outer(rollout.times, roots)) @ (modes[0] * weights))
+    # The frequency of 30 segments is 0.2 % off, which 3 swings add up.
+    np.testing.assert_allclose(rollout.endpoint_xyz[0, :, 0], exact, atol=0.02 * amplitude)
+    # It would be off by far more if nothing damped it.
+    undamped = amplitude * np.cos(w * rollout.times)
+    assert np.abs(exact - undamped).max() > 0.2 * amplitude
+
+
+def test_a_mode_of_torsion_decays_as_that_of_kelvins_and_voigts_solid():
+    damping_time, amplitude = 2e-3, 0.2
+    cable = made_of(damping_time=damping_time)
+    middles = (np.arange(SEGMENT_COUNT) + 0.5) / SEGMENT_COUNT
+    state = dataclasses.replace(
+        CableState.at_rest(straight()), roll=amplitude * np.sin(0.5 * np.pi * middles)[None]
+    )
+    # The clamped-free mode: inertia of a solid cylinder, w = pi / (2 L) sqrt(GJ / (rho I)).
+    inertia = 0.5 * DENSITY * cable.radius**2
+    w = 0.5 * np.pi / LENGTH * np.sqrt(CABLE.params.twist_stiffness / inertia)
+    decay = 0.5 * damping_time * w**2
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, dt=2.5e-5, rest_speed=0.0, gravity=0.0)
+    end = 0.02
+    rollout = engine.rollout(
+        cable, cable.params, GripPath.hold([*START, 0.0, 0.0], 0.1), state, end, end
+    )
+    free = np.sqrt(w**2 - decay**2 + 0j)
+    share = np.exp(-decay * end) * (np.cos(free * end) + decay / free * np.sin(free * end))
+    # Backward Euler damps by w² dt / 2 beside, 1 % of this decay.
+    expected = state.roll[0] * share.real
+    np.testing.assert_allclose(rollout.final_state.roll[0], expected, atol=0.02 * amplitude)
+
+
+def test_a_curled_cable_that_nothing_bends_is_an_arc_to_the_left():
+    curvature = 2.0
+    cable = resting(made_of(rest_curvature=curvature, damping_time=0.05))
+    rollout = swing(cable, straight(), 5.0)
+    end = [-(1 - np.cos(curvature * LENGTH)) / curvature, np.sin(curvature * LENGTH) / curvature]
+    # 30 segments are a polygon: off by l² curvature² / 24.
+    np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, :2], end, atol=1e-3)
+    assert rollout.finite.all()
+
+
+def test_a_curl_rolls_with_the_gripper():
+    curvature = 2.0
+    cable = resting(made_of(rest_curvature=curvature, damping_time=0.05))
+    times = np.linspace(0.0, 1.0, 30)
+    poses = np.tile([*START, 0.0, 0.0], (30, 1))
+    share = times**3 * (10 - 15 * times + 6 * times**2)
+    path = GripPath.fit(times, poses, 0.5 * np.pi * share)
+    rollout = swing(cable, straight(), 5.0, path)
+    side = (1 - np.cos(curvature * LENGTH)) / curvature
+    # A quarter of a turn about +y takes the left, -x, to the top.
+    np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, [0, 2]], [0.0, HEIGHT + side], atol=2e-3)
+
+
+def test_each_world_may_have_a_material_of_its_own():
+    times = np.array([0.0, 0.01, 0.05])
+    together = swing(made_of(damping_time=times), first_mode(0.01), 0.5)
+    for world, time in enumerate(times):
+        alone = swing(made_of(damping_time=float(time)), first_mode(0.01), 0.5)
+        offset = together.endpoint_xyz[world] - alone.endpoint_xyz[0]
+        # Rounding alone: kernels with and without memory add up in another order.
+        assert np.abs(offset).max() < 2e-6
+
+
+def test_the_energy_of_a_material_is_no_growth():
+    cable = made_of(damping_time=0.02, rest_curvature=np.linspace(-8.0, 8.0, 16))
+    rollout = swing(cable, straight(), 4.0)
+    assert rollout.finite.all()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"damping_time": -0.1}, "damping_time = -0.1 s is outside"),
+        ({"rest_curvature": np.array([0.0, 80.0])}, "rest_curvature = 80 1/m is outside"),
+        ({"damping_time": "long"}, "damping_time must be a number"),
+    ],
+)
+def test_values_out_of_bounds_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        Material(**values)
+
+
+def test_a_material_is_written_with_its_cable_and_read_again():
+    cable = made_of(damping_time=0.02)
+    assert Cable.from_dict(cable.to_dict()) == cable
+    assert "material" not in CABLE.to_dict()
+
+
+def test_engines_without_a_material_refuse_it():
+    cable = made_of(damping_time=0.02)
+    with pytest.raises(InputError, match="knows no material"):
+        make_engine("mujoco").rollout(
+            cable, cable.params, GripPath.hold([0.0, 0.5, 0.005, 0.0, 0.0], 0.1)
+        )
