@@ -114,7 +114,6 @@ FAR = Unknown("far_offset", 0.0, -0.03, 0.03, logarithmic=False)
 LENGTH = Unknown("length_factor", 1.0, 0.97, 1.03, logarithmic=False)
 
 DAMPING = Unknown("damping_time", 0.1, 1e-4, 0.5)
-CURL = Unknown("rest_curvature", 0.0, -5.0, 5.0, logarithmic=False)
 
 SETS: dict[str, tuple[Unknown, ...]] = {
     "bending, twist, air, material": (BEND, TWIST, AIR, DAMPING),
@@ -179,7 +178,8 @@ def curves(points: Array, ends: Array) -> tuple[Any, Array]:
 
     chords = np.linalg.norm(np.diff(points, axis=1), axis=-1)
     along = np.pad(np.cumsum(chords.mean(axis=0)), (1, 0))
-    return CubicSpline(along, points, axis=1, bc_type=((1, ends[0]), (1, ends[1]))), along
+    bounds: Any = ((1, ends[0]), (1, ends[1]))
+    return CubicSpline(along, points, axis=1, bc_type=bounds), along
 
 
 def arcs(points: Array, ends: Array) -> Array:
@@ -261,7 +261,7 @@ def smooth(values: Array, along: Array, edges: Array, count: int) -> Array:
     weights = np.where((rows == 0) | (rows == len(at) - 1), 1e3, 1.0)
     system = np.concatenate([weights[:, None] * reads, SMOOTHING * bends, 30.0 * held])
     wanted = np.concatenate([weights[:, None] * values, np.zeros((len(bends), 3)), 30.0 * edges])
-    return np.linalg.lstsq(system, wanted, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(system, wanted, rcond=None)[0], dtype=float)
 
 
 class Player:
@@ -392,7 +392,7 @@ def fit(player: Player, unknowns: tuple[Unknown, ...], iterations: int) -> dict[
         before, improved = loss(errors), False
         for _ in range(6):
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient)
-            trial = np.clip(x + step, low, high)
+            trial = np.asarray(np.clip(x + step, low, high), dtype=float)
             tried = residuals(trial)
             if loss(tried) < before:
                 x, errors, damping, improved = trial, tried, damping / 3.0, True
