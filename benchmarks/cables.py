@@ -182,7 +182,7 @@ def interval(rows: Rows, value: Callable[[Rows], float]) -> str:
     """Return a figure of some cables, and the ends of its 90 % bootstrap interval."""
     rng = np.random.default_rng(0)
     picks = rng.integers(len(rows), size=(DRAW_COUNT, len(rows)))
-    low, high = np.quantile([value([rows[i] for i in pick]) for pick in picks], (0.05, 0.95))
+    low, high = np.nanquantile([value([rows[i] for i in pick]) for pick in picks], (0.05, 0.95))
     return f"{value(rows):.2f} ({low:.2f} to {high:.2f})"
 
 
@@ -191,7 +191,8 @@ def _pooled(kind: str, name: str, quantile: float) -> Callable[[Rows], float]:
 
     def value(rows: Rows) -> float:
         every = np.concatenate([errors_of(row, kind, name) for row in rows])
-        return float(np.quantile(every, quantile))
+        # Small models may have no target that all of them reach.
+        return float(np.quantile(every, quantile)) if len(every) else np.nan
 
     return value
 
