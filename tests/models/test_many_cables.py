@@ -6,6 +6,7 @@ from synthetic_casts import SETUP, dataset_of, random_actions, smooth_map
 
 from cablecast.cable import CableParams
 from cablecast.errors import CheckpointError, InputError
+from cablecast.material import Material
 from cablecast.models import ForwardModel, TrainingConfig, train_forward_model
 from cablecast.models.card import many_cables_card, model_card
 from cablecast.models.features import FEATURE_COUNT
@@ -143,6 +144,10 @@ def test_a_cable_unlike_those_of_the_training_is_refused_by_name(model):
         (Setup(cable=dataclasses.replace(CABLE, length=0.7)), "length = 0.62 m, not with 0.7 m"),
         (Setup(cable=dataclasses.replace(CABLE, diameter=0.004)), "diameter"),
         (SETUP.with_motion(v_max=1.2), "v_max=1.2"),
+        (
+            Setup(cable=dataclasses.replace(CABLE, material=Material(rest_curvature=2.0))),
+            "not for .*'rest_curvature': 2.0",
+        ),
     ],
 )
 def test_a_set_up_in_which_equal_casts_land_elsewhere_is_refused(model, setup, words):

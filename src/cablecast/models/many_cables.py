@@ -168,6 +168,11 @@ class ManyCablesModel:
                 f"the model of many cables was trained for {self.setup.motion}, not for "
                 f"{setup.motion}"
             )
+        here, there = (s.cable.material.to_dict() for s in (setup, self.setup))
+        if here != there:
+            raise InputError(
+                f"the model of many cables was trained for the material {there}, not for {here}"
+            )
         for section, name in _DECISIVE:
             here, there = (getattr(getattr(s, section), name) for s in (setup, self.setup))
             if here != there:
