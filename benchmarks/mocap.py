@@ -108,7 +108,7 @@ class Unknown:
 BEND = Unknown("bend_stiffness", 1e-3, 1e-6, 0.1)
 TWIST = Unknown("twist_stiffness", 1e-4, 1e-7, 1.0)
 AIR = Unknown("linear_damping", 0.1, 1e-3, 5.0)
-TURN = Unknown("angular_damping", 20.0, 0.1, 200.0)
+TURN = Unknown("angular_damping", 150.0, 0.1, 200.0)
 NEAR = Unknown("near_offset", 0.0, -0.03, 0.03, logarithmic=False)
 FAR = Unknown("far_offset", 0.0, -0.03, 0.03, logarithmic=False)
 LENGTH = Unknown("length_factor", 1.0, 0.97, 1.03, logarithmic=False)

@@ -16,7 +16,7 @@ MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Material:
-    """What a cable's material does beside the ten parameters; nothing by default.
+    """A cable's material beside the ten parameters, which does nothing by default.
 
     Values are numbers shared by all worlds, or arrays with one value per world, shape [world].
 

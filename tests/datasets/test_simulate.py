@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import pathlib
 import shutil
@@ -14,6 +15,7 @@ from cablecast.cable import load_cable
 from cablecast.datasets import read_dataset
 from cablecast.datasets.simulate import SAMPLE_DT, engine_settings
 from cablecast.errors import DatasetError, InputError
+from cablecast.material import Material
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.setup import Setup
@@ -307,3 +309,9 @@ def test_casts_of_other_cables_or_another_number_of_them_are_refused(tmp_path):
         simulate(tmp_path / "d", params=draw_cables(CABLE, COUNT, seed=1))
     with pytest.raises(InputError, match=f"{COUNT} casts cannot have the parameters of 9 cables"):
         simulate(tmp_path / "e", params=draw_cables(CABLE, 9, seed=0))
+
+
+def test_a_curled_cable_is_refused_because_planning_mirrors_casts(tmp_path):
+    curled = dataclasses.replace(CABLE, material=Material(rest_curvature=1.0))
+    with pytest.raises(InputError, match="rest_curvature = 1 1/m"):
+        simulate(tmp_path / "curled", setup=dataclasses.replace(SETUP, cable=curled))

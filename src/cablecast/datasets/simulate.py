@@ -147,10 +147,25 @@ def _settings(
     return settings if servo is None else settings | {"servo": servo.to_dict()}
 
 
+def _check_mirrored(setup: Setup) -> None:
+    """Check that casts to the left are mirrored casts to the right, which planning takes them for.
+
+    Raises:
+        InputError: The cable is curled.
+    """
+    curl = setup.cable.material.rest_curvature
+    if np.any(curl):
+        raise InputError(
+            "planning takes casts to the left for mirrored ones to the right, which those of a "
+            f"cable with rest_curvature = {curl:g} 1/m are not"
+        )
+
+
 def _choose_actions(
     count: int, setup: Setup, params: CableParams, ranges: ActionRanges, seed: int
 ) -> NDArray[np.float64]:
     """Return feasible actions: of a grid for one cable, drawn at random for many."""
+    _check_mirrored(setup)
     if params.world_count is None:
         return feasible_grid(count, setup, ranges, seed)
     if params.world_count != count:
