@@ -342,7 +342,7 @@ def cable_of(length: float, values: dict[str, float]) -> Cable:
 
 
 def markers_of(nodes: Array, at: Array, inner: Array) -> Array:
-    """Return the places of markers on a cable [m], shape [..., marker, 3].
+    """Return the places of markers on a cable [m], shape [..., marker, 3]; NaN once it broke.
 
     Args:
         nodes: Nodes [m], shape [..., node, 3].
@@ -351,7 +351,10 @@ def markers_of(nodes: Array, at: Array, inner: Array) -> Array:
     """
     from scipy.interpolate import CubicSpline
 
-    return CubicSpline(at, nodes, axis=-2)(inner)
+    places = np.full((*nodes.shape[:-2], len(inner), 3), np.nan)
+    sound = np.isfinite(nodes).all(axis=(-2, -1))
+    places[sound] = CubicSpline(at, nodes[sound], axis=-2)(inner)
+    return places
 
 
 def fit(player: Player, unknowns: tuple[Unknown, ...], iterations: int) -> dict[str, float]:
