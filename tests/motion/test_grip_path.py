@@ -140,3 +140,48 @@ def test_too_few_measurements_are_refused():
 def test_a_path_that_makes_no_sense_is_refused(knots, shape, message):
     with pytest.raises(InputError, match=message):
         GripPath(knots=np.array(knots), coefficients=np.zeros(shape))
+
+
+def turning(pitch):
+    """Return a gripper that stays in place and turns its yaw by 1 rad at a constant pitch."""
+    times = np.linspace(0.0, 1.0, 20)
+    poses = np.zeros((20, 5))
+    poses[:, 2], poses[:, 4] = 1.0, pitch
+    poses[:, 3] = times**2 * (3 - 2 * times)
+    return GripPath.fit(times, poses)
+
+
+def end_of_roll(path):
+    """Return the roll at the end of a path of one row [rad]."""
+    h = np.diff(path.knots, axis=1)[0, -1]
+    return np.sum(path.roll[0, -1] * h ** np.arange(6))
+
+
+@pytest.mark.parametrize("pitch", [-np.pi / 2, -0.5, 0.3])
+def test_a_level_gripper_rolls_by_the_sine_of_its_pitch(pitch):
+    level = turning(pitch).levelled()
+    np.testing.assert_allclose(end_of_roll(level), -np.sin(pitch), atol=1e-9)
+    np.testing.assert_allclose(end_of_roll(level.mirrored()), np.sin(pitch), atol=1e-9)
+    assert level.is_level
+    assert not turning(pitch).is_level
+
+
+def test_a_level_cable_makes_no_gripper_roll():
+    assert turning(0.0).levelled().roll is None
+    assert turning(0.0).is_level
+
+
+def test_rolls_are_stacked_chained_and_selected_with_their_paths():
+    rolling, still = turning(-np.pi / 2).levelled(), turning(0.0)
+    both = GripPath.stack([still, rolling])
+    np.testing.assert_array_equal(both.roll[0], 0.0)
+    np.testing.assert_array_equal(both[1].roll, rolling.roll)
+    hold = GripPath.hold(rolling.evaluate([1.0])[0, 0], 0.5)
+    chained = GripPath.chain([rolling, hold])
+    np.testing.assert_allclose(end_of_roll(chained), 1.0, atol=1e-9)
+
+
+def test_a_roll_of_another_shape_is_refused():
+    path = turning(0.0)
+    with pytest.raises(InputError, match="roll has shape"):
+        GripPath(knots=path.knots, coefficients=path.coefficients, roll=np.zeros((1, 3, 6)))
