@@ -78,7 +78,8 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
     radius = np.hypot(poses[:, 0], poses[:, 1])
     if np.max(radius) > r_max:
         raise IKError(f"the grip would be {np.max(radius):.4f} m from the base: r_max is {r_max} m")
-    # `inverse` raises for a pose out of reach, where `inverse_motion` returns NaN.
-    q = arm.inverse(poses)
-    qd = arm.inverse_motion(poses, velocities, np.zeros_like(poses)).qd
-    return JointPath(times=times, q=q, qd=qd)
+    motion = arm.inverse_motion(poses, velocities, np.zeros_like(poses))
+    if not np.all(np.isfinite(motion.q)):
+        # Raises, and names the pose that is out of reach.
+        arm.inverse(poses)
+    return JointPath(times=times, q=motion.q, qd=motion.qd)
