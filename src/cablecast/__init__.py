@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cablecast.engines.warp_.engine import EngineWarp as EngineWarp
     from cablecast.errors import CablecastError as CablecastError
     from cablecast.evaluation.evaluate import Evaluation as Evaluation
+    from cablecast.material import Material as Material
     from cablecast.models.many_cables import ManyCablesModel as ManyCablesModel
     from cablecast.motion.action import Action as Action
     from cablecast.motion.trajectory import (
@@ -76,6 +77,7 @@ _HOMES = {
     "ArmUR": "cablecast.arm.ur",
     "Cable": "cablecast.cable",
     "CableParams": "cablecast.cable",
+    "Material": "cablecast.material",
     "CablecastError": "cablecast.errors",
     "Dataset": "cablecast.datasets.reader",
     "EndpointTrack": "cablecast.track",
@@ -134,6 +136,7 @@ __all__ = [
     "FitConfig",
     "ForwardSearchPolicy",
     "ManyCablesModel",
+    "Material",
     "MotionConfig",
     "Plan",
     "PolarCastingPolicy",
