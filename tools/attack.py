@@ -30,7 +30,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 from tools.attack_cases import Case, all_cases
 from tools.small_results import prepare
 
-HANG = 60.0
+HANG = 120.0
 """A case that computes for longer hangs: its processor time [s]."""
 WAIT = 600.0
 """So does one that waits for longer [s]; a busy machine makes any case wait."""

@@ -80,6 +80,20 @@ def test_a_session_that_is_opened_again_knows_its_casts_and_goes_on(policy, tmp_
     )
 
 
+def test_a_session_that_was_closed_at_any_cast_goes_on_as_if_it_had_not_been(policy, tmp_path):
+    with rig_of(policy) as rig:
+        casts = cc.collect(rig, count=5, seed=3)
+        whole = cc.AimSession(policy, casts=casts, within_pct=0.01, tries=20)
+        for _ in range(9):
+            whole.cast(rig, whole.propose(TARGETS[0]))
+            reopened = cc.AimSession(
+                policy, casts=casts, within_pct=0.01, tries=20, out=tmp_path / "session"
+            )
+            reopened.cast(rig, reopened.propose(TARGETS[0]))
+    for live, kept in zip(whole.history, reopened.history, strict=True):
+        np.testing.assert_array_equal(kept.final_xy, live.final_xy)
+
+
 def test_a_proposal_says_what_to_expect_before_the_cast(policy):
     session = cc.AimSession(policy)
     proposal = session.propose(r=1.15, theta_deg=-12.0)

@@ -2,9 +2,10 @@
 
 import copy
 import dataclasses
+import itertools
 import math
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,9 @@ DRIFT_NOTE = (
     "changed, or changes. Earlier casts count less from now on"
 )
 """Sentence that tells of a drift."""
+
+# Growth of the number of casts after which the scales of the process are fitted anew.
+_REFIT_GROWTH = 1.3
 
 # Two targets nearer to each other than this are the same [m].
 _SAME_TARGET = 1e-6
@@ -102,19 +106,37 @@ class AimSession:
         self.relearn()
 
     def relearn(self, without: Collection[int] = ()) -> None:
-        """Learn anew from all casts, in the order in which they were made.
+        """Learn anew from all casts, in the order and the groups in which they were made.
+
+        So a session that is opened again goes on as if it had never been closed.
 
         Args:
             without: Numbers of casts to leave out, such as those that went wrong.
         """
-        kept = [
-            _aimed(cast, self._tuned_to)
-            for number, cast in enumerate(self.store.casts)
-            if number not in without and _has_action(cast)
-        ]
         self.aimer = self.aimer.emptied()
-        self.aimer.learn(kept)
-        self._fitted_count = len(self.store)
+        self._fitted_count = 0
+        numbered = enumerate(self.store.casts)
+        for is_aimed, group in itertools.groupby(numbered, lambda item: item[1].purpose == "aim"):
+            # Casts for something else came together, aimed ones one by one.
+            rows = list(group)
+            for part in [[row] for row in rows] if is_aimed else [rows]:
+                kept = [cast for number, cast in part if number not in without]
+                self._learn(kept, part[-1][0] + 1, always=not is_aimed)
+
+    def _learn(self, casts: Sequence[StoredCast], count: int, *, always: bool = False) -> None:
+        """Learn from casts, and fit the scales of the process where there are enough new ones.
+
+        Args:
+            casts: Casts that were made together.
+            count: Number of casts of the session with them.
+            always: True to fit the scales whatever the number of casts.
+        """
+        # The scales change slowly: fitting them at each cast would be wasted.
+        refit = always or count >= _REFIT_GROWTH * self._fitted_count
+        known = [_aimed(cast, self._tuned_to) for cast in casts if _has_action(cast)]
+        self.aimer.learn(known, refit=refit)
+        if refit:
+            self._fitted_count = count
 
     def add_casts(self, casts: Dataset) -> int:
         """Learn from casts of this cable that were made for something else.
@@ -132,8 +154,7 @@ class AimSession:
         self.store.add_dataset(casts)
         new = self.store.casts[known:]
         self._trials += [self._trial(known + row, cast) for row, cast in enumerate(new)]
-        self.aimer.learn([_aimed(cast) for cast in new if _has_action(cast)])
-        self._fitted_count = len(self.store)
+        self._learn(new, len(self.store), always=True)
         return len(new)
 
     def fork(self) -> "AimSession":
@@ -268,12 +289,8 @@ class AimSession:
             },
         )
         self.store.add(cast)
-        # The scales of the process change slowly: fitting them at each cast would be wasted.
-        refit = len(self.store) >= 1.3 * self._fitted_count
         drifts = len(self.aimer.experience.drifts)
-        self.aimer.learn([_aimed(cast)], refit=refit)
-        if refit:
-            self._fitted_count = len(self.store)
+        self._learn([cast], len(self.store))
         trial = self._trial(len(self._trials), cast)
         change = self._change(proposal, trial)
         if len(self.aimer.experience.drifts) > drifts:
