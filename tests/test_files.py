@@ -5,7 +5,13 @@ import pathlib
 import pytest
 
 import cablecast
-from cablecast.files import write_bytes, write_json, write_text
+from cablecast.files import (
+    remove_leftovers,
+    temporary_prefix,
+    write_bytes,
+    write_json,
+    write_text,
+)
 
 
 def test_a_file_is_replaced_whole_and_leaves_nothing_else_behind(tmp_path):
@@ -14,6 +20,22 @@ def test_a_file_is_replaced_whole_and_leaves_nothing_else_behind(tmp_path):
     write_text(file, "second")
     assert file.read_text() == "second"
     assert [entry.name for entry in file.parent.iterdir()] == ["a.txt"]
+
+
+def test_what_a_killed_process_left_is_removed_and_what_another_writes_stays(tmp_path):
+    file = tmp_path / "a.csv"
+    child = os.fork()
+    if child == 0:
+        (tmp_path / f"{temporary_prefix(file)}x.tmp").write_text("half")
+        (tmp_path / f"{temporary_prefix(file)}y.tmp").mkdir()
+        os._exit(0)
+    os.waitpid(child, 0)
+    alive = tmp_path / f"{temporary_prefix(file)}z.tmp"
+    alive.write_text("half")
+    other = tmp_path / f".b.csv.{child}-x.tmp"
+    other.write_text("of another file")
+    remove_leftovers(file)
+    assert set(tmp_path.iterdir()) == {alive, other}
 
 
 def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch):

@@ -1,10 +1,46 @@
 """Atomic file writes: a reader finds the old file or the new one, never half of one."""
 
+import glob
 import json
 import os
 import pathlib
+import shutil
 import tempfile
 from typing import Any
+
+
+def temporary_prefix(path: pathlib.Path) -> str:
+    """Return how the temporary name of a file or folder begins; it names the process."""
+    return f".{path.name}.{os.getpid()}-"
+
+
+def remove_leftovers(path: pathlib.Path) -> None:
+    """Remove what processes that were killed left of a file or folder, under temporary names.
+
+    Args:
+        path: Path of the whole file or folder.
+    """
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*-*.tmp"):
+        process = left.name.removeprefix(f".{path.name}.").partition("-")[0]
+        if process.isdecimal() and not _is_alive(int(process)):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    if os.name == "nt":
+        # There, signal 0 is no question.
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        # It belongs to somebody else.
+        return True
+    return True
 
 
 def write_bytes(path: pathlib.Path, content: bytes) -> None:
@@ -18,7 +54,7 @@ def write_bytes(path: pathlib.Path, content: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=".tmp", dir=path.parent
+            prefix=temporary_prefix(path), suffix=".tmp", dir=path.parent
         )
         with os.fdopen(handle, "wb") as file:
             file.write(content)

@@ -12,6 +12,7 @@ from cablecast.checks import check_count
 from cablecast.datasets.lerobot import VIDEO_FILE, Episode, episodes_of, write_tables
 from cablecast.datasets.reader import Dataset
 from cablecast.errors import DatasetError, InputError
+from cablecast.files import remove_leftovers, temporary_prefix
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import ProgressCallback, counter
 from cablecast.tracking.video import Image, read_video, write_video
@@ -63,7 +64,10 @@ def export_dataset(
         require("films", "cv2")
     episodes = episodes_of(dataset, fps)
     out.parent.mkdir(parents=True, exist_ok=True)
-    part = pathlib.Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".tmp", dir=out.parent))
+    remove_leftovers(out)
+    part = pathlib.Path(
+        tempfile.mkdtemp(prefix=temporary_prefix(out), suffix=".tmp", dir=out.parent)
+    )
     try:
         video = None
         if films is not None:

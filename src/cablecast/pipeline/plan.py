@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
-from cablecast.files import write_text
+from cablecast.files import remove_leftovers, write_text
 from cablecast.motion.action import Action
 from cablecast.motion.joint_path import JointPath
 from cablecast.motion.trajectory import Trajectory
@@ -86,6 +86,7 @@ class MotionPlan:
             )
         path = pathlib.Path(path)
         check_writable(path, force)
+        remove_leftovers(path)
         write_text(path, motion_csv(self.joint_path, self.setup))
 
 
