@@ -76,7 +76,7 @@ class Unknown:
         start: Value to start from.
         low: Lower bound.
         high: Upper bound.
-        logarithmic: Whether its logarithm is fitted.
+        logarithmic: True to fit its logarithm.
     """
 
     name: str

@@ -183,7 +183,7 @@ class Cable:
         params: Believed values of the ten parameters, from which tuning starts.
         deviations: Believed deviations of some of them, by name, as in `DEFAULT_DEVIATIONS`, which
             holds for the others.
-        material: What its material does beside the ten parameters; `EngineWarp` alone plays it.
+        material: Damping and curl of its material; `EngineWarp` alone plays them.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Material: what a cable's material does beside the ten parameters of the paper."""
+"""Material: damping and curl of a cable, beside the ten parameters of the paper."""
 
 import dataclasses
 

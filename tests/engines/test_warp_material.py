@@ -1,4 +1,4 @@
-"""What the material does beside the ten parameters, against closed forms."""
+"""Materials that damp and curl, against closed forms."""
 
 import dataclasses
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
 from cablecast.engines.warp_.bending import filter_factors
-from cablecast.engines.warp_.material import LAG_RATIO
+from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
 from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
 
 MOST_VISCOSITY = 0.25
@@ -42,7 +42,7 @@ def model_constants(
     if far_is_held:
         mass[:, -1] = np.inf
     bending = values["bend_stiffness"] / segment_length**3
-    lag_ratio = np.where(damping_time > 0.0, LAG_RATIO, 0.0)
+    lag_ratio = lag_ratios(damping_time)
     lag_time = np.maximum(damping_time / LAG_RATIO, 1e-9)
     diagonal, lower1, lower2 = filter_factors(bending * (1.0 + lag_ratio), mass, dt)
     torsion = values["twist_stiffness"] / segment_length

@@ -21,7 +21,7 @@ from cablecast.engines.warp_.world import world_structs
 
 @functools.cache
 def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp function that measures curvature and twist."""
+    """Build the Warp functions that read segments and measure curvature and twist."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     node_moment = bending_functions(precision, lane_count).node_moment
@@ -65,6 +65,14 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         segment.edge_rate = path.direction_rate[group] * model.segment_length
         segment.previous_spin = path.previous_spin[group]
         segment.spin = path.spin[group]
+        return segment
+
+    @wp.func
+    def far_gripper_segment(model: Model, far_path: Path, group: int):
+        """Return the gripper at the far end, which keeps the cable from turning about itself."""
+        segment = gripper_segment(model, far_path, group)
+        segment.previous_spin = lane()
+        segment.spin = lane()
         return segment
 
     @wp.func
@@ -160,10 +168,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         after = read_segment(state, group, last - 1)
         torque_after = lane()
         if model.far_is_held == 1:
-            gripper = gripper_segment(model, far_path, group)
-            # The gripper at the far end keeps the cable from turning about itself.
-            gripper.previous_spin = lane()
-            gripper.spin = lane()
+            gripper = far_gripper_segment(model, far_path, group)
             torque_after = held_torque(
                 model, state, scratch, group, last, after, gripper, previous_dt
             )
@@ -189,4 +194,10 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         table_torque = mul(torque_per_impulse, axial_impulses[0])
         right_sides[0] = torque_after - torque + eliminated + table_torque
 
-    return SimpleNamespace(measure_curvature=measure_curvature)
+    return SimpleNamespace(
+        Segment=Segment,
+        read_segment=read_segment,
+        gripper_segment=gripper_segment,
+        far_gripper_segment=far_gripper_segment,
+        measure_curvature=measure_curvature,
+    )

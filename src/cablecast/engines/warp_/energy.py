@@ -41,7 +41,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        remembers: Whether the material remembers bends.
+        remembers: True for a material that remembers bends.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)

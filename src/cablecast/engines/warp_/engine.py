@@ -11,7 +11,7 @@ from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, pl
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
-from cablecast.engines.warp_.material import LAG_RATIO, rest_bends
+from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.substeps import fastest_wave, merge, rows_of, substep_counts
 from cablecast.errors import InputError
@@ -135,8 +135,7 @@ class EngineWarp:
         )
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
-        lagging = LAG_RATIO * (np.atleast_1d(np.asarray(cable.material.damping_time)) > 0.0)
-        stiffness = np.asarray(stiffness * (1.0 + lagging), dtype=float)
+        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(cable.material.damping_time)))
         fastest = fastest_wave(stiffness, segment_mass, cable.length / self.segment_count)
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
         parts = []

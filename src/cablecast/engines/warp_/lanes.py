@@ -62,6 +62,15 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return product[0] + product[1] + product[2]
 
     @wp.func
+    def cross(a: vec3, b: vec3):
+        """Return the vector product in each lane, in the product of the units."""
+        return wp.matrix_from_rows(
+            wp.cw_mul(a[1], b[2]) - wp.cw_mul(a[2], b[1]),
+            wp.cw_mul(a[2], b[0]) - wp.cw_mul(a[0], b[2]),
+            wp.cw_mul(a[0], b[1]) - wp.cw_mul(a[1], b[0]),
+        )
+
+    @wp.func
     def scale(s: lane, a: vec3):
         """Return a vector times a number in each lane."""
         return wp.matrix_from_rows(wp.cw_mul(s, a[0]), wp.cw_mul(s, a[1]), wp.cw_mul(s, a[2]))
@@ -118,6 +127,7 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         **vars(types),
         fill=fill,
         dot=dot,
+        cross=cross,
         scale=scale,
         absolute=absolute,
         reciprocal=reciprocal,

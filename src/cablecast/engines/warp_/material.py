@@ -25,12 +25,22 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import world_structs
 
 LAG_RATIO = 3.0
 """R: stiffness of the spring before the dashpot, over that of the cable. A greater one would follow
 Kelvin and Voigt to faster motions, and take shorter steps."""
+
+
+def lag_ratios(damping_time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the stiffness of the spring before the dashpot over that of the cable [-].
+
+    Args:
+        damping_time: Time by which moments lead the bend [s], any shape; none has no dashpot.
+    """
+    return np.where(damping_time > 0.0, LAG_RATIO, 0.0)
 
 
 def rest_bends(
@@ -84,22 +94,16 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        remembers: Whether the material remembers bends; where it does not, functions do nothing.
+        remembers: True for a material that remembers bends; otherwise the functions do nothing.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
+    cross = f.cross
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
+    segments = curvature_functions(precision, lane_count)
+    Segment, read_segment = segments.Segment, segments.read_segment
     folded = wp.constant(0.01)
-
-    @wp.func
-    def cross(a: vec3, b: vec3):
-        """Return the vector product in each lane."""
-        return wp.matrix_from_rows(
-            mul(a[1], b[2]) - mul(a[2], b[1]),
-            mul(a[2], b[0]) - mul(a[0], b[2]),
-            mul(a[0], b[1]) - mul(a[1], b[0]),
-        )
 
     @wp.func
     def turned(a: vec3, half_turn: vec3, damp: lane):
@@ -113,10 +117,8 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         scratch: Scratch,
         group: int,
         node: int,
-        bend: vec3,
-        middle: vec3,
-        rate: vec3,
-        spin: lane,
+        before: Segment,
+        after: Segment,
         cells: real,
         previous_dt: lane,
     ):
@@ -128,18 +130,21 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             scratch: Bending moments, to which that of the memories is added.
             group: Group of worlds.
             node: Index of the node.
-            bend: Edge after the node minus the edge before it [m].
-            middle: Their sum, halfway through the previous step [m].
-            rate: Rate of their sum [m/s].
-            spin: Mean spin of the segments beside the node in the previous step [rad/s].
+            before: Segment before the node.
+            after: Segment after the node.
             cells: 1, and 2 at a gripper, where half a cell lies.
             previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
         """
         one = lane(real(1.0))
+        half = previous_dt * real(0.5)
+        bend = after.edge - before.edge
+        # The sum of both edges halfway through the previous step, and its rate.
+        rate = before.edge_rate + after.edge_rate
+        middle = before.edge + after.edge - scale(half, rate)
+        spin = (before.previous_spin + after.previous_spin) * real(0.5)
         squared_length = model.segment_length * model.segment_length
         inverse_square = f.div(one, dot(middle, middle) + lane(squared_length * real(folded)))
         along = scale(f.root(inverse_square), middle)
-        half = previous_dt * real(0.5)
         half_turn = scale(mul(half, inverse_square), cross(middle, rate)) + scale(
             mul(half, spin), along
         )
@@ -164,7 +169,6 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         return mul(torque, f.div(inertia, inertia + hardness))
 
     @wp.func
-    # long: one fused loop over nodes, whose documented arguments take a third of it.
     def remember_bends(
         model: Model,
         path: Path,
@@ -187,106 +191,67 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
                 at rest.
         """
         last = model.node_count - 1
-        position = state.position[group]
-        velocity = state.velocity[group]
-        spins = state.spin[group]
         pivots = model.spin_pivot[group]
         right_sides = scratch.torque[group]
         coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
         half = real(0.5)
-        edge_after = position[last] - position[last - 1]
-        rate_after = velocity[last] - velocity[last - 1]
-        spin_after = spins[last - 1]
+        after = read_segment(state, group, last - 1)
         torque_after = lane()
         if model.far_is_held == 1:
-            held = far_path.direction[group] * model.segment_length
-            rate = far_path.direction_rate[group] * model.segment_length + rate_after
-            middle = held + edge_after - scale(previous_dt * half, rate)
+            gripper = segments.far_gripper_segment(model, far_path, group)
             torque_after = remember_node(
-                model,
-                state,
-                scratch,
-                group,
-                last,
-                held - edge_after,
-                middle,
-                rate,
-                spin_after * half,
-                real(2.0),
-                previous_dt,
+                model, state, scratch, group, last, after, gripper, real(2.0), previous_dt
             )
         # What the torque on a segment and those beyond it leaves after the elimination of these.
         eliminated = lane()
         for back in range(1, last):
             node = last - back
-            edge = position[node] - position[node - 1]
-            edge_rate = velocity[node] - velocity[node - 1]
-            spin = spins[node - 1]
-            rate = edge_rate + rate_after
-            middle = edge + edge_after - scale(previous_dt * half, rate)
+            before = read_segment(state, group, node - 1)
             torque = remember_node(
-                model,
-                state,
-                scratch,
-                group,
-                node,
-                edge_after - edge,
-                middle,
-                rate,
-                (spin + spin_after) * half,
-                real(1.0),
-                previous_dt,
+                model, state, scratch, group, node, before, after, real(1.0), previous_dt
             )
             right_side = (torque + torque_after) * half + eliminated
             right_sides[node] = right_sides[node] + right_side
             eliminated = mul(mul(coupling, pivots[node]), right_side)
             torque_after = torque
-            edge_after = edge
-            rate_after = edge_rate
-            spin_after = spin
-        edge = path.direction[group] * model.segment_length
-        rate = path.direction_rate[group] * model.segment_length + rate_after
-        middle = edge + edge_after - scale(previous_dt * half, rate)
+            after = before
+        gripper = segments.gripper_segment(model, path, group)
         torque = remember_node(
-            model,
-            state,
-            scratch,
-            group,
-            0,
-            edge_after - edge,
-            middle,
-            rate,
-            (path.previous_spin[group] + spin_after) * half,
-            real(2.0),
-            previous_dt,
+            model, state, scratch, group, 0, gripper, after, real(2.0), previous_dt
         )
         right_sides[0] = right_sides[0] + (torque + torque_after) * half + eliminated
+
+    @wp.func
+    def node_energy(model: Model, state: State, group: int, node: int, bend: vec3):
+        """Return the energy of a node in what it remembers, for a whole cell, over EI / l^3 [m²].
+
+        Args:
+            model: Constants of the batch.
+            state: Memories of the node.
+            group: Group of worlds.
+            node: Index of the node.
+            bend: Edge after the node minus the edge before it [m].
+        """
+        lagging = bend - state.lag_bend[group][node]
+        rest = state.rest_bend[group][node]
+        lag_energy = mul(model.lag_ratio[group] * real(0.5), dot(lagging, lagging))
+        return lag_energy + dot(rest, rest * real(0.5) - bend)
 
     @wp.func
     def remembered_energy(model: Model, path: Path, far_path: Path, state: State, group: int):
         """Return the energy of a world in what its material remembers [J]."""
         last = model.node_count - 1
         position = state.position[group]
-        rest_bends = state.rest_bend[group]
-        lag_bends = state.lag_bend[group]
-        half_ratio = model.lag_ratio[group] * real(0.5)
         edge = path.next_direction[group] * model.segment_length
         energy = lane()
         for node in range(last):
             edge_after = position[node + 1] - position[node]
-            bend = edge_after - edge
-            lagging = bend - lag_bends[node]
             cells = real(wp.max(2 - node, 1))
-            energy += mul(half_ratio, dot(lagging, lagging)) * cells
-            rest = rest_bends[node]
-            energy += dot(rest, rest * real(0.5) - bend) * cells
+            energy += node_energy(model, state, group, node, edge_after - edge) * cells
             edge = edge_after
         if model.far_is_held == 1:
             bend = far_path.next_direction[group] * model.segment_length - edge
-            lagging = bend - lag_bends[last]
-            energy += mul(half_ratio, dot(lagging, lagging)) * real(2.0)
-            rest = rest_bends[last]
-            energy += dot(rest, rest - bend * real(2.0))
+            energy += node_energy(model, state, group, last, bend) * real(2.0)
         return mul(model.bending[group], energy)
 
     @wp.func

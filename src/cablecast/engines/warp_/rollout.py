@@ -39,7 +39,7 @@ def rollout_kernel(precision: str, lane_count: int, remembers: bool) -> SimpleNa
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        remembers: Whether the material remembers bends.
+        remembers: True for a material that remembers bends.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)

@@ -29,7 +29,7 @@ def step_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNa
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        remembers: Whether the material remembers bends; where it does not, that costs nothing.
+        remembers: True for a material that remembers bends; otherwise that costs nothing.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)

@@ -72,18 +72,9 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
-    dot, scale, mul = f.dot, f.scale, f.mul
+    dot, cross, scale, mul = f.dot, f.cross, f.scale, f.mul
     Model, State = s.Model, s.State
     most_twist = wp.constant(MOST_TWIST)
-
-    @wp.func
-    def cross(a: vec3, b: vec3):
-        """Return the vector product in each lane, in the product of the units."""
-        return wp.matrix_from_rows(
-            mul(a[1], b[2]) - mul(a[2], b[1]),
-            mul(a[2], b[0]) - mul(a[0], b[2]),
-            mul(a[0], b[1]) - mul(a[1], b[0]),
-        )
 
     @wp.func
     def binormal(model: Model, sine_squared: lane, before: vec3, after: vec3):
