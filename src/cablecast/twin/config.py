@@ -25,6 +25,8 @@ class TwinConfig:
         admin_port: Port that takes faults, and tells the truth to tests.
         rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
             runs slower where the simulation cannot keep up.
+        patience: Longest time for which the clock waits for a silent client while a program runs
+            [s], so that the watchdog does not bark at a busy computer. None for a real controller.
         seed: Seed of what differs from trial to trial.
         lab_seed: Seed of the laboratory.
         segment_count: Segments of the simulated cable.
@@ -40,6 +42,7 @@ class TwinConfig:
     camera_port: int = 30100
     admin_port: int = 30101
     rate: float = 1.0
+    patience: float = 0.0
     seed: int = 0
     lab_seed: int = 0
     segment_count: int = 30
@@ -51,6 +54,7 @@ class TwinConfig:
             if field.name.endswith("_port"):
                 check_count(f"twin {field.name}", getattr(self, field.name), 0, 65535)
         check_number("twin rate", self.rate, 0.01, 100.0)
+        check_number("twin patience", self.patience, 0.0, 60.0)
         check_seed(self.seed)
         check_seed(self.lab_seed)
         check_count("twin segment_count", self.segment_count, 4, 200)

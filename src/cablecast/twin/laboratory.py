@@ -78,6 +78,7 @@ class TwinLaboratory:
         self._silent_until = -1.0
         self._restart_at: float | None = None
         self._next_picture = 0.0
+        self._heard_at = time.monotonic()
         self.camera = self._make_camera()
         self._history: collections.deque[tuple[float, NDArray[np.float64], float]] = (
             collections.deque(maxlen=round(_HISTORY_TIME / self.controller.dt))
@@ -100,7 +101,17 @@ class TwinLaboratory:
                     break
                 if self.stopping:
                     return
-            self.tick()
+            if not self._is_waiting():
+                self.tick()
+
+    def _is_waiting(self) -> bool:
+        """Return whether the clock waits for a client that is silent."""
+        controller = self.controller
+        silence = controller.time - controller.inputs.get("written at", controller.time)
+        if not controller.is_running_program or silence < self.setup.robot.watchdog / 2:
+            self._heard_at = time.monotonic()
+            return False
+        return time.monotonic() - self._heard_at < self.config.patience
 
     def tick(self) -> None:
         """Advance the world by one control cycle."""

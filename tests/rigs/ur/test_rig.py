@@ -24,6 +24,8 @@ from cablecast.rigs.ur.safety import check_ready
 from cablecast.track import TrialStatus
 from cablecast.twin.truth import TruthCamera
 
+# As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
+RATE = 4.0
 # RigVirtual with the same segments, trial and cast lands there; the twin's servos are stepped with
 # set points as they come, which moves a landing by millimetres.
 LANDING_TOLERANCE = 0.02
@@ -45,7 +47,7 @@ class RigQuick(RigUR):
 @pytest.fixture(scope="module")
 def stick(make_twin):
     """Run a twin whose arm holds a stick."""
-    return make_twin({"watchdog": 1.0, "silence_max": 10.0, "settle_time": 0.5}, has_cable=False)
+    return make_twin({"settle_time": 0.5}, has_cable=False)
 
 
 def quick_rig(stick, **changes):
@@ -121,7 +123,7 @@ def test_an_interrupt_stops_the_arm(stick, cast):
 
 @pytest.fixture(scope="module")
 def twin(make_twin):
-    return make_twin({"watchdog": 1.0, "silence_max": 10.0}, segment_count=16, rate=2.0)
+    return make_twin(segment_count=16, rate=RATE)
 
 
 @pytest.fixture

@@ -1,0 +1,44 @@
+import time
+
+import pytest
+
+from cablecast.rigs.ur.path import joint_move
+from cablecast.rigs.ur.program import BEAT_REGISTER, motion_program
+from cablecast.twin.config import TwinConfig
+from cablecast.twin.laboratory import TwinLaboratory
+
+# Nobody connects: any free port will do.
+PORTS = {
+    "rtde_port": 0,
+    "dashboard_port": 0,
+    "program_port": 0,
+    "realtime_port": 0,
+    "admin_port": 0,
+}
+
+
+@pytest.mark.parametrize("patience", [0.0, 60.0])
+def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller_does_not(
+    twin_setup, patience
+):
+    config = TwinConfig(has_cable=False, has_camera=False, rate=10.0, patience=patience, **PORTS)
+    laboratory = TwinLaboratory(twin_setup, config)
+    controller = laboratory.controller
+    try:
+        points = joint_move(
+            controller.arm.q, controller.arm.q + [0.3, 0, 0, 0, 0, 0], 1.0, controller.dt
+        )
+        controller.inputs.update({f"input_int_register_{BEAT_REGISTER}": 1})
+        controller.inputs["written at"] = begin = controller.time
+        controller.load(motion_program("silent", points, twin_setup.robot, 1))
+        deadline = time.monotonic() + (0.3 if patience else 60.0)
+        laboratory.run(lambda: time.monotonic() < deadline and controller.time < begin + 1.0)
+        if patience:
+            # It was never silent for so long by the controller's clock that the arm had to stop.
+            assert controller.is_running_program
+            assert controller.time - begin <= twin_setup.robot.watchdog / 2 + 2 * controller.dt
+        else:
+            assert not controller.is_running_program
+            assert controller.at_rest
+    finally:
+        laboratory.close()
