@@ -155,7 +155,7 @@ class Tested:
 
     def _land(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         params = self.setup.cable.params
-        columns = simulate_actions(actions, self.setup, params, self.engine)
+        columns = simulate_actions(actions, params, self.setup, self.engine)
         return np.stack([columns[name] for name in ENDPOINT_COLUMNS], axis=-1)
 
     def _pct(self, offset: NDArray[np.float64]) -> list[float | None]:

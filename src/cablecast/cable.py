@@ -143,6 +143,12 @@ class CableParams:
         """Coulomb coefficient between cable and table [-], lateral times worksurface friction."""
         return self.lateral_friction * self.worksurface_friction
 
+    def rows(self, worlds: slice | NDArray[np.int_] | NDArray[np.bool_]) -> "CableParams":
+        """Return the values of some worlds; those that all worlds share stay so."""
+        if self.world_count is None:
+            return self
+        return CableParams.from_array(self.to_array()[worlds])
+
     def to_array(self) -> NDArray[np.float64]:
         """Return the values as an array, shape [10] or [world, 10]."""
         columns = [np.asarray(getattr(self, name), dtype=float) for name in self.names()]

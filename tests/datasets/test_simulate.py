@@ -284,7 +284,7 @@ def test_casts_of_many_cables_hold_their_parameters_and_go_on_after_a_stop(tmp_p
     assert again.has_many_cables
     np.testing.assert_array_equal(again.params.to_array(), params.to_array())
     rows = np.array([7, 3])
-    np.testing.assert_array_equal(again.params_of(rows).to_array(), params.to_array()[rows])
+    np.testing.assert_array_equal(again.params.rows(rows).to_array(), params.to_array()[rows])
     # One cast of a cable says little: each cable has an action of its own.
     assert len(np.unique(whole.actions, axis=0)) == COUNT
     assert "| `bend_stiffness` | N·m² |" in (tmp_path / "whole" / "README.md").read_text()

@@ -1,11 +1,12 @@
 """Every experiment of the paper on a budget that shows nothing but that each stage works."""
 
 import dataclasses
+import functools
 import json
 
 import pytest
 
-from cablecast.models.adaptation import REAL_ONLY
+from cablecast.models.adaptation import REAL_ONLY, FineTuningConfig
 from cablecast.pipeline.reproduce import reproduce
 from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
 from cablecast.workspace import load_targets
@@ -45,6 +46,8 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
     brief = dataclasses.replace(REAL_ONLY, epochs=30, patience=30)
     monkeypatch.setattr("cablecast.models.adaptation.REAL_ONLY", brief)
+    tuning = functools.partial(FineTuningConfig, epochs=30)
+    monkeypatch.setattr("cablecast.models.adaptation.FineTuningConfig", tuning)
     begun = []
 
     def stop(report):

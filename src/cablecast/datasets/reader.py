@@ -111,14 +111,6 @@ class Dataset:
             )
         return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
 
-    def params_of(self, rows: NDArray[np.intp]) -> CableParams:
-        """Return the parameters of some casts, each of which has its own cable.
-
-        Args:
-            rows: Indices of the casts.
-        """
-        return CableParams.from_array(self.params.to_array()[rows])
-
     @property
     def servo(self):
         """Servo of the simulated arm, a `ServoModel`; None where it follows exactly."""

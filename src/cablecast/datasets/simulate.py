@@ -111,7 +111,7 @@ def simulate_dataset(
             if progress is not None:
                 progress(done, count)
             tasks = [(shard, _part(actions, params, writer.rows_of(shard))) for shard in missing]
-            function, shared = _simulate_shard, (setup, engine, servo)
+            function, shared = simulate_actions, (setup, engine, servo)
             if is_remote and remade is not None:
                 # Kernels do not travel: each worker makes the engine anew, for its one core.
                 function, shared = _simulate_remotely, (setup, remade(), servo)
@@ -185,19 +185,7 @@ def _part(
     actions: NDArray[np.float64], params: CableParams, rows: range
 ) -> tuple[NDArray[np.float64], CableParams]:
     part = slice(rows.start, rows.stop)
-    if params.world_count is None:
-        return actions[part], params
-    return actions[part], CableParams.from_array(params.to_array()[part])
-
-
-def _simulate_shard(
-    actions: NDArray[np.float64],
-    params: CableParams,
-    setup: Setup,
-    engine: Engine,
-    servo: ServoModel | None,
-) -> dict[str, Any]:
-    return simulate_actions(actions, setup, params, engine, servo)
+    return actions[part], params.rows(part)
 
 
 def _simulate_remotely(
@@ -209,7 +197,7 @@ def _simulate_remotely(
 ) -> dict[str, Any]:
     """Simulate a shard on a worker, with an engine made there."""
     kind, options = remade
-    return simulate_actions(actions, setup, params, kind(**options), servo)
+    return simulate_actions(actions, params, setup, kind(**options), servo)
 
 
 def actions_digest(actions: NDArray[np.float64]) -> str:
@@ -220,8 +208,8 @@ def actions_digest(actions: NDArray[np.float64]) -> str:
 
 def simulate_actions(
     actions: NDArray[np.float64],
-    setup: Setup,
     params: CableParams,
+    setup: Setup,
     engine: Engine,
     servo: ServoModel | None = None,
 ) -> dict[str, Any]:

@@ -125,7 +125,7 @@ def measure_coverage(
             f"no action of the grid {counts} with r0 = {motion.r0} m and v_max = {motion.v_max} "
             "m/s is feasible"
         )
-    columns = simulate_actions(actions, setup, params, engine, servo)
+    columns = simulate_actions(actions, params, setup, engine, servo)
     endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
     endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
     radius = setup.workspace.reach(setup.cable.length)

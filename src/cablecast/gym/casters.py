@@ -71,9 +71,8 @@ class EngineCaster:
         xy = np.full((len(actions), 2), np.nan)
         status = np.full(len(actions), INFEASIBLE, dtype="<U16")
         if np.any(feasible):
-            chosen = CableParams.from_array(params.to_array()[feasible])
             columns = simulate_actions(
-                actions[feasible], self.setup, chosen, self.engine, self.servo
+                actions[feasible], params.rows(feasible), self.setup, self.engine, self.servo
             )
             xy[feasible] = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
             status[feasible] = columns["status"]

@@ -21,8 +21,9 @@ from cablecast.errors import InputError
 from cablecast.machine import library_versions
 from cablecast.models.correction_fit import fit_correction
 from cablecast.models.features import deviations
-from cablecast.models.forward import ForwardModel, Weights
+from cablecast.models.forward import ForwardModel
 from cablecast.models.forward_training import untrained_model
+from cablecast.models.network import Weights
 from cablecast.models.real_casts import (
     Progress,
     Rows,

@@ -8,38 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.models.correction import LandingCorrection
 from cablecast.models.landing import LandingModel
-
-# Rows per pass through the network: enough for fast products, few enough for the cache.
-_CHUNK_ROWS = 4096
+from cablecast.models.network import Weights, network_outputs, weight_tensors, weights_of_tensors
 
 # Lower bound of the relative shift, for its logarithm.
 _SHIFT_MIN = 1e-6
-
-Weights = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
-"""Matrix, shape [in, out], and offset, shape [out], of each layer."""
-
-
-def network_outputs(inputs: NDArray[np.float32], weights: Weights) -> NDArray[np.float64]:
-    """Return the outputs of a network.
-
-    Args:
-        inputs: Normalised features, shape [row, feature].
-        weights: Matrix and offset of each layer.
-
-    Returns:
-        Normalised outputs, shape [row, output].
-    """
-    outputs = np.empty((len(inputs), len(weights[-1][1])))
-    for start in range(0, len(inputs), _CHUNK_ROWS):
-        hidden = inputs[start : start + _CHUNK_ROWS]
-        for layer, (matrix, offset) in enumerate(weights):
-            hidden = hidden @ matrix + offset
-            if layer < len(weights) - 1:
-                # Far below zero exp overflows to infinity, and SiLU is then zero as it should.
-                with np.errstate(over="ignore"):
-                    hidden /= 1.0 + np.exp(-hidden)
-        outputs[start : start + _CHUNK_ROWS] = hidden
-    return outputs
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -122,20 +94,14 @@ class ForwardModel(LandingModel):
         return dataclasses.replace(self, correction=None)
 
     def _own_tensors(self) -> dict[str, NDArray]:
-        tensors: dict[str, NDArray] = {}
-        for k, (matrix, offset) in enumerate(self.weights):
-            tensors |= {f"layer{k}.matrix": matrix, f"layer{k}.offset": offset}
+        tensors = weight_tensors(self.weights)
         if self.correction is not None:
             tensors |= self.correction.tensors()
         return tensors
 
     @classmethod
     def _own_fields(cls, tensors: dict[str, NDArray]) -> dict[str, Any]:
-        layer_count = sum(name.endswith(".matrix") for name in tensors)
         return {
-            "weights": tuple(
-                (tensors[f"layer{k}.matrix"], tensors[f"layer{k}.offset"])
-                for k in range(layer_count)
-            ),
+            "weights": weights_of_tensors(tensors),
             "correction": LandingCorrection.from_tensors(tensors),
         }

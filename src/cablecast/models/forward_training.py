@@ -1,21 +1,15 @@
 """Training of the forward model on simulated casts."""
 
-import dataclasses
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.datasets.reader import Dataset
-from cablecast.machine import library_versions
 from cablecast.models.features import FEATURE_COUNT, normalization
+from cablecast.models.fitting import fit_model, split_rows
 from cablecast.models.forward import ForwardModel
-from cablecast.models.rows import dataset_summary, error_metrics, known_endpoint_rows
-from cablecast.models.torch_ import one_thread
 from cablecast.models.training import (
     TrainingCallback,
     TrainingConfig,
-    fit_network,
     initial_weights,
     normalized_casts,
 )
@@ -52,49 +46,23 @@ def train_forward_model(
         MissingExtraError: torch is not installed.
     """
     config = config or TrainingConfig()
-    rows = known_endpoint_rows(dataset)
-    actions, endpoint_xy = dataset.actions[rows], dataset.endpoint_xy[rows]
-    order = np.random.default_rng(seed).permutation(len(rows))
-    held_out_count = max(1, round(config.held_out_fraction * len(rows)))
-    held_out, training = order[:held_out_count], order[held_out_count:]
+    training, held_out = split_rows(dataset, config, seed)
+    actions, endpoint_xy = dataset.actions, dataset.endpoint_xy
     model = start.uncorrected if start is not None else None
     if model is None:
         model = untrained_model(actions[training], endpoint_xy[training], config, seed)
     model = model.with_margins(dataset)
-    began = time.monotonic()
-    with one_thread():
-        weights, curve = fit_network(
-            model.weights,
-            normalized_casts(model, actions[training], endpoint_xy[training]),
-            normalized_casts(model, actions[held_out], endpoint_xy[held_out]),
-            config=config,
-            seed=seed,
-            device=device,
-            metre=model.endpoint_scale,
-            on_epoch=on_epoch,
-        )
-    model = dataclasses.replace(model, weights=weights)
-    predicted = model.predict(actions[held_out])
-    metrics = {
-        "held_out_count": len(held_out),
-        **error_metrics("held_out", predicted, endpoint_xy[held_out], dataset.cable.length),
-        "training_count": len(training),
-        "unknown_endpoint_count": len(dataset) - len(rows),
-        "off_table_count": int(np.sum(dataset.status == "off_table")),
-        "epoch_count": len(curve),
-        "best_epoch": min(curve, key=lambda row: row["held_out_loss"])["epoch"],
-        "training_seconds": round(time.monotonic() - began, 2),
-    }
-    info = {
-        "config": dataclasses.asdict(config),
-        "seed": seed,
-        "device": device,
-        "versions": library_versions(),
-        "metrics": metrics,
-        "curve": curve,
-        "dataset": dataset_summary(dataset),
-    }
-    return dataclasses.replace(model, info=info)
+    return fit_model(
+        model,
+        dataset,
+        (training, held_out),
+        casts=lambda rows: normalized_casts(model, actions[rows], endpoint_xy[rows]),
+        predict=lambda fitted, rows: fitted.predict(actions[rows]),
+        config=config,
+        seed=seed,
+        device=device,
+        on_epoch=on_epoch,
+    )
 
 
 def untrained_model(

@@ -19,7 +19,8 @@ from cablecast.errors import CheckpointError, InputError
 from cablecast.models.cable_features import CABLE_FEATURES, cable_features
 from cablecast.models.checkpoint import digest, read_checkpoint, write_checkpoint
 from cablecast.models.features import FEATURE_COUNT, action_features
-from cablecast.models.forward import ForwardModel, Weights, network_outputs
+from cablecast.models.forward import ForwardModel
+from cablecast.models.network import Weights, network_outputs, weight_tensors, weights_of_tensors
 from cablecast.runs.settings import plain_settings
 from cablecast.setup import SECTIONS, Setup
 
@@ -241,14 +242,10 @@ class ManyCablesModel:
         checkpoint.check(cls.FORMAT)
         tensors = checkpoint.tensors
         try:
-            layer_count = sum(name.endswith(".matrix") for name in tensors)
             return cls(
                 **{name: tensors[name] for name in _ARRAYS},
                 endpoint_scale=float(tensors["endpoint_scale"][0]),
-                weights=tuple(
-                    (tensors[f"layer{k}.matrix"], tensors[f"layer{k}.offset"])
-                    for k in range(layer_count)
-                ),
+                weights=weights_of_tensors(tensors),
                 info=json.loads(checkpoint.header["info"]),
             )
         except (KeyError, ValueError, InputError) as error:
@@ -258,6 +255,5 @@ class ManyCablesModel:
         """Return all arrays by name, as stored in the checkpoint."""
         tensors: dict[str, NDArray] = {name: getattr(self, name) for name in _ARRAYS}
         tensors["endpoint_scale"] = np.array([self.endpoint_scale])
-        for k, (matrix, offset) in enumerate(self.weights):
-            tensors |= {f"layer{k}.matrix": matrix, f"layer{k}.offset": offset}
+        tensors |= weight_tensors(self.weights)
         return {name: np.ascontiguousarray(value) for name, value in tensors.items()}

@@ -1,24 +1,19 @@
 """Training of the model of many cables."""
 
-import dataclasses
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.datasets.reader import Dataset
 from cablecast.errors import InputError
-from cablecast.machine import library_versions
 from cablecast.models.cable_features import CABLE_FEATURES, cable_features
 from cablecast.models.features import FEATURE_COUNT, normalization
+from cablecast.models.fitting import fit_model, split_rows
 from cablecast.models.many_cables import POINT_COUNT, ManyCablesModel
-from cablecast.models.rows import dataset_summary, error_metrics, known_endpoint_rows
-from cablecast.models.torch_ import one_thread
+from cablecast.models.rows import dataset_summary
 from cablecast.models.training import (
     Casts,
     TrainingCallback,
     TrainingConfig,
-    fit_network,
     initial_weights,
 )
 
@@ -61,52 +56,28 @@ def train_many_cables(
     """
     if not dataset.has_many_cables:
         raise InputError("the casts are of one cable: the model of many cables needs many")
-    rows = known_endpoint_rows(dataset)
-    order = rows[np.random.default_rng(seed).permutation(len(rows))]
-    held_out_count = max(1, round(config.held_out_fraction * len(order)))
-    held_out, training = order[:held_out_count], order[held_out_count:]
-    model = _untrained(dataset, training, config, seed)
-    began = time.monotonic()
-    with one_thread():
-        weights, curve = fit_network(
-            model.weights,
-            _normalized(model, dataset, training),
-            _normalized(model, dataset, held_out),
-            config=config,
-            seed=seed,
-            device=device,
-            metre=model.endpoint_scale,
-            on_epoch=on_epoch,
-        )
-    model = dataclasses.replace(model, weights=weights)
-    predicted = model.predict(dataset.actions[held_out], dataset.params_of(held_out))
-    metrics = {
-        "held_out_count": len(held_out),
-        **error_metrics("held_out", predicted, dataset.endpoint_xy[held_out], dataset.cable.length),
-        "training_count": len(training),
-        "unknown_endpoint_count": len(dataset) - len(rows),
-        "off_table_count": int(np.sum(dataset.status == "off_table")),
-        "epoch_count": len(curve),
-        "best_epoch": min(curve, key=lambda row: row["held_out_loss"])["epoch"],
-        "training_seconds": round(time.monotonic() - began, 2),
-    }
-    info = {
-        "config": dataclasses.asdict(config),
-        "seed": seed,
-        "device": device,
-        "versions": library_versions(),
-        "metrics": metrics,
-        "curve": curve,
-        "dataset": dataset_summary(dataset),
-    }
-    return dataclasses.replace(model, info=info)
+    split = split_rows(dataset, config, seed)
+    model = _untrained(dataset, split[0], config, seed)
+    return fit_model(
+        model,
+        dataset,
+        split,
+        casts=lambda rows: _normalized(model, dataset, rows),
+        predict=lambda fitted, rows: fitted.predict(
+            dataset.actions[rows], dataset.params.rows(rows)
+        ),
+        config=config,
+        seed=seed,
+        device=device,
+        on_epoch=on_epoch,
+    )
 
 
 def _untrained(
     dataset: Dataset, training: NDArray[np.intp], config: TrainingConfig, seed: int
 ) -> ManyCablesModel:
     """Return a model with random weights and the normalisation of the training rows."""
-    cables = cable_features(dataset.params_of(training), dataset.cable)
+    cables = cable_features(dataset.params.rows(training), dataset.cable)
     input_count = FEATURE_COUNT + len(CABLE_FEATURES)
     return ManyCablesModel(
         **normalization(dataset.actions[training], dataset.endpoint_xy[training]),
@@ -120,7 +91,7 @@ def _untrained(
 
 def _normalized(model: ManyCablesModel, dataset: Dataset, rows: NDArray[np.intp]) -> Casts:
     """Return rows of a dataset as the network is trained on them."""
-    inputs = model.normalize(dataset.actions[rows], dataset.params_of(rows))
+    inputs = model.normalize(dataset.actions[rows], dataset.params.rows(rows))
     x_min, x_max, y_min, y_max = dataset.extent[rows].T
     points = np.stack([dataset.endpoint_xy[rows].T, [x_min, y_min], [x_max, y_max]])
     outputs = (points.transpose(2, 0, 1) - model.endpoint_mean) / model.endpoint_scale

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
-from cablecast.models.forward import Weights
 from cablecast.models.landing import LandingModel
+from cablecast.models.network import Weights
 from cablecast.models.torch_ import check_device, import_torch
 
 # Fraction of the steps in which the learning rate rises, and the factor by which it falls below its

@@ -101,10 +101,7 @@ class GripPath:
         piece = np.minimum(piece, np.maximum(last, 0))
         local = (clamped - self.knots[world, piece])[..., None]
         coefficients = self.coefficients[world, piece]
-        value = np.zeros((*times.shape, len(CHANNELS)))
-        for power in range(DEGREE, derivative - 1, -1):
-            factor = np.prod(np.arange(power, power - derivative, -1), dtype=float)
-            value = value * local + factor * coefficients[..., power]
+        value = _derivative(coefficients, local, derivative)
         if derivative:
             outside = (times < self.knots[:, :1]) | (times > self.knots[:, -1:])
             value[outside] = 0.0
@@ -279,18 +276,22 @@ class GripPath:
         rolls = np.zeros((world_count, piece_count + pad, DEGREE + 1))
         if self.roll is not None:
             rolls[:, :piece_count] = self.roll
-            rolls[:, piece_count:, 0] = np.sum(
-                self.roll[:, -1] * np.diff(self.knots, axis=1)[:, -1:] ** np.arange(DEGREE + 1),
-                axis=-1,
-            )[:, None]
+            last = self.knots[:, -1] - self.knots[:, -2]
+            rolls[:, piece_count:, 0] = _derivative(self.roll[:, -1], last, 0)[:, None]
         return rolls
 
 
 def _derivative(
     coefficients: NDArray[np.float64], local: NDArray[np.float64], order: int
 ) -> NDArray[np.float64]:
-    """Return a derivative of polynomials, [world, piece], at a time within each piece [s]."""
-    value = np.zeros(local.shape)
+    """Return a derivative of polynomials.
+
+    Args:
+        coefficients: Coefficients, lowest first, shape [..., 6].
+        local: Time within each piece [s], a shape that spreads over the leading one.
+        order: Order of the derivative.
+    """
+    value = np.zeros(coefficients.shape[:-1])
     for power in range(DEGREE, order - 1, -1):
         factor = np.prod(np.arange(power, power - order, -1), dtype=float)
         value = value * local + factor * coefficients[..., power]

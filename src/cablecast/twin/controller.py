@@ -59,6 +59,7 @@ class Controller:
         if robot is None:
             raise InputError("a twin needs a lab file with a robot section")
         self.setup = setup
+        self.robot = robot
         self.is_e_series = is_e_series
         self.dt = 0.002 if is_e_series else 0.008
         self.version = E_SERIES_VERSION if is_e_series else CB3_VERSION

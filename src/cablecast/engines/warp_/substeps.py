@@ -64,12 +64,8 @@ def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
     """
     if values is None or isinstance(values, (int, float)):
         return values
-    if isinstance(values, Material):
+    if isinstance(values, (Material, CableParams)):
         return values.rows(worlds)
-    if isinstance(values, CableParams):
-        if values.world_count is None:
-            return values
-        return CableParams.from_array(values.to_array()[worlds])
     if isinstance(values, CableState):
         if values.world_count == 1:
             return values

@@ -203,7 +203,9 @@ class _Group:
             )
         except SimulationError as error:
             self.broken[np.asarray(error.ids, dtype=int)] = True
-        tip = self._vertices(self.qpos, active)[:, -1]
+        # No index array where all trials run: it would copy.
+        rows = slice(None) if len(active) == self.count else active
+        tip = self.qpos[rows, self.scene.vertex_slice][:, -3:] + self.scene.vertex_origin[-1]
         on_table = self.lab._setup.workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
         self.off_table[active] = ~on_table
         return end
