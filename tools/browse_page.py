@@ -154,9 +154,12 @@ class TablePage:
 
     def hide_notices(self) -> None:
         """Close the browser's own notices, such as that it draws in software."""
-        notices = self.tab.locator(".mantine-Notification-closeButton")
-        while notices.count():
-            notices.first.click()
+        buttons = ".mantine-Notification-closeButton"
+        # All at once, in the page: notices vanish by themselves, too, and none must be waited for.
+        while self.tab.locator(buttons).count():
+            self.tab.evaluate(
+                "buttons => document.querySelectorAll(buttons).forEach(b => b.click())", buttons
+            )
             time.sleep(0.3)
 
     def picture(self, path: pathlib.Path) -> pathlib.Path:
