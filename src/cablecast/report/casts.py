@@ -102,19 +102,27 @@ def _title(trial: TargetCast, error_pct: float) -> str:
 
 
 def _draw_cast(axes: "Axes", trial: TargetCast, scale) -> None:
+    from matplotlib.collections import LineCollection
+
     track = trial.track
     if track.nodes is not None:
-        last = len(track.times) - 1
-        for step, (time, nodes) in enumerate(zip(track.times, track.nodes, strict=True)):
-            axes.plot(
-                nodes[:, 0],
-                nodes[:, 1],
-                color=scale.to_rgba(time),
-                linewidth=1.9 if step == last else 0.7,
-                alpha=1.0 if step == last else 0.75,
-                solid_capstyle="round",
-                zorder=3 if step == last else 2,
-            )
+        # One collection: a line for each shape would take seconds.
+        shapes = LineCollection(
+            list(track.nodes[:-1, :, :2]),
+            colors=scale.to_rgba(track.times[:-1]),
+            linewidths=0.7,
+            alpha=0.75,
+            capstyle="round",
+            zorder=2,
+        )
+        axes.add_collection(shapes)
+        axes.plot(
+            *track.nodes[-1, :, :2].T,
+            color=scale.to_rgba(track.times[-1]),
+            linewidth=1.9,
+            solid_capstyle="round",
+            zorder=3,
+        )
     path = trial.trajectory.grip_path
     grip = path.evaluate(np.linspace(0.0, float(path.duration[0]), _GRIP_SAMPLES))[0]
     axes.plot(grip[:, 0], grip[:, 1], color=INK, linewidth=1.3, linestyle=(0, (1, 1)), zorder=4)

@@ -152,12 +152,11 @@ def draw_workspace(
     )
     x_lines, y_lines = _multiples(-half_width, half_width), _multiples(y_min, y_max)
     if grid:
-        line: dict[str, Any] = {"color": FAINT, "linewidth": 0.6, "zorder": 0.5}
+        line: dict[str, Any] = {"colors": FAINT, "linewidth": 0.6, "zorder": 0.5}
         # Not over the edges, which are darker.
-        for x in x_lines[np.abs(x_lines) < half_width]:
-            axes.plot([x, x], [y_min, y_max], **line)
-        for y in y_lines[(y_lines > y_min) & (y_lines < y_max)]:
-            axes.plot([-half_width, half_width], [y, y], **line)
+        axes.vlines(x_lines[np.abs(x_lines) < half_width], y_min, y_max, **line)
+        inner = y_lines[(y_lines > y_min) & (y_lines < y_max)]
+        axes.hlines(inner, -half_width, half_width, **line)
     axes.add_patch(Circle((0.0, 0.0), _BASE_RADIUS, facecolor=INK, edgecolor="none", zorder=6))
     axes.set_aspect("equal")
     for side in axes.spines.values():
