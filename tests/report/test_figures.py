@@ -118,13 +118,15 @@ def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
 
 
 def test_the_coverage_is_shaded_on_both_halves_of_the_table(make_evaluation):
+    from matplotlib.contour import ContourSet
+
     figure = landing_map(
         make_evaluation(),
         Workspace(),
         simulated_xy=np.array([[0.5, 0.8]]),
         simulated_radius=0.05,
     )
-    (shade,) = figure.axes[0].collections
+    (shade,) = (c for c in figure.axes[0].collections if isinstance(c, ContourSet))
     outline = np.concatenate([path.vertices for path in shade.get_paths()])
     # The outline of a disc of 5 cm, drawn in cells of 1 cm.
     assert outline[:, 0].max() == pytest.approx(0.55, abs=0.01)
@@ -154,6 +156,7 @@ def test_a_frame_shows_the_cable_at_every_sample_and_the_whole_path_of_the_gripp
     evaluation = make_evaluation()
     axes = cast_frames(evaluation, Workspace(), [3]).axes[0]
     drawn = [line.get_xydata() for line in axes.lines]
+    drawn += [path.vertices for shapes in axes.collections for path in shapes.get_paths()]
     for nodes in evaluation.trials[3].track.nodes:
         assert any(len(xy) == len(nodes) and np.allclose(xy, nodes[:, :2]) for xy in drawn)
     path = evaluation.trials[3].trajectory.grip_path
