@@ -120,7 +120,8 @@ class TwinLaboratory:
         self._make_faults()
         poses = controller.tick()
         if self.cable is not None:
-            trial = self.cable.update(poses, controller.arm.dt, controller.at_rest)
+            is_reset = self._phase[0] == "reset"
+            trial = self.cable.update(poses, controller.arm.dt, controller.at_rest, is_reset)
             if trial is not None:
                 controller.arm.prepare(trial)
                 controller.log("cable laid down", number=self.cable.trial_count)

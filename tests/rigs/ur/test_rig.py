@@ -25,7 +25,7 @@ from cablecast.track import TrialStatus
 from cablecast.twin.truth import TruthCamera
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
-RATE = 4.0
+RATE = 12.0
 # RigVirtual with the same segments, trial and cast lands there; the twin's servos are stepped with
 # set points as they come, which moves a landing by millimetres.
 LANDING_TOLERANCE = 0.02
@@ -47,7 +47,7 @@ class RigQuick(RigUR):
 @pytest.fixture(scope="module")
 def stick(make_twin):
     """Run a twin whose arm holds a stick."""
-    return make_twin({"settle_time": 0.5}, has_cable=False)
+    return make_twin({"settle_time": 0.5}, has_cable=False, rate=3.0)
 
 
 def quick_rig(stick, **changes):

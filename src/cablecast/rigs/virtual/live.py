@@ -185,13 +185,17 @@ class LiveCable:
         nodes[2:, 2] = self._scene.end_height
         return nodes
 
-    def update(self, poses: Array, dt: float, at_rest: bool) -> Trial | None:
+    def update(
+        self, poses: Array, dt: float, at_rest: bool, is_reset: bool = False
+    ) -> Trial | None:
         """Follow the grip.
 
         Args:
             poses: x, y, z [m], yaw, pitch [rad] of the grip every `dt`, shape [step, 5].
             dt: Step, that of the laboratory [s].
             at_rest: True where the arm rests.
+            is_reset: True while the arm brings the cable back, which is carried as if it were
+                stiff: how a reset ends is drawn, and to simulate it would take as long as a cast.
 
         Returns:
             Draw of the trial that begins, where a cable was laid down; otherwise None.
@@ -204,7 +208,10 @@ class LiveCable:
         if self.was_away and at_rest and off.max() < _RESET_REACH:
             return self._lay_down(pose)
         moved = np.abs(pose - self._poses[-1]).max() > 1e-6
-        if not self.was_away or self.is_simulated:
+        if is_reset and moved:
+            self.was_away, self.is_simulated = True, False
+            self._carry(pose)
+        elif not self.was_away or self.is_simulated:
             if moved or self.is_simulated or self.time < self._settle_until:
                 self._simulate(poses)
                 self._judge_rest(moved)
