@@ -44,7 +44,7 @@ SCRIPT_BUDGET = {
     '"virtual"': '"engine"',
     "cc.tune(casts)": "cc.tune(casts, segment_count=12, dt=0.002)",
     "count=4000": "count=400",
-    "epochs=30": "epochs=5",
+    "epochs=30": "epochs=5, candidate_count=300",
 }
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,10 @@ samples is less than 2 % higher (measured in tests/motion/test_feasibility.py)."
 _PARTS = np.linspace(0.0, 1.0, 5)
 # Actions per chunk: keeps the intermediate arrays in the processor's cache.
 _CHUNK = 256
+
+_GRIDS_KEPT = 4
+_grids: dict[tuple[Any, ...], NDArray[np.float64]] = {}
+"""The last grids: all policies of a set-up have the same candidates, which take seconds to find."""
 ACTION_COUNT_MAX = 1_000_000
 """Largest number of actions per search; their grid has to fit into memory."""
 
@@ -215,6 +220,15 @@ def feasible_grid(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
     ranges = ranges or ActionRanges.for_config(setup.motion)
+    key = (count, setup.motion, setup.arm, setup.workspace, ranges, seed)
+    if key not in _grids:
+        while len(_grids) >= _GRIDS_KEPT:
+            _grids.pop(next(iter(_grids)), None)
+        _grids[key] = _find_grid(count, setup, ranges, seed)
+    return _grids[key].copy()
+
+
+def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDArray[np.float64]:
     probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), setup)
     share = float(np.mean(probe.mask))
     if share == 0.0:
