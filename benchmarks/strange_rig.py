@@ -144,7 +144,7 @@ class StrangeRig(RigLifecycle):
     def _status(self, xy: NDArray[np.float64], trajectory: Trajectory) -> TrialStatus:
         if not np.isfinite(xy).all():
             return TrialStatus.NON_FINITE
-        if not self.setup.workspace.on_table(xy).all():
+        if not self.setup.workspace.on_table(xy[-1]):
             return TrialStatus.OFF_TABLE
         path = trajectory.grip_path
         grip = path.evaluate(path.duration[None, :1])[0, 0, :2]

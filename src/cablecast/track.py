@@ -14,10 +14,14 @@ if TYPE_CHECKING:
 
 
 class TrialStatus(enum.Enum):
-    """End of a trial; the value is a sentence with advice for the user."""
+    """End of a trial; the value is a sentence with advice for the user.
+
+    Off the table is a cast whose endpoint came to rest beyond the edge, or left the table and was
+    not seen again. One that passed over the edge and came back has landed.
+    """
 
     OK = "The endpoint came to rest on the table and was seen."
-    OFF_TABLE = "The endpoint left the table: choose a slower or narrower motion."
+    OFF_TABLE = "The endpoint ended beyond the table's edge: choose a slower or narrower motion."
     OCCLUDED = (
         "The endpoint was hidden from the camera at the end: move the arm away and look again."
     )

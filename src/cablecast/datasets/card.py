@@ -16,9 +16,10 @@ _TITLES = {
 }
 
 _SIMULATED = (
-    "The simulated plane has no edge: a row whose free end left the table at any time has the "
-    "status `off_table` and keeps its resting point on the plane. A row of status `non_finite` has "
-    "no resting point."
+    "The simulated plane has no edge: a row whose free end rests beyond that of the table has the "
+    "status `off_table` and keeps its resting point on the plane; the columns of the path's extent "
+    "tell of those that left the table on their way. A row of status `non_finite` has no resting "
+    "point."
 )
 _ON_A_RIG = (
     "Only a row of status `ok` has a resting point. The track holds NaN where the free end was not "

@@ -236,7 +236,7 @@ def _poses(
 def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:
     """Return how a cast ended: off the table, at rest in sight, or unknown."""
     seen = np.all(np.isfinite(xy), axis=1)
-    if np.any(seen & ~workspace.on_table(xy)):
+    if not workspace.on_table(xy[seen][-1]):
         return TrialStatus.OFF_TABLE
     late = seen & (times >= times[-1] - _REST_TIME)
     if not seen[-1] or np.ptp(xy[late], axis=0).max() > _REST_DISTANCE:

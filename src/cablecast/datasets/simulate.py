@@ -234,8 +234,8 @@ def simulate_actions(
     track = rollout.endpoint_xy
     finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
     endpoint_xy = np.where(finite[:, None], track[:, -1], np.nan)
-    stayed = np.all(setup.workspace.on_table(track), axis=1)
-    codes = np.where(stayed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
+    landed = setup.workspace.on_table(track[:, -1])
+    codes = np.where(landed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
     status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
     extent = np.where(finite[:, None], track_extent(track), np.nan)
     own = {} if params.world_count is None else {n: getattr(params, n) for n in params.names()}

@@ -54,7 +54,7 @@ class Coverage:
         motion: Combination of system parameters: r0 and v_max.
         counts: Number of values of each action variable in the grid; four with psi.
         feasible_count: Number of actions of the grid that the arm can follow.
-        off_table_share: Share of feasible actions whose free end left the table on its way [-].
+        off_table_share: Share of feasible actions whose free end ends beyond the table's edge [-].
         endpoint_xy: Resting points of the free end for these actions [m], shape [action, 2].
         hulls_xy: Closed outlines of the concave hull's parts within the half disc [m], each of
             shape [vertex, 2].

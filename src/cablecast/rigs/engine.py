@@ -123,7 +123,9 @@ class RigEngine(RigLifecycle):
 
 
 def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialStatus:
-    """Return how a simulated trial ended, judged from the whole path of its endpoint.
+    """Return how a simulated trial ended.
+
+    The simulated plane has no edge: an endpoint that ends beyond that of the table has left it.
 
     Args:
         endpoint_xy: Path of the endpoint [m], shape [step, 2].
@@ -131,6 +133,6 @@ def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialSt
     """
     if not np.all(np.isfinite(endpoint_xy)):
         return TrialStatus.NON_FINITE
-    if not np.all(workspace.on_table(endpoint_xy)):
+    if not workspace.on_table(endpoint_xy[-1]):
         return TrialStatus.OFF_TABLE
     return TrialStatus.OK
