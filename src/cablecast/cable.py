@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.checks import check_keys, check_name, check_number, check_ranges
 from cablecast.errors import InputError, UnknownNameError, UnreadableFileError
 from cablecast.files import write_text
-from cablecast.material import MATERIAL_BOUNDS, Material
+from cablecast.material import Material
 from cablecast.reading import read_yaml
 
 
@@ -229,6 +229,10 @@ class Cable:
         """Half the diameter [m], the height of the axis of a lying cable."""
         return self.diameter / 2
 
+    def with_material(self, material: Material | None) -> "Cable":
+        """Return the cable with another material; as it is where None."""
+        return self if material is None else dataclasses.replace(self, material=material)
+
     def to_dict(self) -> dict:
         """Return plain values for a config or YAML file."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
@@ -258,12 +262,12 @@ class Cable:
         except ValueError as error:
             choices = ", ".join(a.value for a in Attachment)
             raise InputError(f"{str(error)[:80]}: one of {choices}") from None
-        given = check_keys(values.pop("material", {}), set(MATERIAL_BOUNDS), "cable material")
+        material = Material.from_dict(values.pop("material", {}))
         return cls(
             **values,
             attachment=attachment,
             params=CableParams(**params),
-            material=Material(**given),
+            material=material,
         )
 
 

@@ -1,10 +1,12 @@
 """Material: damping and curl of a cable, beside the ten parameters of the paper."""
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.checks import check_keys, check_number
 from cablecast.errors import InputError
 
 MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
@@ -57,6 +59,18 @@ class Material:
         """Return the values of some worlds."""
         values = {name: getattr(self, name) for name in MATERIAL_BOUNDS}
         return Material(**{name: v if np.ndim(v) == 0 else v[worlds] for name, v in values.items()})
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, float]) -> "Material":
+        """Return the material of `to_dict`; what is missing does nothing.
+
+        Raises:
+            InputError: A key is unknown, or a value is no number or out of bounds.
+        """
+        given = check_keys(values, set(MATERIAL_BOUNDS), "cable material")
+        return cls(
+            **{name: check_number(name, v, *MATERIAL_BOUNDS[name]) for name, v in given.items()}
+        )
 
     def to_dict(self) -> dict[str, float]:
         """Return plain values for a file.

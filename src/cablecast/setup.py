@@ -15,6 +15,7 @@ from cablecast.camera.settings import CameraSettings
 from cablecast.checks import check_keys, check_ranges
 from cablecast.errors import InputError, UnknownNameError
 from cablecast.files import write_text
+from cablecast.material import Material
 from cablecast.reading import read_yaml
 from cablecast.workspace import Workspace
 
@@ -166,6 +167,10 @@ class Setup:
         1.2
         """
         return dataclasses.replace(self, motion=dataclasses.replace(self.motion, **changes))
+
+    def with_material(self, material: Material | None) -> "Setup":
+        """Return the set-up with a cable of another material; as it is where None."""
+        return dataclasses.replace(self, cable=self.cable.with_material(material))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values by section, which `from_dict` reads."""

@@ -133,7 +133,7 @@ def test_a_cast_without_a_landing_says_why(desk, own):
     own.status = TrialStatus.OFF_TABLE
     desk.aim(TARGET)
     assert np.isnan(desk.cast().miss_pct)
-    assert "left the table" in desk.message
+    assert "beyond the table" in desk.message
 
 
 def test_nobody_casts_or_aims_while_the_arm_moves(desk, own):

@@ -21,6 +21,7 @@ from cablecast.datasets.schema import (
 from cablecast.datasets.writer import DatasetWriter
 from cablecast.engines.base import SETTLE_TIME, Engine
 from cablecast.errors import InputError
+from cablecast.material import Material
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_uniform
@@ -55,6 +56,7 @@ def simulate_dataset(
     seed: int = 0,
     ranges: ActionRanges | None = None,
     servo: ServoModel | None = None,
+    material: Material | None = None,
     shard_rows: int = SHARD_ROWS,
     workers: str = LOCAL,
     progress: CountCallback | None = None,
@@ -72,6 +74,7 @@ def simulate_dataset(
         seed: Seed of the choice of actions among the feasible ones.
         ranges: Ranges of the actions; those that suit the set-up where None.
         servo: Servo of the simulated arm; it follows its set points exactly where None.
+        material: Material of the simulated cable; that of the set-up where None.
         shard_rows: Rows of each shard.
         workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
             rows are equal to the bit on processors of one kind.
@@ -88,15 +91,13 @@ def simulate_dataset(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_count("shard_rows", shard_rows)
     check_seed(seed)
-    remade = getattr(engine, "remade", None)
-    is_remote = check_workers(workers) != LOCAL
-    if is_remote and remade is None:
-        raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
+    remade = _remade(engine, workers)
     params = setup.cable.params if params is None else params
     ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
     actions = _choose_actions(count, setup, params, ranges, seed)
     settings = {
         **_settings(setup, params, engine, ranges, servo),
+        **({} if material is None else {"material": material.to_dict()}),
         "count": count,
         "seed": seed,
         "actions_sha256": actions_digest(actions),
@@ -111,10 +112,10 @@ def simulate_dataset(
             if progress is not None:
                 progress(done, count)
             tasks = [(shard, _part(actions, params, writer.rows_of(shard))) for shard in missing]
-            function, shared = simulate_actions, (setup, engine, servo)
-            if is_remote and remade is not None:
-                # Kernels do not travel: each worker makes the engine anew, for its one core.
-                function, shared = _simulate_remotely, (setup, remade(), servo)
+            played = setup.with_material(material)
+            function, shared = simulate_actions, (played, engine, servo)
+            if remade is not None:
+                function, shared = _simulate_remotely, (played, remade, servo)
             for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
@@ -179,6 +180,16 @@ def _params_settings(params: CableParams) -> dict[str, Any]:
     # Significant digits, because stiffnesses are far below 1.
     digits = "\n".join(f"{value:.9e}" for value in params.to_array().ravel())
     return {"params_sha256": hashlib.sha256(digits.encode()).hexdigest()[:16]}
+
+
+def _remade(engine: Engine, workers: str) -> tuple[type, dict[str, Any]] | None:
+    """Return what workers make the engine of, for kernels do not travel; None where none do."""
+    if check_workers(workers) == LOCAL:
+        return None
+    remade = getattr(engine, "remade", None)
+    if remade is None:
+        raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
+    return remade()
 
 
 def _part(

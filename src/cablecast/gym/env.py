@@ -98,7 +98,8 @@ def _make(
         return made
 
     if rig == "engine":
-        return task, EngineCaster(make_engine(device=device), setup, tuned.servo)
+        played = setup.with_material(tuned.material)
+        return task, EngineCaster(make_engine(device=device), played, tuned.servo)
     return task, RigCaster(make_rig(rig, setup, rig_seed))
 
 

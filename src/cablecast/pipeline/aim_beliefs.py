@@ -55,7 +55,7 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         paths = tuned.servo.apply(paths, setup.arm)
     rows = np.repeat(np.arange(_SPREAD_ACTIONS), _SPREAD_DRAWS)
     rollout = make_engine(*_SPREAD_ENGINE).rollout(
-        setup.cable,
+        setup.cable.with_material(tuned.material),
         CableParams.from_array(np.tile(draws, (_SPREAD_ACTIONS, 1))),
         paths[rows],
         duration=float(paths.duration.max()) + SETTLE_TIME,

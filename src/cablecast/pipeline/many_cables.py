@@ -182,6 +182,7 @@ def policy_for_cable(
         **setup.to_settings(),
         "method": "many cables",
         "params": known.params.to_dict(),
+        **({} if known.material is None else {"material": known.material.to_dict()}),
         "start_fingerprint": model.fingerprint,
         "refine": {"count": refine, "segment_count": segment_count, "dt": dt} if refine else None,
         "candidate_count": candidate_count,

@@ -96,6 +96,7 @@ def select(
         **setup.to_settings(),
         "params": tuned.params.to_dict(),
         "servo": None if tuned.servo is None else tuned.servo.to_dict(),
+        **({} if tuned.material is None else {"material": tuned.material.to_dict()}),
         "repeatability": rows,
         "scatter_max_pct": scatter_max_pct,
         "grid": grid,
@@ -183,7 +184,7 @@ class _Survey:
                 )
             )
             return measure_coverage(
-                self.setup.with_motion(r0=r0, v_max=v_max),
+                self.setup.with_motion(r0=r0, v_max=v_max).with_material(self.tuned.material),
                 self.tuned.params,
                 make_engine(device=self.device),
                 counts,

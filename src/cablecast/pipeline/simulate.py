@@ -69,6 +69,7 @@ def simulate(
             seed=seed,
             ranges=ActionRanges.for_config(setup.motion, psi),
             servo=tuned.servo,
+            material=tuned.material,
             workers=workers,
             progress=resumed_counter(progress, task, "casts"),
         )

@@ -173,6 +173,7 @@ def _search(
         setup=casts.setup,
         params=result.params,
         servo=None if servo is None else servo.model,
+        material=result.material,
         posterior=result.posterior,
         metrics=metrics,
         path=pathlib.Path(run.path) if keep else None,
@@ -220,19 +221,17 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
 
 def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult") -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
-    import numpy as np
-
-    from cablecast.cable import CableParams
     from cablecast.report.style import png_bytes
     from cablecast.report.tracks import chosen_tracks, track_panels
     from cablecast.tuning.objective import TrackObjective
 
     cable = casts.cable
-    both = CableParams.from_array(np.stack([cable.params.to_array(), result.params.to_array()]))
-    xy, _ = TrackObjective(engine, cable, validation).tracks_of(both)
+    fitted = cable.with_material(result.material)
+    believed, _ = TrackObjective(engine, cable, validation).tracks_of(cable.params)
+    tuned, _ = TrackObjective(engine, fitted, validation).tracks_of(result.params)
     figure = track_panels(
         validation,
-        [("default parameters", xy[0, :, :-1]), ("tuned parameters", xy[1, :, :-1])],
+        [("default parameters", believed[0, :, :-1]), ("tuned parameters", tuned[0, :, :-1])],
         casts.setup.workspace,
         chosen_tracks(result.validation.mean[1]),
         cable.length,

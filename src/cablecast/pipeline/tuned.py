@@ -6,6 +6,7 @@ from typing import Any
 
 from cablecast.cable import CableParams
 from cablecast.errors import InputError
+from cablecast.material import Material
 from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
 from cablecast.tuning.posterior import ParamPosterior
@@ -19,6 +20,7 @@ class Tuned:
         setup: Set-up of the casts that it was tuned to.
         params: Parameters of the cable.
         servo: Servo of the arm; None where no joints were reported.
+        material: Material of the cable that the casts asked for; None for that of the set-up.
         posterior: What is known of the parameters; None for a search, which does not tell.
         metrics: Distances before and after, search history and the like, as metrics.json holds
             them; empty where nothing was searched.
@@ -28,6 +30,7 @@ class Tuned:
     setup: Setup
     params: CableParams
     servo: ServoModel | None = None
+    material: Material | None = None
     posterior: ParamPosterior | None = None
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     path: pathlib.Path | None = None
@@ -64,12 +67,13 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import read_params, read_posterior, read_servo
+    from cablecast.tuning.result import read_material, read_params, read_posterior, read_servo
 
     return Tuned(
         setup=setup,
         params=read_params(path, setup.cable),
         servo=read_servo(path),
+        material=read_material(path),
         posterior=read_posterior(path),
         path=pathlib.Path(path),
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.engines.base import Engine
+from cablecast.tuning.damping import choose_damping
 from cablecast.tuning.least_squares import (
     MISFIT_START,
     FitConfig,
@@ -15,7 +16,7 @@ from cablecast.tuning.least_squares import (
     TrackFit,
     run_fit,
 )
-from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.objective import TrackDistances, TrackObjective
 from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
 from cablecast.tuning.prior import ParamPrior
 from cablecast.tuning.search_space import SearchSpace
@@ -56,15 +57,18 @@ def fit_params(
     config = config or FitConfig()
     began = time.monotonic()
     coarse = TrackObjective(coarse_engine, cable, training)
-    fine = TrackObjective(engine, cable, training)
-    held_out = fine if validation is None else TrackObjective(engine, cable, validation)
     space = SearchSpace.for_cable(cable)
     report = _Report(config, cable.length, progress, began)
     prior = ParamPrior.for_cable(cable, space)
     fit = TrackFit(coarse, space, prior)
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    coarse_count = fit.simulation_count
+    damping = choose_damping(
+        cable, training, coarse_engine, space, prior, state, report.another(COARSE)
+    )
+    coarse_count, state = report.count, damping.state
+    fitted = cable.with_material(damping.material)
+    fine = TrackObjective(engine, fitted, training)
     points = state.best(config.fine_start_count).points
     for attempt in range(WIDEN_MAX + 1):
         prior = ParamPrior.for_cable(cable, space)
@@ -81,14 +85,20 @@ def fit_params(
         report.extend(config.fine_iterations)
     best = state.best(len(state.points))
     params = posterior.params
-    both = CableParams.from_array(np.stack([cable.params.to_array(), params.to_array()]))
+
+    def distances(tracks: MeasuredTracks) -> TrackDistances:
+        believed = TrackObjective(engine, cable, tracks).distances(cable.params)
+        return believed.beside(TrackObjective(engine, fitted, tracks).distances(params))
+
     return TuneResult(
         params=params,
+        material=damping.material,
+        damping_evidence=damping.evidence,
         population=space.to_params(best.points),
         population_losses=fine.distances(space.to_params(best.points)).loss,
         space=space,
-        training=fine.distances(both),
-        validation=held_out.distances(both),
+        training=distances(training),
+        validation=distances(training if validation is None else validation),
         training_status=training.status,
         validation_status=(training if validation is None else validation).status,
         simulation_count=report.count,
@@ -156,6 +166,15 @@ class _Report:
         self.before = 0
         self.count = 0
         self.history: list[tuple[str, float, float]] = []
+
+    def another(self, stage: str) -> Callable[[TrackFit], Callable[[FitState], None]]:
+        """Return what gives the callback of one more fit of a stage."""
+
+        def begin(fit: TrackFit) -> Callable[[FitState], None]:
+            self.before = self.count
+            return self.step(stage, fit)
+
+        return begin
 
     def extend(self, steps: int) -> None:
         """Announce more steps: a range was widened."""

@@ -31,6 +31,13 @@ class TrackDistances:
     final: NDArray[np.float64]
     finite: NDArray[np.bool_]
 
+    def beside(self, other: "TrackDistances") -> "TrackDistances":
+        """Return the candidates of both, these first; the trials must be the same."""
+        fields = [field.name for field in dataclasses.fields(self)]
+        return TrackDistances(
+            **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in fields}
+        )
+
     @property
     def loss(self) -> NDArray[np.float64]:
         """Equation 4: mean over trials of the mean distance over samples [m], shape [candidate]."""

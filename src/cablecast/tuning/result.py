@@ -12,8 +12,10 @@ from cablecast.checks import check_keys, check_name, check_number
 from cablecast.conventions import finite_or_none
 from cablecast.errors import DamagedFileError, InputError
 from cablecast.files import write_json
+from cablecast.material import Material
 from cablecast.motion.servo import ServoModel
 from cablecast.reading import CHECKSUM_KEY, read_json, read_sealed, seal
+from cablecast.tuning.damping import DAMPING_TIMES
 from cablecast.tuning.objective import TrackDistances
 from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tune import TuneResult
@@ -55,6 +57,11 @@ def params_file(
         "derived": {name: float(value(result.params)) for name, value in _DERIVED.items()},
         "spread": _spread(result.population),
         "servo": None if servo is None else servo.to_dict(),
+        "material": None if result.material is None else result.material.to_dict(),
+        "damping_evidence": [
+            {"damping_time": time, "evidence": evidence}
+            for time, evidence in zip(DAMPING_TIMES, result.damping_evidence, strict=False)
+        ],
         "posterior": None if result.posterior is None else result.posterior.to_dict(),
         "open": [] if result.posterior is None else result.posterior.sentences(),
         "search_range": result.space.to_dict(),
@@ -174,6 +181,26 @@ def read_servo(path: str | pathlib.Path) -> ServoModel | None:
         return None
     try:
         return ServoModel.from_dict(stored)
+    except (InputError, OverflowError) as error:
+        raise _refusal(file, error) from None
+
+
+def read_material(path: str | pathlib.Path) -> Material | None:
+    """Read the material that the casts asked for; None for that of the cable.
+
+    Args:
+        path: params.json, or its folder.
+
+    Raises:
+        InputError: There is no such file, or it is damaged.
+        UnreadableFileError: The system refuses to read it.
+    """
+    file, values = _read(path)
+    stored = values.get("material")
+    if stored is None:
+        return None
+    try:
+        return Material.from_dict(stored)
     except (InputError, OverflowError) as error:
         raise _refusal(file, error) from None
 

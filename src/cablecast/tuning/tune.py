@@ -11,6 +11,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_count, check_ranges, check_seed
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError
+from cablecast.material import Material
 from cablecast.runs.parts import Parts
 from cablecast.tuning.checkpoint import Checkpoint
 from cablecast.tuning.objective import TrackDistances, TrackObjective
@@ -133,6 +134,8 @@ class TuneResult:
         seconds: Duration of the search, summed over interrupted runs [s].
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
         posterior: What is known of the parameters; None for a search, which does not tell.
+        material: Material that the casts ask for; None for that of the cable.
+        damping_evidence: Evidence for each damping time that was tried, see `Damping`.
     """
 
     params: CableParams
@@ -148,6 +151,8 @@ class TuneResult:
     seconds: float
     history: list[tuple[str, float, float]]
     posterior: ParamPosterior | None = None
+    material: Material | None = None
+    damping_evidence: tuple[float, ...] = ()
 
 
 def split_tracks(

@@ -17,6 +17,7 @@ from cablecast.cable import CableParams
 from cablecast.datasets.reader import settings_object
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, TargetError
+from cablecast.material import Material
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import Feasibility, check_grip_paths
 from cablecast.motion.servo import ServoModel
@@ -92,7 +93,7 @@ class Desk:
         self.setup: Setup = rig.setup
         self.album = album or Album()
         self._session: AimSession | None = None
-        self._params, self._servo = self.setup.cable.params, None
+        self._cable, self._params, self._servo = self.setup.cable, self.setup.cable.params, None
         self._lock = threading.RLock()
         self._casting = False
         self.preview: Preview | None = None
@@ -161,6 +162,9 @@ class Desk:
                 self._params = settings_object(_params_of, info, "params", "the model")
             if settings.get("servo") is not None:
                 self._servo = settings_object(ServoModel.from_dict, info, "servo", "the model")
+            if settings.get("material") is not None:
+                material = settings_object(Material.from_dict, info, "material", "the model")
+                self._cable = self.setup.cable.with_material(material)
             if self.album.undone:
                 self._forget_undone()
 
@@ -292,7 +296,7 @@ class Desk:
         if self._servo is not None:
             path = self._servo.apply(path, self.setup.arm)
         rollout = (engine or self.engine).rollout(
-            self.setup.cable,
+            self._cable,
             self.params if params is None else params,
             path,
             sample_dt=FRAME_DT,
