@@ -12,6 +12,7 @@ NAMES = {
     "sensitivity": "error of the landing beside the cast's own sensitivity",
     "validation": "closed forms; writes docs/validation.md",
     "figures": "the figure of docs/engine.md",
+    "damping": "fits with and without a damping time of the material, on casts",
     "mocap": "motion capture of cables held at both ends, beside published figures",
     "casts": "error at targets against the number of real casts and corrections",
     "cables": "one model for many cables beside a model for each",

@@ -7,7 +7,7 @@ import pytest
 
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.material import Material
-from cablecast.tuning.damping import DAMPING_TIMES, EVIDENCE_MIN, TRACKS_MIN
+from cablecast.tuning.damping import EVIDENCE_MIN, TRACKS_MIN
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.objective import TrackObjective
@@ -35,16 +35,16 @@ def fitted(cable, damped):
 
 def test_the_damping_time_of_a_damped_cable_is_found(fitted):
     assert fitted.material == DAMPED
-    assert len(fitted.damping_evidence) == len(DAMPING_TIMES)
-    assert fitted.damping_evidence[DAMPING_TIMES.index(0.03)] == max(fitted.damping_evidence)
-    assert max(fitted.damping_evidence) > EVIDENCE_MIN
+    assert tuple(fitted.damping_evidence) == CONFIG.damping_times
+    assert fitted.damping_evidence[0.03] == max(fitted.damping_evidence.values())
+    assert fitted.damping_evidence[0.03] > EVIDENCE_MIN
 
 
 def test_a_cable_that_rates_of_damping_explain_gets_none(cable, tracks):
     engine = EngineWarp(**COARSE)
     result = fit_params(cable, tracks, None, engine, engine, CONFIG)
     assert len(tracks) >= TRACKS_MIN
-    assert max(result.damping_evidence) < EVIDENCE_MIN
+    assert max(result.damping_evidence.values()) < EVIDENCE_MIN
     assert result.material is None
 
 
@@ -53,8 +53,10 @@ def test_nothing_is_tried_with_a_handful_of_casts_or_where_the_cable_says_it(cab
     few = fit_params(cable, damped[np.arange(3)], None, engine, engine, CONFIG)
     told = dataclasses.replace(cable, material=DAMPED)
     known = fit_params(told, damped, None, engine, engine, CONFIG)
-    for result in (few, known):
-        assert result.damping_evidence == ()
+    unwanted = dataclasses.replace(CONFIG, damping_times=())
+    told_not_to = fit_params(cable, damped, None, engine, engine, unwanted)
+    for result in (few, known, told_not_to):
+        assert not result.damping_evidence
         assert result.material is None
 
 

@@ -7,21 +7,13 @@ up if the tracks are then more likely by a factor that chance does not explain.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from cablecast.cable import Cable
-from cablecast.engines.base import Engine
 from cablecast.material import Material
 from cablecast.tuning.least_squares import TRACK_WEIGHT, FitState, TrackFit, run_fit
 from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.search_space import SearchSpace
-from cablecast.tuning.tracks import MeasuredTracks
-
-DAMPING_TIMES = (0.003, 0.01, 0.03)
-"""Damping times that are tried [s]. Casts tell factors of three apart, and hardly less."""
 
 EVIDENCE_MIN = 3.0
 """Logarithm of the factor by which the tracks must be more likely with a damping time."""
@@ -40,22 +32,19 @@ class Damping:
     Attributes:
         material: Material to simulate with; None for that of the cable.
         state: Points of the fit with it.
-        evidence: Logarithm of the factor by which the tracks are more likely with each of
-            `DAMPING_TIMES` than without; empty where none was tried.
+        evidence: Logarithm of the factor by which the tracks are more likely with each damping time
+            [s] than without; empty where none was tried.
     """
 
     material: Material | None
     state: FitState
-    evidence: tuple[float, ...] = ()
+    evidence: Mapping[float, float] = dataclasses.field(default_factory=dict)
 
 
 def choose_damping(
-    cable: Cable,
-    tracks: MeasuredTracks,
-    engine: Engine,
-    space: SearchSpace,
-    prior: ParamPrior,
+    fit: TrackFit,
     state: FitState,
+    times: Sequence[float],
     on_step: Callable[[TrackFit], Callable[[FitState], None]],
 ) -> Damping:
     """Try damping times, and return the one that the casts ask for.
@@ -63,29 +52,30 @@ def choose_damping(
     None is tried for a cable whose file gives one, and with fewer than `TRACKS_MIN` casts.
 
     Args:
-        cable: Cable that was cast.
-        tracks: Tracks to fit.
-        engine: Simulator, at the resolution of the first steps.
-        space: Ranges of the ten parameters.
-        prior: What is believed of them.
-        state: Points of the fit without a damping time.
-        on_step: Given the fit of a damping time, returns what is called after each of its steps.
+        fit: Fit without a damping time, at the resolution of the first steps.
+        state: Points of it.
+        times: Damping times to try [s].
+        on_step: Given the fit with a damping time, returns what is called after each of its steps.
     """
-    if np.any(cable.material.damping_time) or len(tracks) < TRACKS_MIN:
+    cable, tracks = fit.objective.cable, fit.objective.tracks
+    if np.any(cable.material.damping_time) or len(tracks) < TRACKS_MIN or not times:
         return Damping(material=None, state=state)
     starts = state.best(_STARTS)
     found = []
     # Without a damping time, too: more steps alone make tracks more likely.
-    for time in (0.0, *DAMPING_TIMES):
+    for time in (0.0, *times):
         material = dataclasses.replace(cable.material, damping_time=time)
-        objective = TrackObjective(engine, cable.with_material(material), tracks)
-        fit = TrackFit(objective, space, prior)
-        tried = fit.start(starts.points, starts.misfit)
-        found.append((material, fit.rescaled(run_fit(fit, tried, _ITERATIONS, on_step(fit)))))
+        damped = TrackObjective(fit.objective.engine, cable.with_material(material), tracks)
+        other = TrackFit(damped, fit.space, fit.prior)
+        tried = other.start(starts.points, starts.misfit)
+        tried = run_fit(other, tried, _ITERATIONS, on_step(other))
+        found.append((material, other.rescaled(tried)))
     scores = np.array([_score(tried, len(tracks)) for _, tried in found])
-    evidence = tuple(float(gain) for gain in scores[0] - scores[1:])
-    best = 1 + int(np.argmax(evidence))
-    if max(evidence) < EVIDENCE_MIN:
+    evidence = {
+        time: float(scores[0] - score) for time, score in zip(times, scores[1:], strict=True)
+    }
+    best = int(np.argmin(scores))
+    if scores[0] - scores[best] < EVIDENCE_MIN:
         return Damping(material=None, state=found[0][1], evidence=evidence)
     return Damping(material=found[best][0], state=found[best][1], evidence=evidence)
 

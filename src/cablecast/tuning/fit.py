@@ -63,9 +63,7 @@ def fit_params(
     fit = TrackFit(coarse, space, prior)
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    damping = choose_damping(
-        cable, training, coarse_engine, space, prior, state, report.another(COARSE)
-    )
+    damping = choose_damping(fit, state, config.damping_times, report.another(COARSE))
     coarse_count, state = report.count, damping.state
     fitted = cable.with_material(damping.material)
     fine = TrackObjective(engine, fitted, training)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
-from cablecast.checks import check_count, check_ranges, check_seed
+from cablecast.checks import check_count, check_number, check_ranges, check_seed
 from cablecast.tuning.objective import NON_FINITE_DISTANCE, TrackObjective
 from cablecast.tuning.prior import ParamPrior
 from cablecast.tuning.search_space import SearchSpace
@@ -62,6 +62,8 @@ class FitConfig:
         fine_iterations: Steps of these.
         coarse_segment_count: Number of segments of the coarse cable.
         coarse_dt: Step of the coarse simulation [s].
+        damping_times: Damping times of the material that are tried where there are enough casts
+            [s]; none where empty. Casts tell factors of three apart, and hardly less.
         seed: Seed of the starting points.
     """
 
@@ -71,9 +73,12 @@ class FitConfig:
     fine_iterations: int = 4
     coarse_segment_count: int = 30
     coarse_dt: float = 1e-3
+    damping_times: tuple[float, ...] = (0.003, 0.01, 0.03)
     seed: int = 0
 
     def __post_init__(self):
+        for time in self.damping_times:
+            check_number("damping_times", time, 1e-4, 1.0, "s")
         for name, low, high in (
             ("start_count", 1, 1000),
             ("coarse_iterations", 0, 1000),

@@ -15,7 +15,6 @@ from cablecast.files import write_json
 from cablecast.material import Material
 from cablecast.motion.servo import ServoModel
 from cablecast.reading import CHECKSUM_KEY, read_json, read_sealed, seal
-from cablecast.tuning.damping import DAMPING_TIMES
 from cablecast.tuning.objective import TrackDistances
 from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tune import TuneResult
@@ -60,7 +59,7 @@ def params_file(
         "material": None if result.material is None else result.material.to_dict(),
         "damping_evidence": [
             {"damping_time": time, "evidence": evidence}
-            for time, evidence in zip(DAMPING_TIMES, result.damping_evidence, strict=False)
+            for time, evidence in result.damping_evidence.items()
         ],
         "posterior": None if result.posterior is None else result.posterior.to_dict(),
         "open": [] if result.posterior is None else result.posterior.sentences(),

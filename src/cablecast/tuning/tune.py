@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +152,7 @@ class TuneResult:
     history: list[tuple[str, float, float]]
     posterior: ParamPosterior | None = None
     material: Material | None = None
-    damping_evidence: tuple[float, ...] = ()
+    damping_evidence: Mapping[float, float] = dataclasses.field(default_factory=dict)
 
 
 def split_tracks(
