@@ -1,6 +1,7 @@
 """Fit of a cable by least squares: starts, resolutions, bounds that are widened, and the result."""
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable
 
@@ -63,7 +64,9 @@ def fit_params(
     fit = TrackFit(coarse, space, prior)
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    damping = choose_damping(fit, state, config.damping_times, report.another(COARSE))
+    damping = choose_damping(
+        fit, state, config.damping_times, functools.partial(report.step, COARSE)
+    )
     coarse_count, state = report.count, damping.state
     fitted = cable.with_material(damping.material)
     fine = TrackObjective(engine, fitted, training)
@@ -71,7 +74,6 @@ def fit_params(
     for attempt in range(WIDEN_MAX + 1):
         prior = ParamPrior.for_cable(cable, space)
         fit = TrackFit(fine, space, prior)
-        report.before = report.count
         state = fit.start(points, state.misfit)
         state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
         posterior = _posterior(fit, state)
@@ -88,6 +90,7 @@ def fit_params(
         believed = TrackObjective(engine, cable, tracks).distances(cable.params)
         return believed.beside(TrackObjective(engine, fitted, tracks).distances(params))
 
+    on_training = distances(training)
     return TuneResult(
         params=params,
         material=damping.material,
@@ -95,8 +98,8 @@ def fit_params(
         population=space.to_params(best.points),
         population_losses=fine.distances(space.to_params(best.points)).loss,
         space=space,
-        training=distances(training),
-        validation=distances(training if validation is None else validation),
+        training=on_training,
+        validation=on_training if validation is None else distances(validation),
         training_status=training.status,
         validation_status=(training if validation is None else validation).status,
         simulation_count=report.count,
@@ -161,28 +164,19 @@ class _Report:
         self.cable_length = cable_length
         self.progress = progress
         self.began = began
-        self.before = 0
         self.count = 0
         self.history: list[tuple[str, float, float]] = []
-
-    def another(self, stage: str) -> Callable[[TrackFit], Callable[[FitState], None]]:
-        """Return what gives the callback of one more fit of a stage."""
-
-        def begin(fit: TrackFit) -> Callable[[FitState], None]:
-            self.before = self.count
-            return self.step(stage, fit)
-
-        return begin
 
     def extend(self, steps: int) -> None:
         """Announce more steps: a range was widened."""
         self.total += steps
 
     def step(self, stage: str, fit: TrackFit) -> Callable[[FitState], None]:
-        """Return the callback of a stage."""
+        """Return the callback of a fit that begins now."""
+        before = self.count
 
         def after(state: FitState) -> None:
-            self.count = self.before + fit.simulation_count
+            self.count = before + fit.simulation_count
             best, spread = float(state.best().losses[0]), float(state.losses.std())
             self.history.append((stage, best * self.cable_length, spread * self.cable_length))
             if self.progress is None:

@@ -2,7 +2,7 @@
 
 import pathlib
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tune import TuneResult
 
 PARAMS_FILE = "params.json"
+
+_Part = TypeVar("_Part")
 
 # A simulation depends only on the ratios of masses and stiffnesses, and on the product of the
 # frictions. If the parameters spread widely but these do not, the fit is good and the spread has no
@@ -174,14 +176,7 @@ def read_servo(path: str | pathlib.Path) -> ServoModel | None:
         InputError: There is no such file, or it is damaged.
         UnreadableFileError: The system refuses to read it.
     """
-    file, values = _read(path)
-    stored = values.get("servo")
-    if stored is None:
-        return None
-    try:
-        return ServoModel.from_dict(stored)
-    except (InputError, OverflowError) as error:
-        raise _refusal(file, error) from None
+    return _read_part(path, "servo", lambda stored, _: ServoModel.from_dict(stored))
 
 
 def read_material(path: str | pathlib.Path) -> Material | None:
@@ -194,14 +189,7 @@ def read_material(path: str | pathlib.Path) -> Material | None:
         InputError: There is no such file, or it is damaged.
         UnreadableFileError: The system refuses to read it.
     """
-    file, values = _read(path)
-    stored = values.get("material")
-    if stored is None:
-        return None
-    try:
-        return Material.from_dict(stored)
-    except (InputError, OverflowError) as error:
-        raise _refusal(file, error) from None
+    return _read_part(path, "material", lambda stored, _: Material.from_dict(stored))
 
 
 def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:
@@ -214,12 +202,23 @@ def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:
         InputError: There is no such file, or it is damaged.
         UnreadableFileError: The system refuses to read it.
     """
+    return _read_part(
+        path,
+        "posterior",
+        lambda stored, values: ParamPosterior.from_dict(stored, values["search_range"]),
+    )
+
+
+def _read_part(
+    path: str | pathlib.Path, name: str, make: Callable[[Any, dict[str, Any]], _Part]
+) -> _Part | None:
+    """Return what a function makes of an entry and the whole file; None where there is none."""
     file, values = _read(path)
-    stored = values.get("posterior")
+    stored = values.get(name)
     if stored is None:
         return None
     try:
-        return ParamPosterior.from_dict(stored, values["search_range"])
+        return make(stored, values)
     except (InputError, KeyError, AttributeError, OverflowError) as error:
         raise _refusal(file, error) from None
 
