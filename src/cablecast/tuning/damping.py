@@ -22,7 +22,10 @@ TRACKS_MIN = 10
 """Casts from which on damping times are tried. With five casts of the virtual rig the evidence was
 between 0.1 and 2.4, and ten parameters followed them as well."""
 
-_STARTS, _ITERATIONS = 4, 4
+ITERATIONS = 4
+"""Steps with each damping time, and without one."""
+
+_STARTS = 4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,7 +71,7 @@ def choose_damping(
         damped = TrackObjective(fit.objective.engine, cable.with_material(material), tracks)
         other = TrackFit(damped, fit.space, fit.prior)
         tried = other.start(starts.points, starts.misfit)
-        tried = run_fit(other, tried, _ITERATIONS, on_step(other))
+        tried = run_fit(other, tried, ITERATIONS, on_step(other))
         found.append((material, other.rescaled(tried)))
     scores = np.array([_score(tried, len(tracks)) for _, tried in found])
     evidence = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.engines.base import Engine
-from cablecast.tuning.damping import choose_damping
+from cablecast.tuning.damping import ITERATIONS, choose_damping
 from cablecast.tuning.least_squares import (
     MISFIT_START,
     FitConfig,
@@ -65,7 +65,7 @@ def fit_params(
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
     damping = choose_damping(
-        fit, state, config.damping_times, functools.partial(report.step, COARSE)
+        fit, state, config.damping_times, functools.partial(report.step, COARSE, extra=ITERATIONS)
     )
     coarse_count, state = report.count, damping.state
     fitted = cable.with_material(damping.material)
@@ -171,9 +171,10 @@ class _Report:
         """Announce more steps: a range was widened."""
         self.total += steps
 
-    def step(self, stage: str, fit: TrackFit) -> Callable[[FitState], None]:
-        """Return the callback of a fit that begins now."""
+    def step(self, stage: str, fit: TrackFit, extra: int = 0) -> Callable[[FitState], None]:
+        """Return the callback of a fit that begins now, with steps that were not announced."""
         before = self.count
+        self.extend(extra)
 
         def after(state: FitState) -> None:
             self.count = before + fit.simulation_count
