@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.conventions import tangent
 from cablecast.engines.mujoco_ import quiet
 from cablecast.machine import core_count
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
-from cablecast.rigs.virtual.forces import CableForces, CableMotion
+from cablecast.rigs.virtual.forces import CableForces
 from cablecast.rigs.virtual.reset_library import find_library
 from cablecast.rigs.virtual.scene import HAND_DOF_COUNT, Scene, build_scene, hand_controls
+from cablecast.rigs.virtual.state import cable_motion, cable_vertices
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
@@ -203,45 +203,26 @@ class _Group:
             )
         except SimulationError as error:
             self.broken[np.asarray(error.ids, dtype=int)] = True
-        # No index array where all trials run: it would copy.
-        rows = slice(None) if len(active) == self.count else active
-        tip = self.qpos[rows, self.scene.vertex_slice][:, -3:] + self.scene.vertex_origin[-1]
-        on_table = self.lab._setup.workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
-        self.off_table[active] = ~on_table
         return end
 
-    def _vertices(self, state, active: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the positions of all vertices of the cable [m], shape [world, vertex, 3]."""
-        scene = self.scene
-        vertices = np.empty((len(active), len(scene.arc_lengths), 3))
-        pose = state[active, :HAND_DOF_COUNT] + scene.hand_origin
-        vertices[:, 0] = pose[:, :3]
-        vertices[:, 1] = pose[:, :3] + scene.arc_lengths[1] * tangent(pose[:, 3], pose[:, 4])
-        free = state[active, scene.vertex_slice].reshape(len(active), -1, 3)
-        vertices[:, 2:] = free + scene.vertex_origin
-        return vertices
+    def _rows(self, active: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+        """Return the rows of the trials that still run: no index array, which copies, for all."""
+        return slice(None) if len(active) == self.count else active
 
     def _renew_forces(self, active: NDArray[np.intp]) -> None:
-        scene, config = self.scene, self.lab._config
-        rolls, roll_rates = scene.roll_slices
-        vertices = self._vertices(self.qpos, active)
-        velocity = np.zeros_like(vertices)
-        velocity[:, :2] = self.qvel[active, None, :3]
-        velocity[:, 2:] = self.qvel[active, scene.vertex_slice].reshape(len(active), -1, 3)
-        motion = CableMotion(
-            vertices=vertices,
-            velocity=velocity,
-            roll=np.ascontiguousarray(self.qpos[active, rolls]),
-            roll_rate=np.ascontiguousarray(self.qvel[active, roll_rates]),
-        )
+        rows = self._rows(active)
+        motion = cable_motion(self.scene, self.qpos[rows], self.qvel[rows])
         # Diverged worlds run on until their trials end.
         with np.errstate(all="ignore"):
-            force = self.forces.evaluate(motion, active, self.window * config.dt)
-        self.force[active, scene.vertex_slice] = force.reshape(len(active), -1)
+            force = self.forces.evaluate(motion, active, self.window * self.lab._config.dt)
+        self.force[rows, self.scene.vertex_slice] = force.reshape(len(active), -1)
 
     def _sample(self, active: NDArray[np.intp], sample: int) -> None:
-        vertices = self._vertices(self.qpos, active)
+        vertices = cable_vertices(self.scene, self.qpos[self._rows(active)])
         self.nodes[active, sample] = vertices
+        tip = vertices[:, -1]
+        on_table = self.lab._setup.workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
+        self.off_table[active] = ~on_table
         finite = np.isfinite(vertices).all(axis=(1, 2))
         warned = self.batch.warning[active].reshape(len(active), -1).any(axis=1)
         self.broken[active] |= ~finite | warned

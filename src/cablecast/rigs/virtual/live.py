@@ -22,9 +22,10 @@ from cablecast.motion.polar_cast import reset_pose
 from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.arm import within_torque
 from cablecast.rigs.virtual.config import VirtualConfig
-from cablecast.rigs.virtual.forces import CableForces, CableMotion
+from cablecast.rigs.virtual.forces import CableForces
 from cablecast.rigs.virtual.reset_library import find_library
 from cablecast.rigs.virtual.scene import HAND_DOF_COUNT, build_scene, hand_controls
+from cablecast.rigs.virtual.state import cable_motion, cable_vertices
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
@@ -303,7 +304,7 @@ class LiveCable:
                 except SimulationError:
                     self.is_simulated, self._batch = False, None
                     return
-        nodes = self._vertices()
+        nodes = cable_vertices(scene, self._qpos)[0]
         if np.all(np.isfinite(nodes)):
             self.nodes = nodes
 
@@ -319,31 +320,13 @@ class LiveCable:
         if still and not moved and self.time >= self._settle_until:
             self.is_simulated = False
 
-    def _vertices(self) -> Array:
-        scene = self._scene
-        pose = self._qpos[0, :HAND_DOF_COUNT] + scene.hand_origin
-        nodes = np.empty((len(scene.arc_lengths), 3))
-        nodes[0] = pose[:3]
-        nodes[1] = pose[:3] + scene.arc_lengths[1] * tangent(pose[3], pose[4])
-        nodes[2:] = self._qpos[0, scene.vertex_slice].reshape(-1, 3) + scene.vertex_origin
-        return nodes
-
     def _renew_forces(self) -> None:
-        scene, (rolls, roll_rates) = self._scene, self._scene.roll_slices
-        vertices = self._vertices()[None]
-        velocity = np.zeros_like(vertices)
-        velocity[:, :2] = self._qvel[:, None, :3]
-        velocity[:, 2:] = self._qvel[:, scene.vertex_slice].reshape(1, -1, 3)
-        motion = CableMotion(
-            vertices=vertices,
-            velocity=velocity,
-            roll=np.ascontiguousarray(self._qpos[:, rolls]),
-            roll_rate=np.ascontiguousarray(self._qvel[:, roll_rates]),
-        )
         force = self._forces.evaluate(
-            motion, np.zeros(1, dtype=np.intp), self._window * self._config.dt
+            cable_motion(self._scene, self._qpos, self._qvel),
+            np.zeros(1, dtype=np.intp),
+            self._window * self._config.dt,
         )
-        self._force[:, scene.vertex_slice] = force.reshape(1, -1)
+        self._force[:, self._scene.vertex_slice] = force.reshape(1, -1)
 
 
 def _turned(shape: Array, angle: float) -> Array:

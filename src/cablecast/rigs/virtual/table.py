@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cablecast.rigs.virtual._hidden import HiddenTable
 from cablecast.workspace import Workspace
 
-_CELL = 0.005
+CELL = 0.005
 """Resolution of the map [m]."""
 
 
@@ -34,7 +34,7 @@ class FrictionMap:
             Factors [-], shape [...].
         """
         last = np.array(self.factors.shape) - 1
-        index = np.floor((xy - self.origin) / _CELL)
+        index = np.floor((xy - self.origin) / CELL)
         # A cable that has blown up has no place.
         index = np.where(np.isfinite(index), index, 0.0)
         index = np.clip(index, 0, last).astype(np.intp)
@@ -67,8 +67,8 @@ def _face(table: HiddenTable, size: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     rng = np.random.default_rng(table.seed)
     origin = np.array([-float(size[0]) / 2, 0.0])
-    counts = [round(float(extent) / _CELL) + 1 for extent in size]
-    x, y = (origin[axis] + (np.arange(counts[axis]) + 0.5) * _CELL for axis in (0, 1))
+    counts = [round(float(extent) / CELL) + 1 for extent in size]
+    x, y = (origin[axis] + (np.arange(counts[axis]) + 0.5) * CELL for axis in (0, 1))
     worn = np.zeros((len(x), len(y)))
     # A sum of waves in random directions is a smooth random field.
     for _ in range(table.wave_count):
