@@ -219,10 +219,8 @@ def sum_forces(
     row = wp.tid()
     world = worlds[row]
     count = force.shape[1]
-    ahead = wp.vec3d()
-    half_ahead = wp.vec3d()
-    moment_ahead = wp.vec3d()
-    push_ahead = wp.vec3d()
+    ahead, half_ahead = wp.vec3d(), wp.vec3d()
+    moment_ahead, push_ahead = wp.vec3d(), wp.vec3d()
     here = _direction(vertices[row, count], vertices[row, count + 1])
     for back in range(count):
         free = count - 1 - back
