@@ -16,7 +16,7 @@ def sagging(make: MakeEngine, segment_count: int, dt: float, cable: Cable):
     """Return the nodes of a level clamped cable at rest under its own weight [m]."""
     state = scenes.straight(segment_count, (0, 0, HEIGHT), (1, 0, 0))
     rollout = make(segment_count, dt).rollout(
-        cable, cable.params, scenes.hold((0, 0, HEIGHT), yaw=LEVEL), state, duration=6.0
+        cable, cable.params, scenes.hold((0, 0, HEIGHT), yaw=LEVEL), state, duration=4.0
     )
     return rollout.final_state.positions[0] - [0, 0, HEIGHT]
 
