@@ -87,14 +87,14 @@ def fitted(casts: Dataset, lab: int, times: tuple[float, ...], args: Args) -> tu
     config = FitConfig(damping_times=times, seed=args.seed)
     with console_progress() as progress:
         tuned = tune(casts, config=config, validation_count=args.others, progress=progress)
-    row = tuned.metrics["validation"]["tuned"]
+    row, material = tuned.metrics["validation"]["tuned"], tuned.dynamics.material
     evidence = max((tried["evidence"] for tried in tuned.metrics["damping_evidence"]), default=None)
     names = ("mean", "final_median", "final_first_quartile", "final_third_quartile")
     return (
         casts.cable.name,
         lab,
         "damping tried" if times else "ten parameters",
-        0.0 if tuned.material is None else 1e3 * float(tuned.material.damping_time),
+        0.0 if material is None else 1e3 * float(material.damping_time),
         "-" if evidence is None else round(evidence, 1),
         *(row[f"{name}_pct"] for name in names),
     )

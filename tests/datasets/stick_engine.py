@@ -13,7 +13,7 @@ import numpy as np
 
 from cablecast.conventions import tangent
 from cablecast.datasets.simulate import simulate_dataset
-from cablecast.engines.base import CableState, Rollout
+from cablecast.engines.base import SETTLE_TIME, CableState, Rollout
 from cablecast.setup import Setup
 
 LEAD = 0.1
@@ -49,7 +49,7 @@ class StickEngine:
         record_nodes=False,
     ):
         self.batches.append(len(grip_path))
-        duration = float(grip_path.duration.max()) if duration is None else duration
+        duration = grip_path.duration.max() + SETTLE_TIME if duration is None else duration
         times = np.arange(round(duration / sample_dt) + 1) * sample_dt
         poses = grip_path.evaluate(times)
         yaw = poses[..., 3] + LEAD * grip_path.evaluate(times, derivative=1)[..., 3]

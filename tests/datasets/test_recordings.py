@@ -98,7 +98,7 @@ def test_imported_casts_of_a_hand_tune_the_simulator(casts, tmp_path):
     config = TuneConfig(coarse_generations=1, fine_generations=1)
     imported = import_casts(table, SETUP)
     tuned = tune(imported, config=config, segment_count=10, dt=2e-3)
-    assert tuned.servo is None
+    assert tuned.dynamics.servo is None
     # The casts were made with these parameters, where the search starts.
     assert tuned.metrics["validation"]["default"]["mean_pct"] < 1.0
 

@@ -128,7 +128,7 @@ def test_aiming_starts_from_it_and_simulates_and_trains_nothing(model, tmp_path,
     monkeypatch.setattr("cablecast.pipeline.aim.train", refuse)
     monkeypatch.setattr("cablecast.pipeline.aim.simulate", refuse)
     setup = cc.Setup(cable=other_cable())
-    tuned = cc.Tuned(setup=setup, params=setup.cable.params)
+    tuned = cc.Tuned.of(None, setup)
     with cc.make_rig("engine", setup) as rig:
         session = cc.prepare_aim(
             rig, tuned=tuned, model=model, candidate_count=500, tries=1, out=tmp_path / "aim"

@@ -61,4 +61,4 @@ def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     np.testing.assert_allclose(turn, [[np.pi / 2, 0, 0, 0, 0, 0]], atol=1e-12)
     assert evaluation.summary.count >= 2
     assert evaluation.summary.median_pct < MEDIAN_PCT_MAX
-    assert tuned.servo is not None
+    assert tuned.dynamics.servo is not None

@@ -11,7 +11,7 @@ from cablecast.tuning.damping import EVIDENCE_MIN, TRACKS_MIN
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.result import params_file, read_material, write_params
+from cablecast.tuning.result import params_file, read_dynamics, write_params
 
 CONFIG = FitConfig(start_count=2, coarse_iterations=10, fine_start_count=1, fine_iterations=2)
 DAMPED = Material(damping_time=0.03)
@@ -62,4 +62,4 @@ def test_nothing_is_tried_with_a_handful_of_casts_or_where_the_cable_says_it(cab
 
 def test_the_material_is_kept_with_the_parameters(fitted, cable, tmp_path):
     write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
-    assert read_material(tmp_path) == DAMPED
+    assert read_dynamics(tmp_path).material == DAMPED

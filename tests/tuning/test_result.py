@@ -12,8 +12,8 @@ from cablecast.motion.servo import ServoModel
 from cablecast.tuning.result import (
     distance_summary,
     params_file,
+    read_dynamics,
     read_params,
-    read_servo,
     write_params,
 )
 from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
@@ -56,7 +56,7 @@ def test_the_file_of_the_result_gives_back_the_parameters(result, cable, tmp_pat
     write_params(tmp_path, values)
     file = tmp_path / "params.json"
     assert read_params(file) == read_params(tmp_path, cable) == result.params
-    assert read_servo(file) is None
+    assert read_dynamics(file).servo is None
     low, middle, high = values["spread"]["friction"]
     assert low <= middle <= high
     other = dataclasses.replace(cable, name="another")
@@ -80,7 +80,7 @@ def test_distances_that_nobody_measured_are_none_in_the_summary(result, cable):
 
 
 def test_the_servo_is_read_back(file):
-    np.testing.assert_array_equal(read_servo(file).frequency, SERVO.frequency)
+    np.testing.assert_array_equal(read_dynamics(file).servo.frequency, SERVO.frequency)
 
 
 def test_a_value_that_was_changed_is_not_believed_until_the_checksum_is_deleted(file):
@@ -90,7 +90,7 @@ def test_a_value_that_was_changed_is_not_believed_until_the_checksum_is_deleted(
     text = "\n".join(changed)
     assert "was changed since it was written: delete its sha256 line" in refusal(file, text)
     with pytest.raises(InputError, match="was changed"):
-        read_servo(file)
+        read_dynamics(file)
     file.write_text("\n".join(line for line in changed if '"sha256"' not in line))
     assert read_params(file, CABLE).mass == 0.051
 
@@ -99,7 +99,7 @@ def test_a_file_that_a_person_wrote_needs_the_parameters_alone(tmp_path):
     file = tmp_path / "mine.json"
     file.write_text("\ufeff" + json.dumps({"params": PARAMS}), encoding="utf-8")
     assert read_params(file, CABLE) == CABLE.params
-    assert read_servo(file) is None
+    assert read_dynamics(file).servo is None
 
 
 def test_a_missing_file_says_how_to_make_one(tmp_path):
@@ -169,6 +169,6 @@ def test_a_cable_name_of_the_wrong_kind_is_refused(file, name):
 def test_a_servo_of_the_wrong_kind_is_refused(file, servo):
     file.write_text(json.dumps({"params": PARAMS, "servo": servo}))
     with pytest.raises(InputError) as caught:
-        read_servo(file)
+        read_dynamics(file)
     assert "\n" not in str(caught.value)
     assert str(file) in str(caught.value)

@@ -96,8 +96,8 @@ class Tune:
         print_table(tuned.metrics, casts.cable.name)
         for line in tuned.metrics["open"]:
             print(f"note: {line}")
-        if tuned.material is not None:
-            time_ms = 1e3 * tuned.material.damping_time
+        if (material := tuned.dynamics.material) is not None:
+            time_ms = 1e3 * material.damping_time
             print(f"note: the casts ask for a material with a damping time of {time_ms:g} ms")
         print(f"parameters  {out / PARAMS_FILE}\ntracks      {out / TRACKS_FILE}")
 

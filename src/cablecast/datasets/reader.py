@@ -18,6 +18,7 @@ from cablecast.datasets.schema import (
     EXTENT_COLUMNS,
 )
 from cablecast.datasets.shards import content_fingerprint, read_shard
+from cablecast.dynamics import Dynamics
 from cablecast.errors import CablecastError, DatasetError, InputError
 from cablecast.runs.settings import fingerprint
 from cablecast.setup import SECTIONS, Setup
@@ -109,16 +110,7 @@ class Dataset:
             return CableParams.from_array(
                 np.stack([self.extra[name] for name in CableParams.names()], axis=-1)
             )
-        return settings_object(lambda v: CableParams(**v), self.info, "params", self._name)
-
-    @property
-    def servo(self):
-        """Servo of the simulated arm, a `ServoModel`; None where it follows exactly."""
-        if self.info.get("settings", {}).get("servo") is None:
-            return None
-        from cablecast.motion.servo import ServoModel
-
-        return settings_object(ServoModel.from_dict, self.info, "servo", self._name)
+        return settings_dynamics(self.info, self._name).params
 
     def table_margin(self) -> NDArray[np.float64]:
         """Return the least distance of the free end from the table's edges during each cast.
@@ -179,6 +171,25 @@ def settings_object(
         return make(values)
     except (TypeError, AttributeError, InputError) as error:
         raise _other_version(info, name, owner, error) from None
+
+
+def settings_dynamics(info: Mapping[str, Any], owner: str) -> Dynamics:
+    """Return the dynamics of one cable that stored settings describe.
+
+    Args:
+        info: Description of a dataset, with its settings.
+        owner: Name of the dataset or model, for errors.
+
+    Raises:
+        DatasetError: There are no parameters, or another version wrote them.
+    """
+    settings = info.get("settings", {})
+    if settings.get("params") is None:
+        raise DatasetError(f"the settings of {owner} lack params")
+    try:
+        return Dynamics.from_dict(settings)
+    except (TypeError, AttributeError, InputError) as error:
+        raise _other_version(info, "dynamics", owner, error) from None
 
 
 def _other_version(

@@ -19,13 +19,12 @@ from cablecast.datasets.schema import (
     track_extent,
 )
 from cablecast.datasets.writer import DatasetWriter
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import SETTLE_TIME, Engine
 from cablecast.errors import InputError
-from cablecast.material import Material
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_uniform
-from cablecast.motion.servo import ServoModel
 from cablecast.runs.progress import CountCallback
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
@@ -49,14 +48,12 @@ _MACHINE_FIELDS = {"thread_count"}
 def simulate_dataset(
     path: str | pathlib.Path,
     setup: Setup,
-    params: CableParams | None,
+    dynamics: Dynamics | CableParams | None,
     engine: Engine,
     *,
     count: int = SIMULATED_COUNT,
     seed: int = 0,
     ranges: ActionRanges | None = None,
-    servo: ServoModel | None = None,
-    material: Material | None = None,
     shard_rows: int = SHARD_ROWS,
     workers: str = LOCAL,
     progress: CountCallback | None = None,
@@ -66,15 +63,13 @@ def simulate_dataset(
     Args:
         path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
         setup: Cable, workspace, arm and motion settings.
-        params: Parameters of the cable, shared by all rows or one value per row; the cable's own
-            where None. Where they differ, the actions are drawn at random and the rows hold the
-            parameters.
+        dynamics: Cable and servo of the arm, or parameters of the cable alone, shared by all rows
+            or one value per row; the cable's own where None. Where they differ, the actions are
+            drawn at random and the rows hold the parameters.
         engine: Simulator.
         count: Number of actions.
         seed: Seed of the choice of actions among the feasible ones.
         ranges: Ranges of the actions; those that suit the set-up where None.
-        servo: Servo of the simulated arm; it follows its set points exactly where None.
-        material: Material of the simulated cable; that of the set-up where None.
         shard_rows: Rows of each shard.
         workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
             rows are equal to the bit on processors of one kind.
@@ -92,12 +87,11 @@ def simulate_dataset(
     check_count("shard_rows", shard_rows)
     check_seed(seed)
     remade = _remade(engine, workers)
-    params = setup.cable.params if params is None else params
+    dynamics = Dynamics.of(dynamics, setup)
     ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
-    actions = _choose_actions(count, setup, params, ranges, seed)
+    actions = _choose_actions(count, setup, dynamics.params, ranges, seed)
     settings = {
-        **_settings(setup, params, engine, ranges, servo),
-        **({} if material is None else {"material": material.to_dict()}),
+        **_settings(setup, dynamics, engine, ranges),
         "count": count,
         "seed": seed,
         "actions_sha256": actions_digest(actions),
@@ -111,11 +105,10 @@ def simulate_dataset(
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             if progress is not None:
                 progress(done, count)
-            tasks = [(shard, _part(actions, params, writer.rows_of(shard))) for shard in missing]
-            played = setup.with_material(material)
-            function, shared = simulate_actions, (played, engine, servo)
+            tasks = [(shard, _part(actions, dynamics, writer.rows_of(shard))) for shard in missing]
+            function, shared = simulate_actions, (setup, engine)
             if remade is not None:
-                function, shared = _simulate_remotely, (played, remade, servo)
+                function, shared = _simulate_remotely, (setup, remade)
             for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
@@ -129,23 +122,19 @@ def simulate_dataset(
 
 
 def _settings(
-    setup: Setup,
-    params: CableParams,
-    engine: Engine,
-    ranges: ActionRanges,
-    servo: ServoModel | None,
+    setup: Setup, dynamics: Dynamics, engine: Engine, ranges: ActionRanges
 ) -> dict[str, Any]:
     """Return the plain values that decide how actions are chosen and simulated."""
-    settings = {
+    return {
         "schema_version": SCHEMA_VERSION,
         **setup.to_settings(),
-        **_params_settings(params),
+        **_params_settings(dynamics.params),
+        **dynamics.beside_params(),
         "engine": engine_settings(engine),
         "ranges": dataclasses.asdict(ranges),
         "sample_dt": SAMPLE_DT,
         "settle_time": SETTLE_TIME,
     }
-    return settings if servo is None else settings | {"servo": servo.to_dict()}
 
 
 def _check_mirrored(setup: Setup) -> None:
@@ -193,22 +182,21 @@ def _remade(engine: Engine, workers: str) -> tuple[type, dict[str, Any]] | None:
 
 
 def _part(
-    actions: NDArray[np.float64], params: CableParams, rows: range
-) -> tuple[NDArray[np.float64], CableParams]:
+    actions: NDArray[np.float64], dynamics: Dynamics, rows: range
+) -> tuple[NDArray[np.float64], Dynamics]:
     part = slice(rows.start, rows.stop)
-    return actions[part], params.rows(part)
+    return actions[part], dynamics.rows(part)
 
 
 def _simulate_remotely(
     actions: NDArray[np.float64],
-    params: CableParams,
+    dynamics: Dynamics,
     setup: Setup,
     remade: tuple[type, dict[str, Any]],
-    servo: ServoModel | None,
 ) -> dict[str, Any]:
     """Simulate a shard on a worker, with an engine made there."""
     kind, options = remade
-    return simulate_actions(actions, params, setup, kind(**options), servo)
+    return simulate_actions(actions, dynamics, setup, kind(**options))
 
 
 def actions_digest(actions: NDArray[np.float64]) -> str:
@@ -219,29 +207,22 @@ def actions_digest(actions: NDArray[np.float64]) -> str:
 
 def simulate_actions(
     actions: NDArray[np.float64],
-    params: CableParams,
+    dynamics: Dynamics | CableParams,
     setup: Setup,
     engine: Engine,
-    servo: ServoModel | None = None,
 ) -> dict[str, Any]:
     """Simulate actions, and return all columns of a dataset but `index`.
 
     Args:
         actions: Feasible actions, shape [row, 4].
+        dynamics: Cable and servo of the arm, or parameters of the cable alone, shared by all rows
+            or one value per row.
         setup: Cable, workspace, arm and motion settings.
-        params: Parameters of the cable, shared by all rows or one value per row.
         engine: Simulator.
-        servo: Servo of the simulated arm; it follows its set points exactly where None.
     """
-    grip_paths = cast_grip_paths(actions, setup)
-    moved = grip_paths if servo is None else servo.apply(grip_paths, setup.arm)
-    rollout = engine.rollout(
-        setup.cable,
-        params,
-        moved,
-        duration=float(moved.duration.max()) + SETTLE_TIME,
-        sample_dt=SAMPLE_DT,
-    )
+    dynamics = Dynamics.of(dynamics, setup)
+    params, grip_paths = dynamics.params, cast_grip_paths(actions, setup)
+    rollout = dynamics.rollout(engine, setup, grip_paths, sample_dt=SAMPLE_DT)
     track = rollout.endpoint_xy
     finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
     endpoint_xy = np.where(finite[:, None], track[:, -1], np.nan)

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import CableParams
 from cablecast.checks import check_count, check_number
 from cablecast.conventions import mirror_xy
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, check_actions
 from cablecast.motion.polar_reach import PolarReach
-from cablecast.motion.servo import ServoModel
 from cablecast.setup import MotionConfig, Setup
 from cablecast.track import TrialStatus
 
@@ -95,20 +95,18 @@ class Coverage:
 
 def measure_coverage(
     setup: Setup,
-    params: CableParams,
+    dynamics: Dynamics | CableParams,
     engine: Engine,
     counts: Sequence[int] = GRID_COUNTS,
-    servo: ServoModel | None = None,
 ) -> Coverage:
     """Simulate a grid of actions in one batch, and measure its coverage.
 
     Args:
         setup: Cable, workspace, arm, and the combination of r0 and v_max.
-        params: Parameters of the cable, tuned or nominal.
+        dynamics: Cable, tuned or nominal, and servo of the arm.
         engine: Simulator.
         counts: Number of values of theta1, theta2, r2 and, for the action set A2, of the wrist
             turn.
-        servo: Servo of the arm; None for an arm that follows its set points exactly.
 
     Raises:
         InputError: No action of the grid is feasible, or the grid is too large.
@@ -125,7 +123,7 @@ def measure_coverage(
             f"no action of the grid {counts} with r0 = {motion.r0} m and v_max = {motion.v_max} "
             "m/s is feasible"
         )
-    columns = simulate_actions(actions, params, setup, engine, servo)
+    columns = simulate_actions(actions, dynamics, setup, engine)
     endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
     endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
     radius = setup.workspace.reach(setup.cable.length)

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.datasets.simulate import simulate_actions
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
 from cablecast.errors import ActionError, InputError
 from cablecast.motion.action import Action, check_action_values
 from cablecast.motion.feasibility import check_actions
-from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.base import run_trials
 from cablecast.rigs.checked import CheckedRig
@@ -59,11 +59,12 @@ class EngineCaster:
     Args:
         engine: Simulator.
         setup: Cable, workspace, arm and motion settings.
-        servo: Servo of the simulated arm; it follows exactly where None.
+        dynamics: Material of the cable and servo of the arm; its parameters are those of each cast.
     """
 
-    def __init__(self, engine: Engine, setup: Setup, servo: ServoModel | None = None):
-        self.engine, self.setup, self.servo = engine, setup, servo
+    def __init__(self, engine: Engine, setup: Setup, dynamics: Dynamics | None = None):
+        self.engine, self.setup = engine, setup
+        self.dynamics = Dynamics.of(dynamics, setup)
 
     def cast(self, actions: NDArray[np.float64], params: CableParams) -> Landings:
         """Simulate a batch of casts; see `Caster.cast`."""
@@ -71,9 +72,8 @@ class EngineCaster:
         xy = np.full((len(actions), 2), np.nan)
         status = np.full(len(actions), INFEASIBLE, dtype="<U16")
         if np.any(feasible):
-            columns = simulate_actions(
-                actions[feasible], params.rows(feasible), self.setup, self.engine, self.servo
-            )
+            dynamics = self.dynamics.with_params(params.rows(feasible))
+            columns = simulate_actions(actions[feasible], dynamics, self.setup, self.engine)
             xy[feasible] = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
             status[feasible] = columns["status"]
         return Landings(xy=xy, status=status)

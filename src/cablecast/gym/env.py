@@ -98,8 +98,7 @@ def _make(
         return made
 
     if rig == "engine":
-        played = setup.with_material(tuned.material)
-        return task, EngineCaster(make_engine(device=device), played, tuned.servo)
+        return task, EngineCaster(make_engine(device=device), setup, tuned.dynamics)
     return task, RigCaster(make_rig(rig, setup, rig_seed))
 
 

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 
 from cablecast.cable import CableParams
-from cablecast.engines.base import SETTLE_TIME
 from cablecast.models.few_casts import ResidualScales
 from cablecast.models.local_size import LocalSize
 from cablecast.motion.action import mirror_actions
@@ -50,15 +49,10 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
     actions = feasible_uniform(_SPREAD_ACTIONS, setup, seed=_SPREAD_SEED)
     actions = np.where(actions[:, 1:2] < 0, mirror_actions(actions), actions)
     draws = tuned.posterior.draw(_SPREAD_DRAWS, _SPREAD_SEED).to_array()
-    paths = cast_grip_paths(actions, setup)
-    if tuned.servo is not None:
-        paths = tuned.servo.apply(paths, setup.arm)
+    drawn = CableParams.from_array(np.tile(draws, (_SPREAD_ACTIONS, 1)))
     rows = np.repeat(np.arange(_SPREAD_ACTIONS), _SPREAD_DRAWS)
-    rollout = make_engine(*_SPREAD_ENGINE).rollout(
-        setup.cable.with_material(tuned.material),
-        CableParams.from_array(np.tile(draws, (_SPREAD_ACTIONS, 1))),
-        paths[rows],
-        duration=float(paths.duration.max()) + SETTLE_TIME,
+    rollout = tuned.dynamics.with_params(drawn).rollout(
+        make_engine(*_SPREAD_ENGINE), setup, cast_grip_paths(actions, setup)[rows]
     )
     landings = rollout.endpoint_xy[:, -1].reshape(_SPREAD_ACTIONS, _SPREAD_DRAWS, 2)
     # Some draws throw a sensitive cast far away: medians tell what is usual, variances do not.

@@ -8,6 +8,7 @@ from cablecast.cable import CableParams
 from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.simulate import simulate_dataset
+from cablecast.dynamics import Dynamics
 from cablecast.files import write_text
 from cablecast.models.card import many_cables_card, model_card
 from cablecast.models.forward import ForwardModel
@@ -93,7 +94,7 @@ def train_cables(
     require("training a model", "torch", "safetensors")
     check_device(device)
     report, config = progress or ignore, dataclasses.replace(MANY_CABLES_CONFIG, epochs=epochs)
-    servo = None if tuned is None else tuned.servo
+    servo = None if tuned is None else tuned.dynamics.servo
     settings = {
         **setup.to_settings(),
         "method": "many cables",
@@ -115,11 +116,10 @@ def train_cables(
             dataset = simulate_dataset(
                 folder / DATASET_FOLDER,
                 setup,
-                draw_cables(setup.cable, cables, seed),
+                Dynamics(params=draw_cables(setup.cable, cables, seed), servo=servo),
                 make_engine(segment_count, dt, device),
                 count=cables,
                 seed=seed,
-                servo=servo,
                 workers=workers,
                 progress=resumed_counter(progress, "Simulating many cables", "casts"),
             )
@@ -181,8 +181,7 @@ def policy_for_cable(
     settings = {
         **setup.to_settings(),
         "method": "many cables",
-        "params": known.params.to_dict(),
-        **({} if known.material is None else {"material": known.material.to_dict()}),
+        **known.dynamics.to_dict(),
         "start_fingerprint": model.fingerprint,
         "refine": {"count": refine, "segment_count": segment_count, "dt": dt} if refine else None,
         "candidate_count": candidate_count,

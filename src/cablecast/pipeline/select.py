@@ -94,9 +94,7 @@ def select(
     rows = _scatter_rows(repeated, setup.cable)
     settings = {
         **setup.to_settings(),
-        "params": tuned.params.to_dict(),
-        "servo": None if tuned.servo is None else tuned.servo.to_dict(),
-        **({} if tuned.material is None else {"material": tuned.material.to_dict()}),
+        **tuned.dynamics.to_dict(),
         "repeatability": rows,
         "scatter_max_pct": scatter_max_pct,
         "grid": grid,
@@ -184,11 +182,10 @@ class _Survey:
                 )
             )
             return measure_coverage(
-                self.setup.with_motion(r0=r0, v_max=v_max).with_material(self.tuned.material),
-                self.tuned.params,
+                self.setup.with_motion(r0=r0, v_max=v_max),
+                self.tuned.dynamics,
                 make_engine(device=self.device),
                 counts,
-                self.tuned.servo,
             ).to_dict()
 
         name = f"r0_{r0:g}-v_max_{v_max:g}" + "-psi" * with_psi

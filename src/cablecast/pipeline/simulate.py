@@ -63,13 +63,11 @@ def simulate(
         dataset = simulate_dataset(
             folder,
             setup,
-            tuned.params,
+            tuned.dynamics,
             engine,
             count=count,
             seed=seed,
             ranges=ActionRanges.for_config(setup.motion, psi),
-            servo=tuned.servo,
-            material=tuned.material,
             workers=workers,
             progress=resumed_counter(progress, task, "casts"),
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.simulate import engine_settings
+from cablecast.dynamics import Dynamics
 from cablecast.errors import InputError
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
@@ -171,9 +172,11 @@ def _search(
         run.finish(metrics)
     return Tuned(
         setup=casts.setup,
-        params=result.params,
-        servo=None if servo is None else servo.model,
-        material=result.material,
+        dynamics=Dynamics(
+            params=result.params,
+            material=result.material,
+            servo=None if servo is None else servo.model,
+        ),
         posterior=result.posterior,
         metrics=metrics,
         path=pathlib.Path(run.path) if keep else None,

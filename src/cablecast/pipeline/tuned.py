@@ -1,13 +1,12 @@
-"""Tuned: parameters of a cable and servo of an arm, as `tune` finds them."""
+"""Tuned: a simulator that follows the real cable, as `tune` finds it."""
 
 import dataclasses
 import pathlib
 from typing import Any
 
 from cablecast.cable import CableParams
+from cablecast.dynamics import Dynamics
 from cablecast.errors import InputError
-from cablecast.material import Material
-from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
 from cablecast.tuning.posterior import ParamPosterior
 
@@ -18,9 +17,8 @@ class Tuned:
 
     Attributes:
         setup: Set-up of the casts that it was tuned to.
-        params: Parameters of the cable.
-        servo: Servo of the arm; None where no joints were reported.
-        material: Material of the cable that the casts asked for; None for that of the set-up.
+        dynamics: Parameters of the cable, material that the casts asked for, and servo of the arm;
+            the latter is None where no joints were reported.
         posterior: What is known of the parameters; None for a search, which does not tell.
         metrics: Distances before and after, search history and the like, as metrics.json holds
             them; empty where nothing was searched.
@@ -28,12 +26,15 @@ class Tuned:
     """
 
     setup: Setup
-    params: CableParams
-    servo: ServoModel | None = None
-    material: Material | None = None
+    dynamics: Dynamics
     posterior: ParamPosterior | None = None
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     path: pathlib.Path | None = None
+
+    @property
+    def params(self) -> CableParams:
+        """Parameters of the cable."""
+        return self.dynamics.params
 
     @classmethod
     def of(cls, value: "Tuned | CableParams | None", setup: Setup) -> "Tuned":
@@ -46,10 +47,8 @@ class Tuned:
         Raises:
             InputError: The parameters were tuned for another cable.
         """
-        if value is None:
-            return cls(setup=setup, params=setup.cable.params)
-        if isinstance(value, CableParams):
-            return cls(setup=setup, params=value)
+        if value is None or isinstance(value, CableParams):
+            return cls(setup=setup, dynamics=Dynamics.of(value, setup))
         if value.setup.cable.name != setup.cable.name:
             raise InputError(
                 f"the parameters are those of {value.setup.cable.name}, not of {setup.cable.name}"
@@ -67,13 +66,11 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import read_material, read_params, read_posterior, read_servo
+    from cablecast.tuning.result import read_dynamics, read_posterior
 
     return Tuned(
         setup=setup,
-        params=read_params(path, setup.cable),
-        servo=read_servo(path),
-        material=read_material(path),
+        dynamics=read_dynamics(path, setup.cable),
         posterior=read_posterior(path),
         path=pathlib.Path(path),
     )

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.checks import check_number
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import SETTLE_TIME, Engine, Rollout
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.setup import Setup
@@ -26,9 +26,9 @@ class RigEngine(RigLifecycle):
     Args:
         engine: Simulator of the cable.
         setup: Cable, workspace, arm and motion settings.
-        params: Cable parameters, shared by all trials; by default the cable's own.
+        dynamics: Cable and servo of the arm, or parameters of the cable alone; the cable's own and
+            an arm that follows its set points exactly where None.
         sample_dt: Time between samples of a track [s].
-        servo: Model of how the arm follows its set points; exactly where None.
 
     Raises:
         InputError: The parameters are those of many worlds, or the sample time is out of bounds.
@@ -38,32 +38,28 @@ class RigEngine(RigLifecycle):
         self,
         engine: Engine,
         setup: Setup,
-        params: CableParams | None = None,
+        dynamics: Dynamics | CableParams | None = None,
         *,
         sample_dt: float = 0.1,
-        servo: ServoModel | None = None,
     ):
         super().__init__()
-        params = setup.cable.params if params is None else params
-        if params.world_count is not None:
+        self.dynamics = Dynamics.of(dynamics, setup)
+        if (count := self.dynamics.params.world_count) is not None:
             raise InputError(
-                f"a rig has one cable, but its parameters are given for {params.world_count} worlds"
+                f"a rig has one cable, but its parameters are given for {count} worlds"
             )
         self.engine = engine
         self.setup = setup
-        self.params = params
         self.sample_dt = check_number("sample_dt", sample_dt, 1e-3, 10.0, "s")
-        self.servo = servo
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "engine",
             "engine": type(engine).__name__,
             "segment_count": engine.segment_count,
             "cable": setup.cable.name,
-            "params": params.to_dict(),
+            **self.dynamics.to_dict(),
             "workspace": settings["workspace"],
             "arm": settings["arm"],
-            "servo": None if servo is None else servo.to_dict(),
         }
 
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
@@ -90,17 +86,16 @@ class RigEngine(RigLifecycle):
         return tracks
 
     def _simulate(self, trajectories: Sequence[Trajectory]) -> list[EndpointTrack]:
-        paths = [trajectory.grip_path for trajectory in trajectories]
-        if self.servo is not None:
-            paths = [self.servo.apply(path, self.setup.arm) for path in paths]
+        dynamics = self.dynamics
+        paths = [dynamics.follow(trajectory.grip_path, self.setup) for trajectory in trajectories]
         # Whole sample intervals, so that the last sample is the end of the trial.
         step_counts = [
             math.ceil((float(path.duration[0]) + SETTLE_TIME) / self.sample_dt - 1e-9)
             for path in paths
         ]
         rollout = self.engine.rollout(
-            self.setup.cable,
-            self.params,
+            self.setup.cable.with_material(dynamics.material),
+            dynamics.params,
             GripPath.stack(paths),
             duration=max(step_counts) * self.sample_dt,
             sample_dt=self.sample_dt,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cablecast.cable import PARAM_BOUNDS, PARAM_UNITS, Cable, CableParams
 from cablecast.checks import check_keys, check_name, check_number
 from cablecast.conventions import finite_or_none
+from cablecast.dynamics import Dynamics
 from cablecast.errors import DamagedFileError, InputError
 from cablecast.files import write_json
 from cablecast.material import Material
@@ -166,30 +167,22 @@ def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CablePa
     return CableParams(**numbers)
 
 
-def read_servo(path: str | pathlib.Path) -> ServoModel | None:
-    """Read the servo of the arm; None if `cablecast tune` could not identify it.
+def read_dynamics(path: str | pathlib.Path, cable: Cable | None = None) -> Dynamics:
+    """Read the dynamics that `cablecast tune` found: a person may have written parameters alone.
 
     Args:
         path: params.json, or its folder.
+        cable: Cable that the parameters must belong to; not checked if None.
 
     Raises:
-        InputError: There is no such file, or it is damaged.
+        InputError: There is no such file, it is damaged, or belongs to another cable.
         UnreadableFileError: The system refuses to read it.
     """
-    return _read_part(path, "servo", lambda stored, _: ServoModel.from_dict(stored))
-
-
-def read_material(path: str | pathlib.Path) -> Material | None:
-    """Read the material that the casts asked for; None for that of the cable.
-
-    Args:
-        path: params.json, or its folder.
-
-    Raises:
-        InputError: There is no such file, or it is damaged.
-        UnreadableFileError: The system refuses to read it.
-    """
-    return _read_part(path, "material", lambda stored, _: Material.from_dict(stored))
+    return Dynamics(
+        params=read_params(path, cable),
+        material=_read_part(path, "material", lambda stored, _: Material.from_dict(stored)),
+        servo=_read_part(path, "servo", lambda stored, _: ServoModel.from_dict(stored)),
+    )
 
 
 def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:

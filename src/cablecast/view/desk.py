@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
-from cablecast.datasets.reader import settings_object
+from cablecast.datasets.reader import settings_dynamics
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, TargetError
-from cablecast.material import Material
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import Feasibility, check_grip_paths
-from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.aim_session import AimProposal, AimSession, AimTrial
 from cablecast.rigs.checked import CheckedRig
@@ -93,7 +92,7 @@ class Desk:
         self.setup: Setup = rig.setup
         self.album = album or Album()
         self._session: AimSession | None = None
-        self._cable, self._params, self._servo = self.setup.cable, self.setup.cable.params, None
+        self._dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
         self._casting = False
         self.preview: Preview | None = None
@@ -109,7 +108,7 @@ class Desk:
     @property
     def params(self) -> CableParams:
         """Parameters of the simulated cable: those that the model learned from."""
-        return self._params
+        return self._dynamics.params
 
     @property
     def phase(self) -> Phase:
@@ -154,17 +153,11 @@ class Desk:
         if session.setup.to_settings() != self.setup.to_settings():
             raise InputError("the model was made for another set-up than the rig's")
         info: dict[str, Any] = session.aimer.policy.model.info.get("dataset", {})
-        settings = info.get("settings", {})
         with self._lock:
             self._refuse_casting()
             self._session, self.preview = session, None
-            if settings.get("params") is not None:
-                self._params = settings_object(_params_of, info, "params", "the model")
-            if settings.get("servo") is not None:
-                self._servo = settings_object(ServoModel.from_dict, info, "servo", "the model")
-            if settings.get("material") is not None:
-                material = settings_object(Material.from_dict, info, "material", "the model")
-                self._cable = self.setup.cable.with_material(material)
+            if info.get("settings", {}).get("params") is not None:
+                self._dynamics = settings_dynamics(info, "the model")
             if self.album.undone:
                 self._forget_undone()
 
@@ -292,13 +285,10 @@ class Desk:
             params: Parameters of the cable; those of the desk if None.
             engine: Another engine than that of the desk.
         """
-        path = trajectory.grip_path
-        if self._servo is not None:
-            path = self._servo.apply(path, self.setup.arm)
-        rollout = (engine or self.engine).rollout(
-            self._cable,
-            self.params if params is None else params,
-            path,
+        rollout = self._dynamics.with_params(params).rollout(
+            engine or self.engine,
+            self.setup,
+            trajectory.grip_path,
             sample_dt=FRAME_DT,
             record_nodes=True,
         )
@@ -317,7 +307,3 @@ class Desk:
     def _refuse_casting(self) -> None:
         if self._casting:
             raise InputError("a cast is under way: wait until the cable rests")
-
-
-def _params_of(values: dict[str, Any]) -> CableParams:
-    return CableParams(**values)

@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams
 from cablecast.checks import check_count
 from cablecast.conventions import xy_to_polar
 from cablecast.datasets.info import INFO_PATH, read_info
 from cablecast.datasets.reader import Dataset, read_dataset
 from cablecast.datasets.store import CastStore
 from cablecast.datasets.trials import trial_track
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
 from cablecast.errors import DatasetError, InputError
 from cablecast.motion.action import Action
-from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim import SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
@@ -31,7 +30,7 @@ from cablecast.runs.folder import CONFIG_FILE, METRICS_FILE, RunFolder
 from cablecast.runs.parts import Parts
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import SECTIONS, Setup
-from cablecast.tuning.result import PARAMS_FILE, read_params, read_servo
+from cablecast.tuning.result import PARAMS_FILE, read_dynamics
 from cablecast.view.album import ALBUM_FOLDER, Album
 from cablecast.view.picture import Shot
 from cablecast.view.shown import FRAME_DT, ShownCast
@@ -63,17 +62,21 @@ class Collection:
     Attributes:
         setup: Set-up of the casts.
         casts: Casts in order.
-        tuned: Parameters that were fitted to the cable; None where there are none.
-        servo: Servo of the arm that was fitted; None where there is none.
+        tuned: Cable and servo of the arm as they were fitted; None where they were not.
     """
 
     setup: Setup
     casts: tuple[LookedCast, ...]
-    tuned: CableParams | None = None
-    servo: ServoModel | None = None
+    tuned: Dynamics | None = None
 
     def __len__(self) -> int:
         return len(self.casts)
+
+    @property
+    def believed(self) -> Dynamics:
+        """Cable as it is believed to be before any fit, on the arm as it was fitted."""
+        servo = None if self.tuned is None else self.tuned.servo
+        return Dynamics(params=self.setup.cable.params, servo=servo)
 
     def motion(self, index: int) -> Trajectory:
         """Return the motion of a cast.
@@ -87,21 +90,17 @@ class Collection:
             raise InputError(f"no action describes the motion of cast {index}")
         return plan_trajectory(Action.from_array(action), self.setup)
 
-    def simulated(self, index: int, engine: Engine, params: CableParams | None = None) -> ShownCast:
-        """Return a cast as a cable with given parameters would have moved.
+    def simulated(self, index: int, engine: Engine, dynamics: Dynamics | None = None) -> ShownCast:
+        """Return a cast as a simulated cable would have moved.
 
         Args:
             index: Index of the cast.
             engine: Simulator.
-            params: Parameters of the cable; those that are believed where None.
+            dynamics: Cable and servo; see `believed` where None.
         """
         motion = self.motion(index)
-        path = motion.grip_path
-        if self.servo is not None:
-            path = self.servo.apply(path, self.setup.arm)
-        params = self.setup.cable.params if params is None else params
-        rollout = engine.rollout(
-            self.setup.cable, params, path, sample_dt=FRAME_DT, record_nodes=True
+        rollout = (dynamics or self.believed).rollout(
+            engine, self.setup, motion.grip_path, sample_dt=FRAME_DT, record_nodes=True
         )
         return ShownCast.of_rollout(rollout, motion)
 
@@ -170,9 +169,8 @@ def _of_tuning(path: pathlib.Path) -> Collection:
     for place in sorted(path.resolve().parent.iterdir()):
         if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
             dataset = read_dataset(place)
-            tuned = read_params(path, dataset.setup.cable)
             found = _of_dataset(dataset, place)
-            return dataclasses.replace(found, tuned=tuned, servo=read_servo(path))
+            return dataclasses.replace(found, tuned=read_dynamics(path, dataset.setup.cable))
     raise DatasetError(
         f"{path} was fitted to casts that do not lie beside it: open the folder of the casts"
     )
@@ -197,7 +195,7 @@ def _of_dataset(dataset: Dataset, path: pathlib.Path) -> Collection:
         )
 
     casts = tuple(looked(row) for row in range(len(dataset)))
-    return Collection(setup=dataset.setup, casts=casts, **_tuned(path, dataset.setup))
+    return Collection(setup=dataset.setup, casts=casts, tuned=_tuned(path, dataset.setup))
 
 
 def _of_session(path: pathlib.Path) -> Collection:
@@ -224,16 +222,15 @@ def _of_session(path: pathlib.Path) -> Collection:
         )
 
     casts = tuple(looked(number) for number in range(len(store)))
-    return Collection(setup=setup, casts=casts, **_tuned(path, setup))
+    return Collection(setup=setup, casts=casts, tuned=_tuned(path, setup))
 
 
-def _tuned(path: pathlib.Path, setup: Setup) -> dict[str, Any]:
+def _tuned(path: pathlib.Path, setup: Setup) -> Dynamics | None:
     """Return what `tune` found for the casts of a folder, if it lies in it or beside it."""
     for place in (path / TUNE_FOLDER, path.parent / TUNE_FOLDER):
         if (place / PARAMS_FILE).exists():
-            params = read_params(place, setup.cable)
-            return {"tuned": params, "servo": read_servo(place)}
-    return {}
+            return read_dynamics(place, setup.cable)
+    return None
 
 
 def _label(number: int, target_xy: NDArray[np.float64] | None) -> str:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from cablecast.cable import PARAM_BOUNDS, CableParams
+from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError
+from cablecast.material import Material
 from cablecast.view.figure import Figure
 from cablecast.view.host import Host
 from cablecast.view.look import Collection, open_collection
@@ -179,8 +181,9 @@ class LookControls:
 
         engine: Engine = EngineMujoco()
         collection = self._need()
-        params = collection.tuned or collection.setup.cable.params
-        self._shown["MuJoCo"] = collection.simulated(self._index, engine, params)
+        # MuJoCo's cable has no material beside the ten parameters.
+        plain = dataclasses.replace(collection.tuned or collection.believed, material=Material())
+        self._shown["MuJoCo"] = collection.simulated(self._index, engine, plain)
         self._play()
 
     def _slide(self) -> None:
@@ -200,10 +203,10 @@ class LookControls:
         player = self._host.player
         self._stage(player.time if not player.playing else self._shown["sliders"].duration)
 
-    def _slid(self) -> CableParams:
-        collection = self._need()
-        base = collection.tuned or collection.setup.cable.params
-        return slid_params(base, {name: float(s.value) for name, s in self._sliders.items()})
+    def _slid(self) -> Dynamics:
+        base = self._need().tuned or self._need().believed
+        factors = {name: float(slider.value) for name, slider in self._sliders.items()}
+        return base.with_params(slid_params(base.params, factors))
 
     def _play(self) -> None:
         self._host.player.play(self._acts())

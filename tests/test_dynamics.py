@@ -1,0 +1,74 @@
+"""Dynamics: what a simulated cast takes beside the set-up travels as one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.datasets.reader import settings_dynamics
+from cablecast.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import DatasetError
+from cablecast.material import Material
+from cablecast.motion.action import Action
+from cablecast.motion.servo import ServoModel
+from cablecast.motion.trajectory import plan_trajectory
+from cablecast.rigs.engine import RigEngine
+from cablecast.setup import Setup
+
+SETUP = Setup()
+ENGINE = EngineWarp(segment_count=20, dt=1e-3)
+MATERIAL = Material(damping_time=0.03)
+SERVO = ServoModel(
+    delay=np.full(6, 0.02), frequency=np.full(6, 60.0), damping=np.ones(6), residual=np.zeros(6)
+)
+BARE = Dynamics.of(None, SETUP)
+WHOLE = dataclasses.replace(BARE, material=MATERIAL, servo=SERVO)
+MOTION = plan_trajectory(Action.from_array(np.array([-0.65, 1.40, 0.41, 2.97])), SETUP)
+
+
+def landing(dynamics):
+    return dynamics.rollout(ENGINE, SETUP, MOTION.grip_path).endpoint_xy[0, -1]
+
+
+def test_material_and_servo_each_move_a_landing():
+    landings = [
+        landing(BARE),
+        landing(dataclasses.replace(BARE, material=MATERIAL)),
+        landing(dataclasses.replace(BARE, servo=SERVO)),
+        landing(WHOLE),
+    ]
+    for index, one in enumerate(landings):
+        for other in landings[:index]:
+            assert np.linalg.norm(one - other) > 1e-4
+
+
+def test_it_comes_back_from_plain_values_and_leaves_out_what_it_lacks():
+    assert set(BARE.to_dict()) == {"params"}
+    again = Dynamics.from_dict(WHOLE.to_dict() | {"seed": 0})
+    assert again.params == WHOLE.params
+    assert again.material == MATERIAL
+    np.testing.assert_array_equal(landing(again), landing(WHOLE))
+
+
+def test_a_rig_and_the_settings_of_a_dataset_play_all_of_it():
+    stored = settings_dynamics({"settings": WHOLE.to_dict()}, "the dataset")
+    rig = RigEngine(ENGINE, SETUP, stored)
+    rig.reset()
+    np.testing.assert_allclose(rig.execute(MOTION).final_xy, landing(WHOLE), atol=1e-6)
+    assert rig.description["material"] == MATERIAL.to_dict()
+
+
+def test_settings_without_parameters_or_of_another_version_are_refused():
+    with pytest.raises(DatasetError, match="the model lack params"):
+        settings_dynamics({"settings": {}}, "the model")
+    values = WHOLE.to_dict() | {"params": {"mass": 0.05}}
+    with pytest.raises(DatasetError, match="does not fit this version"):
+        settings_dynamics({"settings": values}, "the model")
+
+
+def test_other_parameters_and_rows_keep_the_rest():
+    many = WHOLE.with_params(SETUP.cable.params.from_array(np.ones((3, 10)) * 0.05))
+    assert many.rows(slice(0, 2)).params.world_count == 2
+    assert many.rows(slice(0, 2)).material is MATERIAL
+    assert WHOLE.with_params(None) is WHOLE
