@@ -14,9 +14,12 @@ import pytest
 from benchmarks.__main__ import NAMES
 
 import cablecast
+from cablecast.arm.geometry import ARM_MODELS
 from cablecast.arm.limits import JointLimits
 from cablecast.cli import main as run_command
 from cablecast.cli.main import VERBS
+from cablecast.motion.action import ActionRanges, grid_actions
+from cablecast.motion.feasibility import check_actions
 
 ROOT = pathlib.Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -211,6 +214,27 @@ def test_the_lab_page_states_every_key_with_its_default(section):
 )
 def test_the_lab_page_states_every_key_of_a_nested_section(section, kind):
     assert {field.name for field in dataclasses.fields(kind)} <= set(keys_of_the_lab_page(section))
+
+
+def test_the_arms_of_the_lab_page_can_make_most_motions_with_the_settings_there():
+    page = (ROOT / "docs" / "lab.md").read_text().split("## Other arms")[1]
+    rows = re.findall(r"^\| `(ur\w+)` \|" + r" ([\d.]+) \|" * 6, page, re.MULTILINE)
+    assert [row[0] for row in rows] == list(ARM_MODELS)
+    for model, *numbers in rows:
+        base_height, r_max, reset_y, r0, v_max, jerk = map(float, numbers)
+        setup = cablecast.Setup(
+            workspace=cablecast.Workspace(
+                r_max=r_max, reset_y=reset_y, support_depth=min(reset_y, 0.466)
+            ),
+            arm=cablecast.ArmUR(model=model, base_height=base_height),
+            motion=cablecast.MotionConfig(r0=r0, v_max=v_max, jerk=jerk),
+        )
+        # Where the first wrist joint is level with the shoulder.
+        level = setup.workspace.grip_height + setup.arm.gripper_length
+        level += setup.arm.links.d6 - setup.arm.links.d1
+        assert base_height == pytest.approx(level, abs=5e-4)
+        grid = grid_actions(ActionRanges.for_setup(setup), (5, 5, 5, 3))
+        assert check_actions(grid, setup).mask.mean() > 0.8, model
 
 
 def keys_of_the_lab_page(section: str) -> dict[str, str]:

@@ -58,7 +58,7 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
         ("robots: {}\n", r"unknown keys \['robots'\]: known are"),
         ("robot: {}\n", r"robot lacks the keys \['address', 'box_high', 'box_low', 'payload_cog'"),
         ("camera: 7\n", "camera must be a mapping"),
-        ("arm: {model: ur7}\n", "unknown arm model 'ur7': one of ur5, ur5e"),
+        ("arm: {model: ur7}\n", "unknown arm model 'ur7': one of ur3, ur3e, ur5"),
         ("arm: {base_height: high}\n", "arm base_height = 'high' is not a number"),
         ("arm: {measured: 1}\n", "must be true or false"),
         ("arm: {limits: {velocity: [1, 2]}}\n", "velocity limits .* must be six numbers"),

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cablecast.arm.geometry import ARM_MODELS
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
 
@@ -13,13 +14,14 @@ EXACT = 1e-12
 DIFFERENCE = 2e-5
 
 ARM = ArmUR()
-MODELS = ("ur5", "ur5e")
+MODELS = ARM_MODELS
 # Mountings that an error of sign or a swapped link length would tell apart.
 ARMS = (
     ARM,
     ArmUR(base_yaw_deg=30.0),
     ArmUR(model="ur5e"),
     ArmUR(model="ur5e", base_yaw_deg=-90.0, base_height=0.1, gripper_length=0.2),
+    ArmUR(model="ur10e", base_yaw_deg=90.0),
 )
 # Pose in our base frame of the base frame of ur-analytic-ik, whose arm points along -x.
 T_OURS = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, ARM.base_height], [0, 0, 0, 1.0]])
@@ -47,7 +49,9 @@ def test_forward_kinematics_equals_the_analytic_library(model):
 def test_the_inverse_is_one_of_the_solutions_of_the_analytic_library(model):
     library = getattr(pytest.importorskip("ur_analytic_ik"), model)
     arm, rng = ArmUR(model=model), np.random.default_rng(1)
-    q = arm.inverse(poses(rng.uniform(0.25, 0.93, 50), rng.uniform(-1.4, 1.4, 50), 0.3))
+    reach = (arm.links.upper_arm + arm.links.forearm) / (ARM.links.upper_arm + ARM.links.forearm)
+    radius = reach * rng.uniform(0.3, 0.9, 50)
+    q = arm.inverse(poses(radius, rng.uniform(-1.4, 1.4, 50), 0.3))
     for row in q:
         flange = np.linalg.solve(T_OURS, arm.forward(row))
         found = [np.ravel(solution) for solution in library.inverse_kinematics(flange)]
@@ -183,8 +187,8 @@ def test_an_arm_survives_the_way_through_plain_values():
 
 
 def test_an_arm_of_an_unknown_model_is_refused_with_the_known_ones():
-    with pytest.raises(UnknownNameError, match="unknown arm model 'ur10': one of ur5, ur5e"):
-        ArmUR(model="ur10")
+    with pytest.raises(UnknownNameError, match="unknown arm model 'ur20': one of ur3, ur3e, ur5"):
+        ArmUR(model="ur20")
 
 
 def test_a_gripper_of_impossible_length_is_refused():

@@ -8,7 +8,8 @@ from synthetic_casts import CABLE, random_actions, smooth_dataset, smooth_map
 
 from cablecast.errors import DatasetError, InputError
 from cablecast.models import TrainingConfig, train_forward_model
-from cablecast.motion.action import ActionRanges, MotionConfig
+from cablecast.motion.action import ActionRanges
+from cablecast.setup import MotionConfig, Setup
 
 pytest.importorskip("torch")
 
@@ -38,8 +39,8 @@ def test_the_network_learns_a_smooth_map(model):
 
 
 def test_a_model_knows_the_ranges_of_the_actions_that_it_learned_from(model):
-    assert model.action_ranges == ActionRanges.for_config(MotionConfig())
-    without_psi = ActionRanges.for_config(MotionConfig(r0=1.0), with_psi=False)
+    assert model.action_ranges == ActionRanges.for_setup(Setup())
+    without_psi = ActionRanges.for_setup(Setup(motion=MotionConfig(r0=1.0)), with_psi=False)
     info = copy.deepcopy(model.info)
     # As a file keeps them: lists for tuples.
     info["dataset"]["settings"]["ranges"] = json.loads(json.dumps(dataclasses.asdict(without_psi)))

@@ -35,7 +35,7 @@ def dense_times(paths, count=1500):
 
 
 def random_actions(count, seed, config=CONFIG):
-    ranges = ActionRanges.for_config(config)
+    ranges = ActionRanges.for_setup(Setup(motion=config))
     low, high = np.transpose([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
     actions = np.random.default_rng(seed).uniform(low, high, (count, 4))
     actions[:, 3] += actions[:, 1]
@@ -46,7 +46,7 @@ def random_actions(count, seed, config=CONFIG):
 def test_the_grip_path_follows_the_exact_polar_path(config):
     actions = np.concatenate(
         [
-            grid_actions(ActionRanges.for_config(config), (3, 3, 3, 2)),
+            grid_actions(ActionRanges.for_setup(Setup(motion=config)), (3, 3, 3, 2)),
             random_actions(20, 0, config),
         ]
     )

@@ -38,7 +38,7 @@ def dense_peaks(actions, setup):
     ids=["default", "fast", "far origin", "turned UR5e"],
 )
 def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(setup):
-    actions = grid_actions(ActionRanges.for_config(setup.motion), (4, 4, 4, 3))
+    actions = grid_actions(ActionRanges.for_setup(setup), (4, 4, 4, 3))
     checked = check_actions(actions, setup, both_sides=False)
     reached = ~np.isnan(checked.peaks[:, 0, 0])
     dense = dense_peaks(actions[reached], setup)

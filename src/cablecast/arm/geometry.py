@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Links:
-    """Denavit-Hartenberg lengths of an arm with the joint order of a UR [m].
+    """Lengths of an arm with the joint order of a UR [m], the first six by Denavit and Hartenberg.
 
     Attributes:
         d1: Height of the shoulder above the base.
@@ -25,6 +25,9 @@ class Links:
         d4: Lateral offset of the first wrist joint.
         d5: Offset between the first two wrist joints.
         d6: Distance from the last wrist joint to the flange.
+        upper_aside: Distance along the shoulder's axis from the DH frames' plane to the upper arm.
+        forearm_aside: The same distance to the forearm.
+        girth: Thickness of the arm as a multiple of a UR5's [-].
     """
 
     d1: float
@@ -33,13 +36,79 @@ class Links:
     d4: float
     d5: float
     d6: float
+    upper_aside: float
+    forearm_aside: float
+    girth: float = 1.0
 
 
-# Source: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (support
-# article), rows UR5 and UR5e. Factory calibrations of single arms differ by up to millimetres.
+# Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (support
+# article), for the DH lengths; factory calibrations of single arms differ by up to millimetres.
+# Universal_Robots_ROS2_Description, physical_parameters.yaml of each model, for the distances aside
+# (shoulder_offset and elbow_offset). The girth is the ratio of the footprints on the data sheets
+# (128, 149 and 190 mm), but a UR3 counts as thick as a UR5, which is on the safe side.
 LINKS = {
-    "ur5": Links(d1=0.089159, upper_arm=0.425, forearm=0.39225, d4=0.10915, d5=0.09465, d6=0.0823),
-    "ur5e": Links(d1=0.1625, upper_arm=0.425, forearm=0.3922, d4=0.1333, d5=0.0997, d6=0.0996),
+    "ur3": Links(
+        d1=0.1519,
+        upper_arm=0.24365,
+        forearm=0.21325,
+        d4=0.11235,
+        d5=0.08535,
+        d6=0.0819,
+        upper_aside=0.1198,
+        forearm_aside=0.0275,
+    ),
+    "ur3e": Links(
+        d1=0.15185,
+        upper_arm=0.24355,
+        forearm=0.2132,
+        d4=0.13105,
+        d5=0.08535,
+        d6=0.0921,
+        upper_aside=0.12,
+        forearm_aside=0.027,
+    ),
+    "ur5": Links(
+        d1=0.089159,
+        upper_arm=0.425,
+        forearm=0.39225,
+        d4=0.10915,
+        d5=0.09465,
+        d6=0.0823,
+        upper_aside=0.136,
+        forearm_aside=0.016,
+    ),
+    "ur5e": Links(
+        d1=0.1625,
+        upper_arm=0.425,
+        forearm=0.3922,
+        d4=0.1333,
+        d5=0.0997,
+        d6=0.0996,
+        upper_aside=0.138,
+        forearm_aside=0.007,
+    ),
+    "ur10": Links(
+        d1=0.1273,
+        upper_arm=0.612,
+        forearm=0.5723,
+        d4=0.163941,
+        d5=0.1157,
+        d6=0.0922,
+        upper_aside=0.220941,
+        forearm_aside=0.049042,
+        girth=1.28,
+    ),
+    "ur10e": Links(
+        d1=0.1807,
+        upper_arm=0.6127,
+        forearm=0.57155,
+        d4=0.17415,
+        d5=0.11985,
+        d6=0.11655,
+        upper_aside=0.1762,
+        forearm_aside=0.0393,
+        girth=1.28,
+    ),
 }
 
 ARM_MODELS = tuple(LINKS)

@@ -7,11 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import ArmUR
 
-# The upper arm and the forearm run beside the plane in which the DH lengths are measured. Their
-# distances from it along the shoulder's axis [m], from the maker's description for ROS
-# (Universal_Robots_ROS2_Description, shoulder_offset and shoulder_offset + elbow_offset).
-_SIDE_OFFSETS = {"ur5": (0.136, 0.016), "ur5e": (0.138, 0.007)}
-# Radii are read off the maker's drawings [m].
+# Radii of a UR5, read off the maker's drawings [m].
 _SOCKET_RADIUS, _BASE_RADIUS, _SHOULDER_RADIUS = 0.095, 0.075, 0.062
 _UPPER_RADIUS, _ELBOW_RADIUS, _FOREARM_RADIUS, _WRIST_RADIUS = 0.056, 0.053, 0.043, 0.041
 _GRIPPER_RADIUS, _FINGER_RADIUS = 0.036, 0.014
@@ -38,16 +34,16 @@ def arm_shape(q: ArrayLike, arm: ArmUR) -> ArmShape:
         q: Joint angles [rad], shape [time, 6].
         arm: Model, mounting and gripper of the arm.
     """
-    upper_offset, fore_offset = _SIDE_OFFSETS[arm.model]
+    links = arm.links
     frames = arm.frames(q)
     base, shoulder, elbow, wrist_1, wrist_2, wrist_3, flange = (T[..., :3, 3] for T in frames)
     across = frames[1][..., :3, 2]
     down = frames[6][..., :3, 2]
     floor = base * [1.0, 1.0, 0.0]
-    upper_start = shoulder + upper_offset * across
-    upper_end = elbow + upper_offset * across
-    fore_start = elbow + fore_offset * across
-    fore_end = wrist_1 + fore_offset * across
+    upper_start = shoulder + links.upper_aside * across
+    upper_end = elbow + links.upper_aside * across
+    fore_start = elbow + links.forearm_aside * across
+    fore_end = wrist_1 + links.forearm_aside * across
     palm = flange + _PALM_SHARE * arm.gripper_length * down
     # The fingertips hold the cable a little above their ends.
     tip = flange + arm.gripper_length * down
@@ -65,7 +61,10 @@ def arm_shape(q: ArrayLike, arm: ArmUR) -> ArmShape:
         (palm, tip, _FINGER_RADIUS),
     ]
     ends = np.stack([np.stack([start, end], axis=-2) for start, end, _ in rods], axis=-3)
-    return ArmShape(ends=ends, radii=np.array([radius for _, _, radius in rods]))
+    radii = np.array([radius for _, _, radius in rods])
+    # The gripper's two rods are the person's own.
+    radii[:-2] *= links.girth
+    return ArmShape(ends=ends, radii=radii)
 
 
 def sight_clearance(

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,16 +22,19 @@ _LEVEL = 1e-9
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArmUR(ArmGeometry):
-    """A UR5 or UR5e at the table.
+    """A UR arm at the table.
 
     Attributes:
-        limits: Joint limits; for the defaults see `JointLimits`.
+        limits: Joint limits; those of the model where none are given, see `JointLimits`.
     """
 
-    limits: JointLimits = dataclasses.field(default_factory=JointLimits)
+    # Those of the model as soon as the arm is made.
+    limits: JointLimits = cast(JointLimits, None)  # noqa: RUF009
 
     def __post_init__(self):
         super().__post_init__()
+        if self.limits is None:
+            object.__setattr__(self, "limits", JointLimits.of_model(self.model))
         if not isinstance(self.limits, JointLimits):
             raise InputError(f"arm limits must be JointLimits, not {type(self.limits).__name__}")
 
@@ -50,7 +53,9 @@ class ArmUR(ArmGeometry):
         """
         values = check_keys(values, {field.name for field in dataclasses.fields(cls)}, "arm")
         if "limits" in values:
-            values["limits"] = JointLimits.from_dict(values["limits"])
+            values["limits"] = JointLimits.from_dict(
+                values["limits"], values.get("model", cls.model)
+            )
         return cls(**values)
 
     def inverse(self, poses: ArrayLike) -> Array:

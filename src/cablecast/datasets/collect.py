@@ -78,7 +78,7 @@ def collect_dataset(
         origin = {
             "sampling": sampling,
             "seed": seed,
-            "ranges": dataclasses.asdict(ranges or ActionRanges.for_config(setup.motion)),
+            "ranges": dataclasses.asdict(ranges or ActionRanges.for_setup(setup)),
         }
     else:
         chosen = check_action_values(actions)

@@ -88,7 +88,7 @@ def simulate_dataset(
     check_seed(seed)
     remade = _remade(engine, workers)
     dynamics = Dynamics.of(dynamics, setup)
-    ranges = ActionRanges.for_config(setup.motion) if ranges is None else ranges
+    ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
     actions = _choose_actions(count, setup, dynamics.params, ranges, seed)
     settings = {
         **_settings(setup, dynamics, engine, ranges),

@@ -116,7 +116,7 @@ def measure_coverage(
     counts = tuple(int(count) for count in counts)
     check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
     motion = setup.motion
-    grid = grid_actions(ActionRanges.for_config(motion), counts)
+    grid = grid_actions(ActionRanges.for_setup(setup), counts)
     actions = grid[check_actions(grid, setup).mask]
     if len(actions) == 0:
         raise InputError(

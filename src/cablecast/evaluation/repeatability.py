@@ -302,7 +302,7 @@ def repeat_actions(
     check_seed(seed)
     if action_count is not None:
         check_count("action_count", action_count)
-    grid = grid_actions(ActionRanges.for_config(setup.motion), counts)
+    grid = grid_actions(ActionRanges.for_setup(setup), counts)
     actions = grid[check_actions(grid, setup).mask]
     if not len(actions):
         raise InputError(f"none of the {len(grid)} actions of the grid {counts} is feasible")

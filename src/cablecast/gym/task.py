@@ -80,7 +80,7 @@ class CastTask:
         if self.targets is not None:
             self.targets = check_targets(self.setup, self.targets)
         self.space = SearchSpace.for_cable(self.setup.cable)
-        self.ranges = ActionRanges.for_config(self.setup.motion)
+        self.ranges = ActionRanges.for_setup(self.setup)
         self._unit = self.space.to_unit(self.params)
 
     @property

@@ -158,7 +158,7 @@ class LandingModel:
 
         known = self.info["dataset"]["settings"].get("ranges")
         if known is None:
-            return ActionRanges.for_config(self.setup.motion)
+            return ActionRanges.for_setup(self.setup)
         return settings_object(
             lambda values: ActionRanges(**{k: tuple(v) for k, v in values.items()}),
             self.info["dataset"],

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import ActionError, InputError
-from cablecast.setup import MotionConfig
+from cablecast.setup import MotionConfig, Setup
+from cablecast.workspace import Workspace
 
 ACTION_NAMES = ("theta1", "theta2", "r2", "psi")
 
@@ -177,26 +178,31 @@ class ActionRanges:
             )
 
     @classmethod
-    def for_config(cls, config: MotionConfig, with_psi: bool = True) -> "ActionRanges":
-        """Return the ranges that sweep the same table region about another polar origin.
+    def for_setup(cls, setup: Setup, with_psi: bool = True) -> "ActionRanges":
+        """Return the ranges that sweep the same part of the reach about another polar origin.
 
-        Moving the origin back flattens the arcs. r2 shifts with r0, and the angles shrink to keep
-        the sideways extent of the sweep, r0 sin(theta).
+        r2 grows with the reach of the arm. Moving the origin back flattens the arcs: r2 shifts with
+        r0, and the angles shrink to keep the sideways extent of the sweep, r0 sin(theta).
 
         Args:
-            config: Motion settings with the distance r0 of the polar origin.
+            setup: Gives the reach r_max and the distance r0 of the polar origin.
             with_psi: Whether the wrist turns (action set A2) or not (A1).
         """
-        base = cls() if with_psi else cls(wrist=(0.0, 0.0))
-        r0 = MotionConfig().r0
-        if config.r0 <= r0:
+        reach = setup.workspace.r_max / Workspace().r_max
+        usual = cls()
+        base = cls(
+            r2=(reach * usual.r2[0], reach * usual.r2[1]),
+            wrist=usual.wrist if with_psi else (0.0, 0.0),
+        )
+        r0, given = reach * MotionConfig().r0, setup.motion.r0
+        if given <= r0:
             return base
 
         def shrink(theta: tuple[float, float]) -> tuple[float, float]:
-            low, high = (float(np.arcsin(r0 / config.r0 * np.sin(value))) for value in theta)
+            low, high = (float(np.arcsin(r0 / given * np.sin(value))) for value in theta)
             return low, high
 
-        shift = config.r0 - r0
+        shift = given - r0
         return cls(
             theta1=shrink(base.theta1),
             theta2=shrink(base.theta2),

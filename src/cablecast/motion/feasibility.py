@@ -208,7 +208,7 @@ def feasible_grid(
     Args:
         count: Number of actions.
         setup: Set-up with the arm, the reset position, r_max and the system parameters.
-        ranges: Ranges of the grid; `ActionRanges.for_config` if None.
+        ranges: Ranges of the grid; `ActionRanges.for_setup` if None.
         seed: Seed for the random choice.
 
     Returns:
@@ -219,7 +219,7 @@ def feasible_grid(
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
-    ranges = ranges or ActionRanges.for_config(setup.motion)
+    ranges = ranges or ActionRanges.for_setup(setup)
     key = (count, setup.motion, setup.arm, setup.workspace, ranges, seed)
     if key not in _grids:
         while len(_grids) >= _GRIDS_KEPT:
@@ -261,7 +261,7 @@ def feasible_uniform(
     Args:
         count: Number of actions.
         setup: Set-up with the arm, the reset position, r_max and the system parameters.
-        ranges: Ranges to draw from; `ActionRanges.for_config` if None.
+        ranges: Ranges to draw from; `ActionRanges.for_setup` if None.
         seed: Seed for the draws.
 
     Returns:
@@ -272,7 +272,7 @@ def feasible_uniform(
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
-    ranges = ranges or ActionRanges.for_config(setup.motion)
+    ranges = ranges or ActionRanges.for_setup(setup)
     bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
     rng = np.random.default_rng(seed)
     chosen = np.empty((0, 4))

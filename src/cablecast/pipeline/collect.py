@@ -61,7 +61,7 @@ def collect(
             count=count,
             sampling=sampling or SAMPLINGS[purpose],
             seed=seed,
-            ranges=ActionRanges.for_config(setup.motion, psi),
+            ranges=ActionRanges.for_setup(setup, psi),
             progress=resumed_counter(progress, f"Casting {setup.cable.name}", "casts"),
         )
         if out is not None:

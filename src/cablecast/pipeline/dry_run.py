@@ -65,7 +65,7 @@ def dry_run(
         count or TRIAL_COUNTS[purpose],
         setup,
         seed,
-        ActionRanges.for_config(setup.motion, psi),
+        ActionRanges.for_setup(setup, psi),
     )
     for number, values in enumerate(actions):
         action = Action.from_array(values)

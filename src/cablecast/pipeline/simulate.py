@@ -67,7 +67,7 @@ def simulate(
             engine,
             count=count,
             seed=seed,
-            ranges=ActionRanges.for_config(setup.motion, psi),
+            ranges=ActionRanges.for_setup(setup, psi),
             workers=workers,
             progress=resumed_counter(progress, task, "casts"),
         )

@@ -114,14 +114,14 @@ class ForwardSearchPolicy:
             model: Model of landings, with its set-up.
             candidate_count: Number of feasible candidates.
             seed: Seed for choosing candidates from the grid.
-            ranges: Ranges of the actions; `ActionRanges.for_config` if None.
+            ranges: Ranges of the actions; `ActionRanges.for_setup` if None.
             table_margin: Distance that the free end must keep within the table's edges [m];
                 candidates predicted to come nearer are left out.
 
         Raises:
             InputError: No candidate stays on the table.
         """
-        ranges = ActionRanges.for_config(model.setup.motion) if ranges is None else ranges
+        ranges = ActionRanges.for_setup(model.setup) if ranges is None else ranges
         actions = feasible_grid(candidate_count, model.setup, ranges, seed)
         return cls.from_candidates(actions, model, table_margin, {"seed": seed})
 

@@ -1,8 +1,7 @@
 """Distances between the arm, its gripper, the table and obstacles, all as capsules.
 
-Links are capsules about the axes of the arm's parts. The upper arm and the forearm lie beside the
-plane of the DH frames: the offsets are those of the maker's robot description (`ur_description`,
-physical_parameters of each model). Radii are measured on its drawings and rounded up.
+Links are capsules about the axes of the arm's parts. Radii are measured on the maker's drawings of
+a UR5 and rounded up.
 """
 
 import dataclasses
@@ -15,8 +14,6 @@ from cablecast.arm.robot import Obstacle, RobotConfig
 
 Array = NDArray[np.float64]
 
-# Distances of the upper arm and of the forearm from the DH frames' plane [m].
-_SIDE_OFFSETS = {"ur5": (0.13585, 0.01615), "ur5e": (0.138, 0.007)}
 _RADII = {
     "base": 0.08,
     "shoulder": 0.075,
@@ -65,7 +62,8 @@ def arm_capsules(arm: ArmGeometry, q: Array, tool_radius: float) -> list[Capsule
     frames = arm.frames(q)
     places = [frame[..., :3, 3] for frame in frames]
     axis = frames[1][..., :3, 2]
-    outer, inner = (offset * axis for offset in _SIDE_OFFSETS[arm.model])
+    links = arm.links
+    outer, inner = links.upper_aside * axis, links.forearm_aside * axis
     flange = frames[6]
     tip = places[6] + arm.gripper_length * flange[..., :3, 2]
     tip = tip - arm.grip_offset * flange[..., :3, 1]
@@ -79,7 +77,7 @@ def arm_capsules(arm: ArmGeometry, q: Array, tool_radius: float) -> list[Capsule
         "wrist 2": (places[4], places[5]),
         "wrist 3": (places[5], places[6]),
     }
-    parts = [Capsule(name, *ends[name], _RADII[name]) for name in ends]
+    parts = [Capsule(name, *ends[name], links.girth * _RADII[name]) for name in ends]
     return [*parts, Capsule("gripper", places[6], tip, tool_radius)]
 
 
