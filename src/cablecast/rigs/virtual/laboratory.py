@@ -15,8 +15,8 @@ from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.forces import CableForces
 from cablecast.rigs.virtual.reset_library import find_library
-from cablecast.rigs.virtual.scene import HAND_DOF_COUNT, Scene, build_scene, hand_controls
-from cablecast.rigs.virtual.state import cable_motion, cable_vertices
+from cablecast.rigs.virtual.scene import Scene, build_scene, hand_controls
+from cablecast.rigs.virtual.state import cable_motion, cable_vertices, lay_down
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
@@ -146,19 +146,7 @@ class _Group:
         shape = reset_shape(
             lab._setup.cable, pose, trial, scene.arc_lengths, scene.end_height, lab._library
         )
-        self.qpos[world, :HAND_DOF_COUNT] = pose - scene.hand_origin
-        self.qpos[world, scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
-        if scene.has_tip:
-            ahead = shape[-1] - shape[-2]
-            # A hook's bend comes down from above: its other side would begin within the table.
-            yaw, roll = -np.arctan2(ahead[0], ahead[1]) / 2, -abs(trial.tip_roll) / 2
-            # Turned about its own y, the cable's axis, and then about z.
-            self.qpos[world, scene.tip_slice] = [
-                np.cos(yaw) * np.cos(roll),
-                -np.sin(yaw) * np.sin(roll),
-                np.cos(yaw) * np.sin(roll),
-                np.sin(yaw) * np.cos(roll),
-            ]
+        lay_down(scene, self.qpos[world], pose, shape, trial.tip_roll)
 
     def _controls(self) -> NDArray[np.float64]:
         """Return servo targets of every trial from its reset on, shape [world, step, 5]."""

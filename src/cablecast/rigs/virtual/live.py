@@ -24,8 +24,8 @@ from cablecast.rigs.virtual.arm import within_torque
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.forces import CableForces
 from cablecast.rigs.virtual.reset_library import find_library
-from cablecast.rigs.virtual.scene import HAND_DOF_COUNT, build_scene, hand_controls
-from cablecast.rigs.virtual.state import cable_motion, cable_vertices
+from cablecast.rigs.virtual.scene import build_scene, hand_controls
+from cablecast.rigs.virtual.state import cable_motion, cable_vertices, lay_down
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
@@ -257,17 +257,7 @@ class LiveCable:
         )
         if self.lies_aside:
             shape = _turned(shape, self.lies_aside)
-        self._qpos[0, :HAND_DOF_COUNT] = pose - scene.hand_origin
-        self._qpos[0, scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
-        if scene.has_tip:
-            ahead = shape[-1] - shape[-2]
-            yaw, roll = -np.arctan2(ahead[0], ahead[1]) / 2, -abs(trial.tip_roll) / 2
-            self._qpos[0, scene.tip_slice] = [
-                np.cos(yaw) * np.cos(roll),
-                -np.sin(yaw) * np.sin(roll),
-                np.cos(yaw) * np.sin(roll),
-                np.sin(yaw) * np.cos(roll),
-            ]
+        lay_down(scene, self._qpos[0], pose, shape, trial.tip_roll)
         self._forces = CableForces(
             self._setup.cable,
             self._truth,

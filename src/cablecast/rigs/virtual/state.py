@@ -1,4 +1,4 @@
-"""The cable in MuJoCo's state: where its vertices are, and how they move."""
+"""The cable in MuJoCo's state: how it is laid down, where its vertices are, how they move."""
 
 import dataclasses
 
@@ -24,6 +24,38 @@ class CableMotion:
     velocity: NDArray[np.float64]
     roll: NDArray[np.float64]
     roll_rate: NDArray[np.float64]
+
+
+def lay_down(
+    scene: Scene,
+    qpos: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    shape: NDArray[np.float64],
+    tip_roll: float,
+) -> None:
+    """Put the hand and a cable where a reset left them.
+
+    Args:
+        scene: Model that the state belongs to.
+        qpos: Positions of all joints of one world, which are filled, shape [joint position].
+        pose: Pose of the grip: x, y, z [m], yaw, pitch [rad], shape [5].
+        shape: Vertices of the cable [m], shape [vertex, 3].
+        tip_roll: Turn of the lying attachment about the cable [rad].
+    """
+    qpos[:HAND_DOF_COUNT] = pose - scene.hand_origin
+    qpos[scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
+    if not scene.has_tip:
+        return
+    ahead = shape[-1] - shape[-2]
+    # A hook's bend comes down from above: its other side would begin within the table.
+    yaw, roll = -np.arctan2(ahead[0], ahead[1]) / 2, -abs(tip_roll) / 2
+    # Turned about its own y, the cable's axis, and then about z.
+    qpos[scene.tip_slice] = [
+        np.cos(yaw) * np.cos(roll),
+        -np.sin(yaw) * np.sin(roll),
+        np.cos(yaw) * np.sin(roll),
+        np.sin(yaw) * np.cos(roll),
+    ]
 
 
 def cable_vertices(scene: Scene, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
