@@ -13,6 +13,9 @@ _UPPER_RADIUS, _ELBOW_RADIUS, _FOREARM_RADIUS, _WRIST_RADIUS = 0.056, 0.053, 0.0
 _GRIPPER_RADIUS, _FINGER_RADIUS = 0.036, 0.014
 _PALM_SHARE = 0.6
 
+GRIPPER_ROD_COUNT = 2
+"""Number of rods of the gripper, which are the last."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArmShape:
@@ -62,8 +65,8 @@ def arm_shape(q: ArrayLike, arm: ArmUR) -> ArmShape:
     ]
     ends = np.stack([np.stack([start, end], axis=-2) for start, end, _ in rods], axis=-3)
     radii = np.array([radius for _, _, radius in rods])
-    # The gripper's two rods are the person's own.
-    radii[:-2] *= links.girth
+    # The gripper is the person's own.
+    radii[:-GRIPPER_ROD_COUNT] *= links.girth
     return ArmShape(ends=ends, radii=radii)
 
 

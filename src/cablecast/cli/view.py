@@ -41,6 +41,8 @@ class View:
     """Port to listen on; the next free one if it is taken."""
     dark: bool = False
     """Begin with dark colours."""
+    arm_meshes: Annotated[pathlib.Path | None, argument("FILE", "simple shapes")] = None
+    """MJCF or URDF file of your arm, whose meshes are drawn instead of simple shapes."""
 
     def run(self) -> None:
         """Serve the page until it is interrupted."""
@@ -67,6 +69,7 @@ class View:
                 host=self.host,
                 port=self.port,
                 dark=self.dark,
+                arm_meshes=self.arm_meshes,
                 ready=_announce,
             )
 

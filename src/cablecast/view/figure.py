@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.setup import Setup
+from cablecast.view.arm_meshes import ArmMeshes, MeshesDrawing
 from cablecast.view.palette import LIGHT, Color, Paint
-from cablecast.view.shapes import Rods, arm_rods, ribbon, thinned, tube
+from cablecast.view.shapes import Rods, arm_rods, gripper_rods, ribbon, thinned, tube
 from cablecast.view.shown import ShownCast
 
 if TYPE_CHECKING:
@@ -114,6 +115,8 @@ class Figure:
         color: Colour of the cable.
         opacity: Opacity of a ghost; None for a solid figure.
         with_arm: True for a figure with the arm.
+        paint: Colours.
+        meshes: Meshes of the arm; drawn as rods where None.
     """
 
     def __init__(
@@ -126,11 +129,13 @@ class Figure:
         opacity: float | None = None,
         with_arm: bool = True,
         paint: Paint = LIGHT,
+        meshes: ArmMeshes | None = None,
     ):
         self._server, self._name, self._setup = server, name, setup
         self._color, self._opacity, self._with_arm = color, opacity, with_arm
-        self._paint = paint
+        self._paint, self._meshes = paint, meshes
         self._arm: RodsDrawing | None = None
+        self._real_arm: MeshesDrawing | None = None
         self._cable: Any = None
         self._node_count = 0
         self._visible = True
@@ -162,17 +167,7 @@ class Figure:
             return
         q, nodes = cast.joints_at(time), cast.nodes_at(time)
         if q is not None and self._with_arm:
-            rods = arm_rods(q, self._setup.arm)
-            if self._arm is None:
-                self._arm = RodsDrawing(
-                    self._server,
-                    f"{self._name}/arm",
-                    rods,
-                    self._paint.arm if self._opacity is None else self._color,
-                    joint_color=self._paint.joint if self._opacity is None else None,
-                    opacity=None if self._opacity is None else 0.5 * self._opacity,
-                )
-            self._arm.move(rods)
+            self._draw_arm(q)
         if nodes is not None:
             self._draw_cable(nodes)
         tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
@@ -183,6 +178,24 @@ class Figure:
         set_changed(self._trail, "visible", len(trail) > 1)
         if len(trail) > 1:
             self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
+
+    def _draw_arm(self, q: NDArray[np.float64]) -> None:
+        if self._meshes is not None:
+            if self._real_arm is None:
+                self._real_arm = MeshesDrawing(self._server, f"{self._name}/meshes", self._meshes)
+            self._real_arm.move(q)
+        arm = self._setup.arm
+        rods = arm_rods(q, arm) if self._meshes is None else gripper_rods(q, arm)
+        if self._arm is None:
+            self._arm = RodsDrawing(
+                self._server,
+                f"{self._name}/arm",
+                rods,
+                self._paint.arm if self._opacity is None else self._color,
+                joint_color=self._paint.joint if self._opacity is None else None,
+                opacity=None if self._opacity is None else 0.5 * self._opacity,
+            )
+        self._arm.move(rods)
 
     def _draw_cable(self, nodes: NDArray[np.float64]) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
@@ -216,6 +229,11 @@ class Figure:
             self._arm.recolor(paint.arm, paint.joint)
 
     @property
+    def _parts(self) -> list[Any]:
+        parts = (self._arm, self._real_arm, self._cable, self._tip, self._trail)
+        return [part for part in parts if part is not None]
+
+    @property
     def visible(self) -> bool:
         """True while the figure is drawn."""
         return self._visible
@@ -225,12 +243,10 @@ class Figure:
         if visible == self._visible:
             return
         self._visible = visible
-        for part in (self._arm, self._cable, self._tip, self._trail):
-            if part is not None:
-                part.visible = visible
+        for part in self._parts:
+            part.visible = visible
 
     def remove(self) -> None:
         """Take the figure out of the scene."""
-        for part in (self._arm, self._cable, self._tip, self._trail):
-            if part is not None:
-                part.remove()
+        for part in self._parts:
+            part.remove()

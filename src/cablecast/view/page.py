@@ -11,6 +11,7 @@ import numpy as np
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, InputError
 from cablecast.rigs.base import error_line
+from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.camera_controls import CameraControls
 from cablecast.view.controls import CastControls
 from cablecast.view.desk import Desk
@@ -58,6 +59,7 @@ class Page:
         dark: True for a page that begins dark.
         suggestion: Folder that is suggested to look at.
         home: Folder of the cable's results, e.g. runs/cable_1.
+        meshes: Meshes of the arm; drawn as rods where None.
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class Page:
         dark: bool = False,
         suggestion: pathlib.Path | None = None,
         home: pathlib.Path | None = None,
+        meshes: ArmMeshes | None = None,
     ):
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._lock = threading.RLock()
@@ -79,7 +82,7 @@ class Page:
         self.server.gui.main_panel.dock_right()
         self._room = Room(self.server, desk.setup, LIGHT)
         self._marks = Marks(self.server, desk.setup)
-        self.solid = Figure(self.server, "/solid", desk.setup, BLUE)
+        self.solid = Figure(self.server, "/solid", desk.setup, BLUE, meshes=meshes)
         self.ghost = Figure(self.server, "/ghost", desk.setup, PURPLE, opacity=0.5)
         self.player = Player(self._on_frame)
         self._place_camera()

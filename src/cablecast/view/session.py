@@ -14,6 +14,7 @@ from cablecast.runs.parts import Parts
 from cablecast.runs.places import MODEL_FOLDER
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.view.album import ALBUM_FOLDER, Album
+from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.desk import Desk
 from cablecast.view.page import Page
 from cablecast.view.worker import Work, Worker
@@ -84,6 +85,7 @@ def serve(
     host: str,
     port: int,
     dark: bool = False,
+    arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the page of a rig until Ctrl-C.
@@ -97,12 +99,15 @@ def serve(
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
         dark: True for a page that begins dark.
+        arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
         ready: Told the address once the page can be opened.
 
     Raises:
         MissingExtraError: A library of the page is not installed.
+        InputError: The file of meshes cannot be read, or is another arm.
     """
     require("the page", "viser", "trimesh", "torch", "safetensors")
+    meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
     folder = pathlib.Path(folder)
     desk, worker = make_desk(rig, folder), Worker()
     prepare = preparation(desk, folder, calibration_count=calibration_count, count=count, seed=seed)
@@ -115,6 +120,7 @@ def serve(
         dark=dark,
         suggestion=folder,
         home=folder.parent,
+        meshes=meshes,
     )
     try:
         if ready is not None:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.shape import arm_shape
+from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
 from cablecast.arm.ur import ArmUR
 from cablecast.policies.base import Policy
 from cablecast.setup import Setup
@@ -88,6 +88,13 @@ def arm_rods(q: ArrayLike, arm: ArmUR) -> Rods:
     """
     shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
     return Rods(starts=shape.ends[0, :, 0], ends=shape.ends[0, :, 1], radii=shape.radii)
+
+
+def gripper_rods(q: ArrayLike, arm: ArmUR) -> Rods:
+    """Return the gripper alone at joint angles [rad], shape [6]."""
+    rods = arm_rods(q, arm)
+    count = GRIPPER_ROD_COUNT
+    return Rods(starts=rods.starts[-count:], ends=rods.ends[-count:], radii=rods.radii[-count:])
 
 
 def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:

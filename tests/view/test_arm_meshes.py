@@ -1,0 +1,141 @@
+"""The meshes of a robot description, against the DH frames of the set-up's arm."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cablecast.arm.ur import ArmUR
+from cablecast.errors import InputError
+from cablecast.motion.joint_path import JointPath
+from cablecast.setup import Setup
+from cablecast.view.arm_meshes import JOINT_NAMES, ArmMeshes
+from cablecast.view.figure import Figure
+from cablecast.view.serving import start_server, stop_server
+from cablecast.view.shown import ShownCast
+
+pytest.importorskip("mujoco")
+
+# A file writes its numbers with this many digits.
+DIGITS = 1e-6
+
+TETRAHEDRON = "0.1 0 0  0 0.1 0  0 0 0.1  0 0 -0.05"
+
+NO_BASE = {"name": "base", "pos": "0 0 0", "quat": "1 0 0 0"}
+
+
+def description(arm, base=NO_BASE, mesh="part", prefix=""):
+    """Return an MJCF file of an arm by its DH table, one mesh a body."""
+    links = arm.links
+    fixed = [
+        (0.0, 0.0, 0.0),
+        (0.0, links.d1, 90.0),
+        (-links.upper_arm, 0.0, 0.0),
+        (-links.forearm, 0.0, 0.0),
+        (0.0, links.d4, 90.0),
+        (0.0, links.d5, -90.0),
+    ]
+    text, ends = "", ""
+    for name, (a, d, twist) in zip(JOINT_NAMES, fixed, strict=True):
+        geom = f'<geom type="mesh" mesh="{mesh}" rgba="1 0.5 0 1"/>' if mesh else ""
+        text += (
+            f'<body name="{name[:-6]}" pos="{a} 0 {d}" euler="{twist} 0 0">'
+            f'<joint name="{prefix}{name}" axis="0 0 1"/><inertial pos="0 0 0" mass="1" '
+            f'diaginertia="1 1 1"/>{geom}'
+        )
+        ends += "</body>"
+    body = f'<body name="{base["name"]}" pos="{base["pos"]}" quat="{base["quat"]}">{text}{ends}'
+    asset = f'<asset><mesh name="part" vertex="{TETRAHEDRON}"/></asset>'
+    return f"<mujoco>{asset}<worldbody>{body}</body></worldbody></mujoco>"
+
+
+def written(folder, text):
+    path = folder / "arm.xml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("model", ["ur5", "ur10e"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_each_piece_is_where_its_frame_is(tmp_path, model, turned):
+    arm = ArmUR(model=model)
+    quat = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_quat(scalar_first=True)
+    base = {"name": "base", "pos": "1 -2 0.3", "quat": " ".join(map(str, quat))}
+    text = description(arm, base if turned else NO_BASE, prefix="left_")
+    meshes = ArmMeshes(written(tmp_path, text), arm)
+    assert [piece.name for piece in meshes.pieces] == [name[:-6] for name in JOINT_NAMES]
+    for q in np.random.default_rng(1).uniform(-3.0, 3.0, (5, 6)):
+        quats, positions = meshes.poses(q)
+        frames = arm.frames(q[None])
+        for index, piece in enumerate(meshes.pieces):
+            # Each body turns with its joint: DH frame `index`, turned about its z.
+            turn = frames[index][0, :3, :3] @ Rotation.from_euler("z", q[index]).as_matrix()
+            corners = np.sort(piece.vertices @ turn.T + frames[index][0, :3, 3], axis=0)
+            drawn = Rotation.from_quat(quats[index], scalar_first=True).as_matrix()
+            mine = np.sort(piece.vertices @ drawn.T + positions[index], axis=0)
+            assert np.allclose(mine, corners, atol=DIGITS)
+
+
+def test_a_piece_has_the_file_s_vertices_and_colour(tmp_path):
+    arm = ArmUR()
+    piece = ArmMeshes(written(tmp_path, description(arm)), arm).pieces[0]
+    expected = np.array(TETRAHEDRON.split(), dtype=float).reshape(-1, 3)
+    order = np.lexsort(piece.vertices.T.round(6))
+    assert np.allclose(
+        piece.vertices[order], expected[np.lexsort(expected.T.round(6))], atol=DIGITS
+    )
+    assert np.all(piece.colors == [255, 128, 0, 255])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: "no xml", "arm.xml"),
+        (lambda text: text.replace("elbow_joint", "third"), "0 joints named 'elbow_joint'"),
+    ],
+)
+def test_a_file_that_is_no_arm_is_refused(tmp_path, change, said):
+    path = written(tmp_path, change(description(ArmUR())))
+    with pytest.raises(InputError, match=said):
+        ArmMeshes(path, ArmUR())
+
+
+def test_an_arm_without_meshes_is_refused(tmp_path):
+    with pytest.raises(InputError, match="has no meshes"):
+        ArmMeshes(written(tmp_path, description(ArmUR(), mesh="")), ArmUR())
+
+
+def test_another_arm_is_refused(tmp_path):
+    path = written(tmp_path, description(ArmUR(model="ur5e")))
+    with pytest.raises(InputError, match=r"no ur5: its wrists are up to \d+ mm"):
+        ArmMeshes(path, ArmUR(model="ur5"))
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="is not a file"):
+        ArmMeshes(tmp_path / "none.xml", ArmUR())
+
+
+def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path):
+    pytest.importorskip("viser")
+    setup = Setup()
+    meshes = ArmMeshes(written(tmp_path, description(setup.arm)), setup.arm)
+    server = start_server("127.0.0.1", 0)
+    try:
+        figure = Figure(server, "/solid", setup, (0, 0, 255), meshes=meshes)
+        q = setup.arm.inverse(np.array([[0.2, 0.6, 0.02, 0.1, 0.0], [0.0, 0.7, 0.02, 0.0, 0.0]]))
+        times = np.array([0.0, 1.0])
+        cast = ShownCast(
+            times=times,
+            endpoint_xy=np.zeros((2, 2)),
+            nodes=None,
+            joint_path=JointPath(times=times, q=q, qd=np.zeros_like(q)),
+        )
+        for time, pose in zip(cast.times, q, strict=True):
+            figure.show(cast, time)
+            drawn = figure._real_arm._handles[3]
+            assert np.allclose(drawn.position, meshes.poses(pose)[1][3])
+        assert len(figure._arm._rods.batched_positions) == 2
+        figure.visible = False
+        assert not drawn.visible
+    finally:
+        stop_server(server)
