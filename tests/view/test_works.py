@@ -1,11 +1,15 @@
 import threading
 
+import numpy as np
 import pytest
 
 from cablecast.datasets.reader import read_dataset
 from cablecast.errors import InputError
+from cablecast.runs.places import DATASET_FOLDER
 from cablecast.view.worker import Worker
 from cablecast.view.works import long_work
+
+COUNT = 60
 
 
 def test_a_collection_that_was_stopped_goes_on_where_it_was(own, rig, tmp_path):
@@ -32,6 +36,33 @@ def test_a_collection_that_was_stopped_goes_on_where_it_was(own, rig, tmp_path):
     # Two of the four were kept.
     assert own.cast_count == 4
     assert len(read_dataset(tmp_path / "tune-data")) == 4
+
+
+def done(worker, kind, work):
+    """Let a worker do some work, and return its last message."""
+    worker.submit(kind, work)
+    worker.notify = lambda: None if worker.busy else worker.end()
+    worker.run()
+    return worker.state.message
+
+
+def test_a_simulation_that_was_stopped_ends_as_if_it_had_not_been(rig, tmp_path):
+    stopped, straight = tmp_path / "stopped", tmp_path / "straight"
+    worker, work = Worker(), long_work("simulate", rig, stopped, COUNT)
+
+    def stopping(report):
+        def told(progress):
+            report(progress)
+            worker.stop()
+
+        work(told)
+
+    assert done(worker, "simulate", stopping) == "stopped: simulate"
+    for home in (stopped, straight):
+        assert done(Worker(), "simulate", long_work("simulate", rig, home, COUNT)) == ""
+    made, whole = (read_dataset(home / DATASET_FOLDER) for home in (stopped, straight))
+    assert len(made) == COUNT
+    assert np.array_equal(made.endpoint_xy, whole.endpoint_xy, equal_nan=True)
 
 
 @pytest.mark.parametrize(
