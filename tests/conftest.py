@@ -1,8 +1,14 @@
 """Order and fixtures of all tests."""
 
+import os
 import signal
 
 import pytest
+
+
+def pytest_xdist_auto_num_workers():
+    """Start one worker more than there are cores: tests of robots and clusters mostly wait."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_collection_modifyitems(items):

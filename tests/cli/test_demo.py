@@ -22,6 +22,7 @@ def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cablecast.pipeline.demo.load_targets", lambda: load_targets()[::8])
+        patch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 20)
         patch.chdir(folder)
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert main(["demo", *SMALL]) == 0

@@ -139,6 +139,22 @@ def test_aiming_starts_from_it_and_simulates_and_trains_nothing(model, tmp_path,
     assert not (tmp_path / "aim" / "dataset").exists()
 
 
+def test_the_page_starts_from_it(model, tmp_path, monkeypatch):
+    pytest.importorskip("viser")
+    from cablecast.view.session import make_desk, preparation
+
+    setup = cc.Setup(cable=other_cable())
+    monkeypatch.setattr("cablecast.pipeline.many_cables.CANDIDATE_COUNT", 500)
+    monkeypatch.setattr("cablecast.pipeline.aim.tune", lambda *_, **__: cc.Tuned.of(None, setup))
+    with cc.make_rig("engine", setup) as rig:
+        desk = make_desk(rig, tmp_path)
+        options = {"calibration_count": 2, "count": 50, "seed": 0, "model": model}
+        preparation(desk, tmp_path, **options)(lambda progress: None)
+        assert desk.aim(np.array([0.2, 1.0])).proposal.try_number == 1
+    assert desk.session.aimer.policy.model.info["many_cables"]["fingerprint"] == model.fingerprint
+    assert not (tmp_path / "dataset").exists()
+
+
 def test_a_rig_that_the_model_does_not_fit_is_refused_before_it_moves(model):
     setup = cc.Setup(cable="cable_2")
     with cc.make_rig("engine", setup) as rig, pytest.raises(InputError, match="cable length"):

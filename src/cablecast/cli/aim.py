@@ -31,8 +31,7 @@ class Aim:
     [deg], positive to the robot's right."""
     rig: Annotated[str, argument("RIG")] = "virtual"
     """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
-    simulator), or
-    your own robot as package.module:factory."""
+    simulator), or your own robot as package.module:factory."""
     within: Annotated[float, argument("PCT")] = 3.0
     """Distance from the target at which a cast has hit, in % of cable length."""
     tries: int = 6

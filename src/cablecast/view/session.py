@@ -5,6 +5,7 @@ import pathlib
 from collections.abc import Callable
 
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.models.many_cables import ManyCablesModel
 from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.places import require
@@ -36,7 +37,14 @@ def make_desk(rig: CheckedRig, folder: pathlib.Path | None = None) -> Desk:
 
 
 def preparation(
-    desk: Desk, folder: pathlib.Path | None, *, calibration_count: int, count: int, seed: int
+    desk: Desk,
+    folder: pathlib.Path | None,
+    *,
+    calibration_count: int,
+    count: int,
+    seed: int,
+    model: ManyCablesModel | None = None,
+    refine: int = 0,
 ) -> Work:
     """Return the work that gets a desk ready: casts, fit, simulation, training.
 
@@ -46,6 +54,8 @@ def preparation(
         calibration_count: Casts that the rig makes.
         count: Simulated casts that the model learns from.
         seed: Seed of everything that is drawn by chance.
+        model: Model of many cables, in place of one that learns from simulated casts of this one.
+        refine: Simulated casts that the model of many cables learns from first.
     """
 
     def work(report: ProgressCallback) -> None:
@@ -54,6 +64,8 @@ def preparation(
             calibration_count=calibration_count,
             count=count,
             seed=seed,
+            model=model,
+            refine=refine,
             out=folder,
             progress=report,
         )
@@ -85,6 +97,8 @@ def serve(
     host: str,
     port: int,
     dark: bool = False,
+    model: ManyCablesModel | None = None,
+    refine: int = 0,
     arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
@@ -99,18 +113,30 @@ def serve(
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
         dark: True for a page that begins dark.
+        model: Model of many cables, in place of one that learns from simulated casts of this one.
+        refine: Simulated casts that the model of many cables learns from first.
         arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
         ready: Told the address once the page can be opened.
 
     Raises:
         MissingExtraError: A library of the page is not installed.
-        InputError: The file of meshes cannot be read, or is another arm.
+        InputError: The model is of another set-up, or the file of meshes shows another arm.
     """
     require("the page", "viser", "trimesh", "torch", "safetensors")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
+    if model is not None:
+        model.check_setup(rig.setup)
     folder = pathlib.Path(folder)
     desk, worker = make_desk(rig, folder), Worker()
-    prepare = preparation(desk, folder, calibration_count=calibration_count, count=count, seed=seed)
+    prepare = preparation(
+        desk,
+        folder,
+        calibration_count=calibration_count,
+        count=count,
+        seed=seed,
+        model=model,
+        refine=refine,
+    )
     page = Page(
         desk,
         worker,
