@@ -6,6 +6,7 @@ The session is one that `cablecast view` or `aim` prepared. Beside the wall time
 the processor for the same work, which a busy machine does not lengthen as much.
 """
 
+import contextlib
 import dataclasses
 import os
 import pathlib
@@ -13,7 +14,7 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from tools.browse_page import TablePage, find_browser, open_browser
@@ -26,6 +27,9 @@ from cablecast.view.look_controls import SLIDERS, slid_params
 from cablecast.view.page import Page
 from cablecast.view.session import make_desk, open_session
 from cablecast.view.worker import Worker
+
+SLOWLY = 0.2
+"""Shown seconds per second at which a plan lasts longer than frames are counted."""
 
 
 @dataclasses.dataclass
@@ -124,13 +128,38 @@ def measure_memory(page: Page, targets: np.ndarray, args: Args) -> None:
 
 def measure_frames(page: Page, targets: np.ndarray) -> None:
     with open_browser() as browser:
-        window = browser.new_page(viewport={"width": 1280, "height": 720})
-        tab = TablePage(window, page.desk.setup)
-        tab.open(page.address)
-        tab.wait_for("plan")
-        print(f"frames a second at rest: {tab.frames_per_second():.1f}")
-        page.aim(targets[0])
-        before, begun = page.player.frame_count, time.perf_counter()
-        shown = tab.frames_per_second()
-        sent = (page.player.frame_count - before) / (time.perf_counter() - begun)
-        print(f"frames a second while a plan plays: {shown:.1f} drawn, {sent:.1f} sent")
+        for ratio in (1.0, 0.5):
+            window = browser.new_page(viewport={"width": 1280, "height": 720})
+            tab = TablePage(window, page.desk.setup)
+            tab.open(f"{page.address}/?fixedDpr={ratio:g}")
+            tab.wait_for("plan")
+            print(f"frames a second, {ratio:g} drawn pixels for each of the window's:")
+            print(f"  while a plan plays: {frames_while_playing(page, tab, targets[0])}")
+            with hidden(page):
+                print(f"  with an empty scene: {frames_while_playing(page, tab, targets[0])}")
+            window.close()
+
+
+@contextlib.contextmanager
+def hidden(page: Page) -> Iterator[None]:
+    """Hide everything in the scene while it goes on being sent: what is left is the browser's."""
+    known = page.server.scene._handle_from_node_name
+    parts = [known[name] for name in known if known[name].visible]
+    for part in parts:
+        part.visible = False
+    yield
+    for part in parts:
+        # A plan has replaced some of them.
+        with contextlib.suppress(RuntimeError):
+            part.visible = True
+
+
+def frames_while_playing(page: Page, tab: TablePage, target: np.ndarray) -> str:
+    """Return how many frames are drawn and sent while a plan plays slowly enough not to end."""
+    page.player.speed = SLOWLY
+    page.aim(target)
+    before, begun = page.player.frame_count, time.perf_counter()
+    drawn = tab.frames_per_second()
+    sent = (page.player.frame_count - before) / (time.perf_counter() - begun)
+    page.player.speed = 1.0
+    return f"{drawn:.1f} drawn, {sent:.1f} sent"
