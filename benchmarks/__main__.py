@@ -17,6 +17,7 @@ NAMES = {
     "casts": "error at targets against the number of real casts and corrections",
     "cables": "one model for many cables beside a model for each",
     "page": "latencies, memory and frames of the page of `cablecast view`",
+    "cluster": "throughput of a Ray cluster on this machine beside one thread",
     "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
 }
 

@@ -30,6 +30,8 @@ class Reproduce:
     """Seed of all random numbers."""
     device: Device = "cpu"
     """Simulate and train on the processor or on an NVIDIA graphics card."""
+    workers: str = "local"
+    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
 
     def run(self) -> None:
         """Run every stage that is not done, and print the path of the report."""
@@ -47,6 +49,7 @@ class Reproduce:
                 rig=self.rig,
                 seed=self.seed,
                 device=self.device,
+                workers=self.workers,
                 progress=progress,
             )
         print(f"tables   {reproduced.tables}\nreport   {reproduced.report}")

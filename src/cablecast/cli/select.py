@@ -35,6 +35,8 @@ class Select:
     """Values of each action variable with one; the paper used 10, and 5 for the turn itself."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
+    workers: str = "local"
+    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
 
     def run(self) -> None:
         """Measure, choose, and print the table."""
@@ -55,6 +57,7 @@ class Select:
                 grid=self.grid,
                 grid_psi=self.grid_psi,
                 device=self.device,
+                workers=self.workers,
                 out=out,
                 progress=progress,
             )

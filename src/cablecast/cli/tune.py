@@ -50,6 +50,8 @@ class Tune:
     one if the rig reported it."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
+    workers: str = "local"
+    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
     segment_count: Annotated[int | None, argument("INT", "that of the convergence study")] = None
     """Segments of the simulated cable at full resolution."""
     dt: Annotated[float | None, argument("S", "that of the convergence study")] = None
@@ -90,6 +92,7 @@ class Tune:
                 segment_count=self.segment_count,
                 dt=self.dt,
                 device=self.device,
+                workers=self.workers,
                 out=out,
                 progress=progress,
             )

@@ -21,6 +21,7 @@ from cablecast.datasets.schema import (
 from cablecast.datasets.writer import DatasetWriter
 from cablecast.dynamics import Dynamics
 from cablecast.engines.base import SETTLE_TIME, Engine
+from cablecast.engines.spread import remade
 from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
@@ -86,7 +87,7 @@ def simulate_dataset(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_count("shard_rows", shard_rows)
     check_seed(seed)
-    remade = _remade(engine, workers)
+    made = None if check_workers(workers) == LOCAL else remade(engine)
     dynamics = Dynamics.of(dynamics, setup)
     ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
     actions = _choose_actions(count, setup, dynamics.params, ranges, seed)
@@ -107,8 +108,8 @@ def simulate_dataset(
                 progress(done, count)
             tasks = [(shard, _part(actions, dynamics, writer.rows_of(shard))) for shard in missing]
             function, shared = simulate_actions, (setup, engine)
-            if remade is not None:
-                function, shared = _simulate_remotely, (setup, remade)
+            if made is not None:
+                function, shared = _simulate_remotely, (setup, made)
             for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
@@ -171,16 +172,6 @@ def _params_settings(params: CableParams) -> dict[str, Any]:
     return {"params_sha256": hashlib.sha256(digits.encode()).hexdigest()[:16]}
 
 
-def _remade(engine: Engine, workers: str) -> tuple[type, dict[str, Any]] | None:
-    """Return what workers make the engine of, for kernels do not travel; None where none do."""
-    if check_workers(workers) == LOCAL:
-        return None
-    remade = getattr(engine, "remade", None)
-    if remade is None:
-        raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
-    return remade()
-
-
 def _part(
     actions: NDArray[np.float64], dynamics: Dynamics, rows: range
 ) -> tuple[NDArray[np.float64], Dynamics]:
@@ -192,10 +183,10 @@ def _simulate_remotely(
     actions: NDArray[np.float64],
     dynamics: Dynamics,
     setup: Setup,
-    remade: tuple[type, dict[str, Any]],
+    made: tuple[type, dict[str, Any]],
 ) -> dict[str, Any]:
     """Simulate a shard on a worker, with an engine made there."""
-    kind, options = remade
+    kind, options = made
     return simulate_actions(actions, dynamics, setup, kind(**options))
 
 

@@ -13,6 +13,7 @@ from cablecast.policies.polar_casting import PolarCastingPolicy
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.runs.stages import StageLog, run_stages
+from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
 from cablecast.workspace import load_targets
 
@@ -45,6 +46,7 @@ def reproduce(
     rig: str = "virtual",
     seed: int = 0,
     device: str = "cpu",
+    workers: str = LOCAL,
     progress: ProgressCallback | None = None,
 ) -> Reproduced:
     """Repeat every experiment of the paper, and write one report.
@@ -61,6 +63,7 @@ def reproduce(
         rig: Rig that carries out the casts, as `make_rig` takes it.
         seed: Seed of everything that is drawn by chance.
         device: "cpu" or "cuda".
+        workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         progress: Told how far the whole and each stage are.
 
     Raises:
@@ -71,6 +74,7 @@ def reproduce(
         MissingExtraError: A library that a later stage needs is missing.
     """
     require("the reproduction", "torch", "safetensors", "matplotlib", "jinja2", "shapely")
+    check_workers(workers)
     report, setup = progress or ignore, setup or Setup()
     # Hours of casts must not end at a table that is too small for the third cable.
     setups = [dataclasses.replace(setup, cable=cable) for cable in budget.cables]
@@ -92,9 +96,10 @@ def reproduce(
         rig=rig,
         seed=seed,
         device=device,
+        workers=workers,
         report=report,
     )
-    with run.begun():
+    with run.begun(), connected(workers):
         stages = maker.stages()
         log: StageLog = run_stages(stages, run.path, report)
         report(Progress(task="Writing the report"))

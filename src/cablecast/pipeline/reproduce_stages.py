@@ -111,6 +111,7 @@ class StageMaker:
         rig: Rig that carries out the casts, as `make_rig` takes it.
         seed: Seed of everything that is drawn by chance.
         device: "cpu" or "cuda".
+        workers: Who tunes, selects and simulates; see `check_workers`.
         report: Told how far the work within a stage is.
     """
 
@@ -120,6 +121,7 @@ class StageMaker:
     rig: str
     seed: int
     device: str
+    workers: str
     report: ProgressCallback
 
     def __post_init__(self):
@@ -211,6 +213,7 @@ class StageMaker:
                 self._dataset(cable, "tune-data"),
                 config=config,
                 device=self.device,
+                workers=self.workers,
                 out=self.out / cable / "tune",
                 progress=self.report,
             )
@@ -250,6 +253,7 @@ class StageMaker:
                 grid=budget.grid,
                 grid_psi=budget.grid_psi,
                 device=self.device,
+                workers=self.workers,
                 out=self.out / cable / "select",
                 progress=self.report,
             )
@@ -271,6 +275,7 @@ class StageMaker:
                 psi=psi,
                 seed=self.seed,
                 device=self.device,
+                workers=self.workers,
                 out=self.out / cable / "dataset",
                 progress=self.report,
             )

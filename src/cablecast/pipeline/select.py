@@ -30,6 +30,7 @@ from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.settings import settings_differences
+from cablecast.runs.workers import LOCAL, connected
 from cablecast.setup import Setup
 
 COVERAGE_FOLDER = "coverage"
@@ -60,6 +61,7 @@ def select(
     grid: int = 15,
     grid_psi: int = 10,
     device: str = "cpu",
+    workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Selection:
@@ -77,6 +79,7 @@ def select(
         grid: Values of each action variable without a turn of the wrist; the paper has 15.
         grid_psi: Values of each action variable with one; the paper has 10, and half as many turns.
         device: "cpu" or "cuda".
+        workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the results and a figure, and lets a stopped run go on; none where
             None.
         progress: Told the combinations done.
@@ -90,7 +93,7 @@ def select(
     check_count("grid_psi", grid_psi, 1, 40)
     require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))
     tuned = Tuned.of(tuned, setup)
-    make_engine(device=device)
+    engine = make_engine(device=device, workers=workers)
     rows = _scatter_rows(repeated, setup.cable)
     settings = {
         **setup.to_settings(),
@@ -106,8 +109,8 @@ def select(
         run = RunFolder.open(folder, "select", settings)
         metrics = run.metrics
         if metrics is None:
-            with run.begun():
-                survey = _Survey(setup, tuned, run, (grid, grid_psi), device, report)
+            with run.begun(), connected(workers):
+                survey = _Survey(setup, tuned, run, (grid, grid_psi), engine, report)
                 metrics = survey.choose(rows, scatter_max_pct, out is not None)
                 if out is not None:
                     run.finish(metrics)
@@ -129,7 +132,7 @@ class _Survey:
     tuned: Tuned
     run: RunFolder
     grids: tuple[int, int]
-    device: str
+    engine: Any
     report: ProgressCallback
 
     def choose(
@@ -184,7 +187,7 @@ class _Survey:
             return measure_coverage(
                 self.setup.with_motion(r0=r0, v_max=v_max),
                 self.tuned.dynamics,
-                make_engine(device=self.device),
+                self.engine,
                 counts,
             ).to_dict()
 

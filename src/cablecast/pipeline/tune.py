@@ -16,6 +16,7 @@ from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.result import params_file, write_params
@@ -45,6 +46,7 @@ def tune(
     segment_count: int | None = None,
     dt: float | None = None,
     device: str = "cpu",
+    workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tuned:
@@ -64,6 +66,7 @@ def tune(
         segment_count: Segments of the simulated cable; what the convergence study chose where None.
         dt: Time step [s]; what the convergence study chose where None.
         device: "cpu" or "cuda".
+        workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the results and lets a stopped search go on; none where None.
         progress: Told after every generation how the search stands.
 
@@ -85,12 +88,8 @@ def tune(
         require("the search method cmaes", "cma")
     tracks = MeasuredTracks.from_dataset(casts, path_source=path)
     split = _split(tracks, config, validation_count)
-    engine = make_engine(segment_count, dt, device)
-    coarse = make_engine(
-        min(config.coarse_segment_count, engine.segment_count),
-        max(config.coarse_dt, engine.dt),
-        device,
-    )
+    check_workers(workers)
+    coarse, engine = _engines(config, segment_count, dt, device)
     settings = {
         **casts.setup.to_settings(),
         "dataset_fingerprint": casts.fingerprint,
@@ -104,12 +103,26 @@ def tune(
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "tune", settings)
         if run.metrics is None:
-            with run.begun():
-                return _search(run, casts, split, (coarse, engine), config, report, out is not None)
+            engines = _engines(config, segment_count, dt, device, workers)
+            with run.begun(), connected(workers):
+                return _search(run, casts, split, engines, config, report, out is not None)
         report(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
         return dataclasses.replace(
             load_tuned(folder, casts.setup), metrics=run.metrics or {}, path=folder
         )
+
+
+def _engines(
+    config: FitConfig | TuneConfig,
+    segment_count: int | None,
+    dt: float | None,
+    device: str,
+    workers: str = LOCAL,
+) -> tuple[Any, Any]:
+    """Return the simulators of the coarse steps and of full resolution."""
+    engine = make_engine(segment_count, dt, device, workers)
+    segment_count = min(config.coarse_segment_count, engine.segment_count)
+    return make_engine(segment_count, max(config.coarse_dt, engine.dt), device, workers), engine
 
 
 def _search(

@@ -5,6 +5,7 @@ comes back to this process, which alone writes files. A worker or a node that di
 that it had under way: Ray gives them to another one.
 """
 
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -42,6 +43,31 @@ def check_workers(workers: str) -> str:
     return workers
 
 
+@contextlib.contextmanager
+def connected(workers: str) -> Iterator[None]:
+    """Keep the connection to a cluster through several runs of tasks; nothing for this process.
+
+    Args:
+        workers: See `check_workers`.
+
+    Raises:
+        InputError: The cluster cannot be reached.
+    """
+    if check_workers(workers) == LOCAL:
+        yield
+        return
+    import ray
+
+    if ray.is_initialized():
+        yield
+        return
+    _connect(workers.partition(":")[2])
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
 def run_tasks(
     function: Callable[..., Any],
     tasks: Sequence[tuple[int, tuple[Any, ...]]],
@@ -64,36 +90,29 @@ def run_tasks(
         for number, arguments in tasks:
             yield number, function(*arguments, *shared)
         return
-    yield from _run_on_ray(function, tasks, workers.partition(":")[2], shared)
+    with connected(workers):
+        yield from _run_on_ray(function, tasks, shared)
 
 
 def _run_on_ray(
     function: Callable[..., Any],
     tasks: Sequence[tuple[int, tuple[Any, ...]]],
-    address: str,
     shared: tuple[Any, ...],
 ) -> Iterator[tuple[int, Any]]:
     import ray
 
-    started = not ray.is_initialized()
-    if started:
-        _connect(address)
-    try:
-        # A node may die more than once during a long run: a task is tried until it is done.
-        remote = ray.remote(num_cpus=1, max_retries=-1)(function)
-        references = [ray.put(value) for value in shared]
-        limit = max(_STARTED_TASKS_MIN, _TASKS_PER_CORE * int(_core_count()))
-        waiting, running = list(reversed(tasks)), {}
-        while waiting or running:
-            while waiting and len(running) < limit:
-                number, arguments = waiting.pop()
-                running[remote.remote(*arguments, *references)] = number
-            ready, _ = ray.wait(list(running), num_returns=1)
-            for reference in ready:
-                yield running.pop(reference), _result(reference)
-    finally:
-        if started:
-            ray.shutdown()
+    # A node may die more than once during a long run: a task is tried until it is done.
+    remote = ray.remote(num_cpus=1, max_retries=-1)(function)
+    references = [ray.put(value) for value in shared]
+    limit = max(_STARTED_TASKS_MIN, _TASKS_PER_CORE * int(_core_count()))
+    waiting, running = list(reversed(tasks)), {}
+    while waiting or running:
+        while waiting and len(running) < limit:
+            number, arguments = waiting.pop()
+            running[remote.remote(*arguments, *references)] = number
+        ready, _ = ray.wait(list(running), num_returns=1)
+        for reference in ready:
+            yield running.pop(reference), _result(reference)
 
 
 def _connect(address: str) -> None:

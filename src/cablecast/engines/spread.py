@@ -1,0 +1,107 @@
+"""EngineSpread: an engine whose worlds are simulated on the workers of a cluster."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.base import SETTLE_TIME, CableState, Engine, Rollout, plan_rollout
+from cablecast.engines.warp_.substeps import merge, rows_of
+from cablecast.errors import InputError
+from cablecast.material import Material
+from cablecast.motion.grip_path import GripPath
+from cablecast.runs.workers import run_tasks
+
+WORLD_COUNT = 128
+"""Worlds of a task: some tenths of a second on one core, beside which its journey is short."""
+
+
+class EngineSpread:
+    """Answers like an engine, and lets the workers of a cluster simulate the worlds of a batch.
+
+    A world's result does not depend on its neighbours, so that a batch gives the same to the bit
+    wherever it is simulated, on processors of one kind.
+
+    Args:
+        engine: Engine that the workers make anew; also simulates here what is too small to share.
+        workers: See `check_workers`.
+        world_count: Worlds of a task; `WORLD_COUNT` where None.
+
+    Raises:
+        InputError: The engine works in this process only.
+    """
+
+    def __init__(self, engine: Engine, workers: str, world_count: int | None = None):
+        self._remade = remade(engine)
+        self.segment_count, self.dt = engine.segment_count, engine.dt
+        self._engine, self._workers = engine, workers
+        self._world_count = world_count or WORLD_COUNT
+
+    def rollout(
+        self,
+        cable: Cable,
+        params: CableParams,
+        grip_path: GripPath,
+        initial_state: CableState | None = None,
+        duration: float | None = None,
+        sample_dt: float = 0.1,
+        *,
+        far_path: GripPath | None = None,
+        record_nodes: bool = False,
+    ) -> Rollout:
+        """Simulate a batch; see `Engine.rollout`."""
+        state = initial_state
+        plan = plan_rollout(
+            self, cable, params, grip_path, state, duration, sample_dt, far_path, True
+        )
+        # The longest motion of all, not that of a task, says when a rollout ends.
+        duration = float(grip_path.duration.max()) + SETTLE_TIME if duration is None else duration
+        options = {"duration": duration, "sample_dt": sample_dt, "record_nodes": record_nodes}
+        if plan.world_count <= self._world_count:
+            return self._engine.rollout(
+                cable, params, grip_path, state, far_path=far_path, **options
+            )
+        parts = list(self._parts(plan.world_count))
+        batch = (params, grip_path, state, far_path, cable.material)
+        tasks = [
+            (number, tuple(rows_of(values, worlds) for values in batch))
+            for number, worlds in enumerate(parts)
+        ]
+        shared = (self._remade, cable, options)
+        done = dict(run_tasks(_play, tasks, self._workers, shared))
+        return merge([(worlds, done[number]) for number, worlds in enumerate(parts)])
+
+    def _parts(self, world_count: int) -> Iterator[NDArray[np.int_]]:
+        count = math.ceil(world_count / self._world_count)
+        yield from np.array_split(np.arange(world_count), count)
+
+
+def remade(engine: Engine) -> tuple[type, dict[str, Any]]:
+    """Return what a worker makes an engine of, for kernels do not travel.
+
+    Raises:
+        InputError: The engine works in this process only.
+    """
+    make = getattr(engine, "remade", None)
+    if make is None:
+        raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
+    return make()
+
+
+def _play(
+    params: CableParams,
+    grip_path: GripPath,
+    state: CableState | None,
+    far_path: GripPath | None,
+    material: Material,
+    made: tuple[type, dict[str, Any]],
+    cable: Cable,
+    options: dict[str, Any],
+) -> Rollout:
+    """Simulate some worlds on a worker, with an engine made there."""
+    kind, arguments = made
+    cable = cable.with_material(material)
+    return kind(**arguments).rollout(cable, params, grip_path, state, far_path=far_path, **options)

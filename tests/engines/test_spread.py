@@ -1,0 +1,76 @@
+"""An engine that hands its worlds out in parts answers like the engine itself, to the bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import CableParams, load_cable
+from cablecast.engines.spread import EngineSpread
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.material import Material
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.rigs.engine import RigEngine
+from cablecast.setup import Setup
+from cablecast.tuning.cables import draw_cables
+
+SETUP = Setup()
+CABLE = SETUP.cable
+WORLDS = 11
+
+
+@pytest.fixture(scope="module")
+def engine():
+    return EngineWarp(segment_count=10, dt=2e-3)
+
+
+def handed_out(engine, world_count):
+    """Return the engine in parts of some worlds, each played by an engine made anew."""
+    return EngineSpread(engine, "local", world_count)
+
+
+def same(one, other):
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ("times", "endpoint_xyz", "finite", "nodes")
+        if getattr(one, name) is not None
+    )
+
+
+@pytest.mark.parametrize("world_count", [1, 4, 200])
+@pytest.mark.parametrize("shared", ["nothing", "parameters", "motion"])
+def test_parts_together_are_the_whole(engine, world_count, shared):
+    paths = cast_grip_paths(feasible_uniform(WORLDS, SETUP, seed=3), SETUP)
+    params = CableParams.from_array(draw_cables(CABLE, WORLDS, seed=4).to_array())
+    cable = CABLE
+    if shared == "parameters":
+        params = CABLE.params
+        times = np.linspace(0.01, 0.05, WORLDS)
+        cable = dataclasses.replace(CABLE, material=Material(damping_time=times))
+    if shared == "motion":
+        paths = paths[2:3]
+    # Motions end at different times: the longest says when all rollouts do.
+    assert shared == "motion" or np.ptp(paths.duration) > 0.01
+    whole = engine.rollout(cable, params, paths, record_nodes=True)
+    parts = handed_out(engine, world_count).rollout(cable, params, paths, record_nodes=True)
+    assert same(whole, parts)
+    state = whole.final_state
+    later = {"initial_state": state, "duration": 0.2}
+    assert same(
+        engine.rollout(cable, params, paths, **later),
+        handed_out(engine, world_count).rollout(cable, params, paths, **later),
+    )
+
+
+def test_bad_arguments_are_refused_before_anything_travels(engine):
+    paths = cast_grip_paths(feasible_uniform(3, SETUP, seed=3), SETUP)
+    params = CableParams.from_array(draw_cables(CABLE, 2, seed=4).to_array())
+    with pytest.raises(InputError, match="different numbers of worlds"):
+        handed_out(engine, 1).rollout(load_cable("cable_1"), params, paths)
+
+
+def test_an_engine_that_cannot_be_made_anew_is_refused(engine):
+    with pytest.raises(InputError, match="this process only"):
+        EngineSpread(RigEngine(engine, SETUP), "local")
