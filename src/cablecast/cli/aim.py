@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 EXIT_MISSED = 3
 
 
+MANY_MORE = 3
+"""Times as many casts as the simulator was fitted to, from which on a new fit is suggested."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Aim:
     """Cast at targets, look, correct, and cast again until they are hit.
@@ -52,6 +56,9 @@ class Aim:
     refine: int = 0
     """With --model, simulated casts of this cable that it learns from first; 1500 take some ten
     seconds, and halve its error."""
+    fit_all: bool = False
+    """Fit the simulator anew to all casts that --out has, and learn anew from it: minutes. The same
+    folder goes on with it from then on."""
     calibration_count: int = 5
     """Casts that the rig makes to begin with."""
     count: int = 16_000
@@ -97,6 +104,7 @@ class Aim:
                     tuned=tuned,
                     model=model,
                     refine=self.refine,
+                    fit_all=self.fit_all,
                     calibration_count=self.calibration_count,
                     count=self.count,
                     within_pct=self.within,
@@ -106,7 +114,10 @@ class Aim:
                     out=out,
                     progress=progress,
                 )
-            print(f"{len(session.history)} casts of {setup.cable.name} are known")
+            known, fitted = len(session.history), session.fitted_count
+            print(f"{known} casts of {setup.cable.name} are known; the simulator fits {fitted}")
+            if known >= MANY_MORE * max(fitted, 1):
+                print("note: --fit-all fits the simulator to all of them, and learns anew from it")
             result = aim(session, rig, targets, on_proposal=print_proposal, on_trial=print_trial)
         print_result(result)
         return 0 if result.hit.all() else EXIT_MISSED

@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset
+from cablecast.errors import InputError
 from cablecast.models.many_cables import ManyCablesModel
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline import many_cables
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
+from cablecast.pipeline.aim_fits import SESSION_FOLDER, later_fit
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.places import folder_or_temporary, require
@@ -37,7 +39,6 @@ SIMULATED_COUNT = 16_000
 EPOCHS = 60
 
 CALIBRATION_FOLDER = "calibration"
-SESSION_FOLDER = "session"
 
 ProposalCallback = Callable[[AimProposal], None]
 TrialCallback = Callable[[AimProposal, AimTrial], None]
@@ -85,6 +86,7 @@ def prepare_aim(
     tuned: Tuned | None = None,
     model: ManyCablesModel | None = None,
     refine: int = 0,
+    fit_all: bool = False,
     calibration_count: int = CALIBRATION_COUNT,
     count: int = SIMULATED_COUNT,
     epochs: int = EPOCHS,
@@ -104,6 +106,8 @@ def prepare_aim(
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
         model: Model of many cables, in place of one that is trained for this cable in minutes.
         refine: Simulated casts that the model of many cables learns from first.
+        fit_all: Whether to fit the simulator anew to all casts that the session in `out` has, and
+            to learn anew from it. Later calls for the same folder go on with the newest such fit.
         calibration_count: Casts to make where none were given.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
@@ -131,21 +135,25 @@ def prepare_aim(
     usual = CANDIDATE_COUNT if model is None else many_cables.CANDIDATE_COUNT
     candidate_count = usual if candidate_count is None else candidate_count
     check_count("candidate_count", candidate_count, 1, ACTION_COUNT_MAX)
-    report, keep = progress or ignore, out is not None
+    if fit_all and out is None:
+        raise InputError("fitting to all casts needs the folder of a session that has some")
     shared: dict[str, Any] = {"seed": check_seed(seed), "progress": progress}
     with folder_or_temporary(out) as folder:
-        path = folder / MODEL_FOLDER if keep else None
-        search = {"candidate_count": candidate_count, "out": path}
+        later = later_fit(folder, rig.setup, fit_all)
+        place = folder if later is None else later.folder
+        if later is not None:
+            casts, tuned = None, _fitted(later.casts, place, device, progress, holds_out=False)
         if casts is None and tuned is None:
-            report(Progress(task=f"1/4 {calibration_count} casts to fit the simulator to"))
+            text = f"1/4 {calibration_count} casts to fit the simulator to"
+            (progress or ignore)(Progress(task=text))
             path = folder / CALIBRATION_FOLDER
             casts = collect(rig, count=calibration_count, out=path, **shared)
         if casts is not None and tuned is None:
-            tuned = _fitted(casts, folder if keep else None, device, progress)
-        search |= shared
+            tuned = _fitted(casts, None if out is None else place, device, progress)
+        search = {"candidate_count": candidate_count, **shared}
+        search["out"] = None if out is None else place / MODEL_FOLDER
         if model is None:
-            report(Progress(task="3/4 simulate"))
-            policy = _trained_policy(rig.setup, tuned, folder, count, epochs, device, search)
+            policy = _trained_policy(rig.setup, tuned, place, count, epochs, device, search)
         else:
             known = Tuned.of(tuned, rig.setup)
             policy = many_cables.policy_for_cable(model, known, rig.setup, refine=refine, **search)
@@ -153,19 +161,26 @@ def prepare_aim(
             policy,
             casts=casts,
             tuned=tuned,
-            out=folder / SESSION_FOLDER if keep else None,
+            fitted_count=None if later is None else later.count,
+            out=None if out is None else folder / SESSION_FOLDER,
             within_pct=within_pct,
             tries=tries,
         )
 
 
 def _fitted(
-    casts: Dataset, folder: pathlib.Path | None, device: str, progress: ProgressCallback | None
+    casts: Dataset,
+    folder: pathlib.Path | None,
+    device: str,
+    progress: ProgressCallback | None,
+    *,
+    holds_out: bool = True,
 ) -> Tuned:
-    """Return the fit to the first casts; see `prepare_aim`."""
-    (progress or ignore)(Progress(task="2/4 fit"))
+    """Return the fit to some casts; see `prepare_aim`."""
+    (progress or ignore)(Progress(task=f"2/4 fit to {len(casts)} casts"))
     path = None if folder is None else folder / TUNE_FOLDER
-    return tune(casts, device=device, out=path, progress=progress)
+    held_out = None if holds_out else 0
+    return tune(casts, validation_count=held_out, device=device, out=path, progress=progress)
 
 
 def _trained_policy(
@@ -179,8 +194,10 @@ def _trained_policy(
 ) -> ForwardSearchPolicy:
     """Return a policy that has learned from simulated casts of this cable; see `prepare_aim`."""
     shared = {"seed": search["seed"], "progress": search["progress"], "device": device}
+    report = search["progress"] or ignore
+    report(Progress(task="3/4 simulate"))
     simulated = simulate(setup, tuned, count=count, out=folder / DATASET_FOLDER, **shared)
-    (search["progress"] or ignore)(Progress(task="4/4 train"))
+    report(Progress(task="4/4 train"))
     return train(simulated, epochs=epochs, device=device, **search)
 
 

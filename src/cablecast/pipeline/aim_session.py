@@ -65,6 +65,8 @@ class AimSession:
         casts: Casts on the rig to begin with.
         tuned: What the simulator was fitted to some of them; says how surely the parameters are
             known, and so how far off the first casts may be.
+        fitted_count: Casts of the session, from the first on, that the simulator was fitted to;
+            those of the dataset that `tuned` came from where None.
         out: Folder that keeps the casts; none where None.
         within_pct: Distance from a target at which a cast has hit [% of cable length].
         tries: Casts at one target at most.
@@ -85,6 +87,7 @@ class AimSession:
         *,
         casts: Dataset | None = None,
         tuned: Tuned | None = None,
+        fitted_count: int | None = None,
         out: str | os.PathLike[str] | None = None,
         within_pct: float = WITHIN_PCT,
         tries: int = TRIES,
@@ -101,6 +104,7 @@ class AimSession:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
         beliefs = make_beliefs(tuned)
+        self._fit_count = fitted_count
         self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
         self.aimer = Aimer(policy, beliefs.scales, beliefs.size)
         self.relearn()
@@ -120,23 +124,44 @@ class AimSession:
             # Casts for something else came together, aimed ones one by one.
             rows = list(group)
             for part in [[row] for row in rows] if is_aimed else [rows]:
-                kept = [cast for number, cast in part if number not in without]
+                kept = [row for row in part if row[0] not in without]
                 self._learn(kept, part[-1][0] + 1, always=not is_aimed)
 
-    def _learn(self, casts: Sequence[StoredCast], count: int, *, always: bool = False) -> None:
+    def _learn(
+        self, casts: Sequence[tuple[int, StoredCast]], count: int, *, always: bool = False
+    ) -> None:
         """Learn from casts, and fit the scales of the process where there are enough new ones.
 
         Args:
-            casts: Casts that were made together.
+            casts: Casts that were made together, with their numbers.
             count: Number of casts of the session with them.
             always: True to fit the scales whatever the number of casts.
         """
         # The scales change slowly: fitting them at each cast would be wasted.
         refit = always or count >= _REFIT_GROWTH * self._fitted_count
-        known = [_aimed(cast, self._tuned_to) for cast in casts if _has_action(cast)]
+        known = [
+            AimedCast(
+                action=cast.action,
+                endpoint_xy=cast.endpoint_xy,
+                fitted=self._was_fitted(number, cast),
+            )
+            for number, cast in casts
+            if np.all(np.isfinite(cast.action))
+        ]
         self.aimer.learn(known, refit=refit)
         if refit:
             self._fitted_count = count
+
+    @property
+    def fitted_count(self) -> int:
+        """Number of casts of the session that the simulator was fitted to."""
+        return sum(self._was_fitted(*row) for row in enumerate(self.store.casts))
+
+    def _was_fitted(self, number: int, cast: StoredCast) -> bool:
+        """Return whether the simulator was fitted to a cast."""
+        if self._fit_count is not None:
+            return number < self._fit_count
+        return bool(self._tuned_to) and cast.origin.partition("/")[0] == self._tuned_to
 
     def add_casts(self, casts: Dataset) -> int:
         """Learn from casts of this cable that were made for something else.
@@ -152,8 +177,8 @@ class AimSession:
         """
         known = len(self.store)
         self.store.add_dataset(casts)
-        new = self.store.casts[known:]
-        self._trials += [self._trial(known + row, cast) for row, cast in enumerate(new)]
+        new = list(enumerate(self.store.casts))[known:]
+        self._trials += [self._trial(number, cast) for number, cast in new]
         self._learn(new, len(self.store), always=True)
         return len(new)
 
@@ -290,7 +315,7 @@ class AimSession:
         )
         self.store.add(cast)
         drifts = len(self.aimer.experience.drifts)
-        self._learn([cast], len(self.store))
+        self._learn([(len(self._trials), cast)], len(self.store))
         trial = self._trial(len(self._trials), cast)
         change = self._change(proposal, trial)
         if len(self.aimer.experience.drifts) > drifts:
@@ -365,13 +390,3 @@ def _step(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the size of the step between two actions in degrees and centimetres."""
     offset = (first - second) * np.array([57.3, 57.3, 100.0, 57.3])
     return float(np.linalg.norm(offset))
-
-
-def _has_action(cast: StoredCast) -> bool:
-    return bool(np.all(np.isfinite(cast.action)))
-
-
-def _aimed(cast: StoredCast, fitted: str = "") -> AimedCast:
-    """Return a cast for the aimer; `fitted` is the fingerprint of the casts of the fit."""
-    was_fitted = bool(fitted) and cast.origin.partition("/")[0] == fitted
-    return AimedCast(action=cast.action, endpoint_xy=cast.endpoint_xy, fitted=was_fitted)
