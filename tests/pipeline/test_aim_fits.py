@@ -71,7 +71,7 @@ def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_pa
 
 
 def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
-    with pytest.raises(InputError, match="no casts yet"):
+    with pytest.raises(InputError, match="needs the folder of a session"):
         cc.prepare_aim(rig, out=tmp_path, fit_all=True, **SMALL)
     with pytest.raises(InputError, match="needs the folder of a session"):
         cc.prepare_aim(rig, fit_all=True, **SMALL)
@@ -85,11 +85,19 @@ def test_a_fit_to_casts_that_are_gone_is_refused(rig, tmp_path):
         cc.prepare_aim(rig, out=tmp_path, **SMALL)
 
 
+def test_a_command_without_a_target_is_refused(capsys):
+    assert main(["aim", "--rig", "engine"]) == 2
+    assert "at least one --target" in capsys.readouterr().err
+
+
 def test_the_command_says_when_a_new_fit_is_worth_it(tmp_path, capsys):
     options = ["--rig", "engine", "--out", str(tmp_path), "--calibration-count", "2"]
-    options += ["--count", "120", "--tries", "4", "--within", "0.01"]
-    assert main(["aim", "--target", "1.1", "10", *options]) == 3
-    assert "--fit-all" not in capsys.readouterr().out
+    options += ["--count", "120", "--tries", "2", "--within", "0.01"]
+    assert main(["aim", "--target", "1.1", "10", "--target", "1.0", "-5", *options]) == 3
+    printed = capsys.readouterr().out
+    assert "--fit-all" not in printed
+    # Each target that was named was aimed at.
+    assert [printed.count(f"\ntarget    r = {r} m") for r in ("1.100", "1.000")] == [1, 1]
     assert main(["aim", "--target", "1.1", "10", *options]) == 3
     assert "note: --fit-all fits the simulator to all of them" in capsys.readouterr().out
     assert main(["aim", "--target", "1.1", "10", *options, "--fit-all"]) == 3

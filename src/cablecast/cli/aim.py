@@ -5,14 +5,16 @@ import math
 import pathlib
 from typing import TYPE_CHECKING, Annotated, Any
 
+import tyro
+
 from cablecast.cli.options import Device, argument
+from cablecast.errors import InputError
 
 if TYPE_CHECKING:
     from cablecast.pipeline.aim import AimResult
     from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 
 EXIT_MISSED = 3
-
 
 MANY_MORE = 3
 """Times as many casts as the simulator was fitted to, from which on a new fit is suggested."""
@@ -30,9 +32,11 @@ class Aim:
     status is 3 if a target was missed by all tries.
     """
 
-    target: Annotated[tuple[tuple[float, float], ...], argument("R THETA [R THETA ...]")]
-    """Targets, one after another: distance from the robot's base [m], and angle from straight ahead
-    [deg], positive to the robot's right."""
+    target: Annotated[
+        tuple[tuple[float, float], ...], tyro.conf.UseAppendAction, argument("R THETA")
+    ]
+    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
+    the robot's right. Give it again for more targets, one after another."""
     rig: Annotated[str, argument("RIG")] = "virtual"
     """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
     simulator), or your own robot as package.module:factory."""
@@ -84,6 +88,8 @@ class Aim:
         from cablecast.policies.base import check_targets
         from cablecast.runs.places import AIM_FOLDER, cable_folder
 
+        if not self.target:
+            raise InputError("aim needs at least one --target R THETA")
         check_number("within", self.within, 0.01, 100.0, "%")
         check_count("tries", self.tries, 1, 1000)
         setup = load_lab(self.setup, self.cable)

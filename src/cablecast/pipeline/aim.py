@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.checks import check_count, check_seed
 from cablecast.datasets.reader import Dataset
-from cablecast.errors import InputError
 from cablecast.models.many_cables import ManyCablesModel
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline import many_cables
@@ -130,28 +129,21 @@ def prepare_aim(
     require("aiming", "torch", "safetensors")
     if model is not None:
         model.check_setup(rig.setup)
-    check_count("calibration_count", calibration_count, 2, ACTION_COUNT_MAX)
-    check_count("count", count, 50, ACTION_COUNT_MAX)
-    usual = CANDIDATE_COUNT if model is None else many_cables.CANDIDATE_COUNT
-    candidate_count = usual if candidate_count is None else candidate_count
-    check_count("candidate_count", candidate_count, 1, ACTION_COUNT_MAX)
-    if fit_all and out is None:
-        raise InputError("fitting to all casts needs the folder of a session that has some")
+    _check_counts(calibration_count, count, candidate_count)
     shared: dict[str, Any] = {"seed": check_seed(seed), "progress": progress}
     with folder_or_temporary(out) as folder:
         later = later_fit(folder, rig.setup, fit_all)
         place = folder if later is None else later.folder
+        kept = None if out is None else place
         if later is not None:
-            casts, tuned = None, _fitted(later.casts, place, device, progress, holds_out=False)
-        if casts is None and tuned is None:
-            text = f"1/4 {calibration_count} casts to fit the simulator to"
-            (progress or ignore)(Progress(task=text))
-            path = folder / CALIBRATION_FOLDER
-            casts = collect(rig, count=calibration_count, out=path, **shared)
-        if casts is not None and tuned is None:
-            tuned = _fitted(casts, None if out is None else place, device, progress)
-        search = {"candidate_count": candidate_count, **shared}
-        search["out"] = None if out is None else place / MODEL_FOLDER
+            casts, tuned = None, _fitted(later.casts, kept, device, progress, holds_out=False)
+        if tuned is None:
+            if casts is None:
+                casts = _calibrated(rig, calibration_count, folder, shared)
+            tuned = _fitted(casts, kept, device, progress)
+        usual = CANDIDATE_COUNT if model is None else many_cables.CANDIDATE_COUNT
+        search = {"candidate_count": candidate_count or usual, **shared}
+        search["out"] = None if kept is None else kept / MODEL_FOLDER
         if model is None:
             policy = _trained_policy(rig.setup, tuned, place, count, epochs, device, search)
         else:
@@ -166,6 +158,22 @@ def prepare_aim(
             within_pct=within_pct,
             tries=tries,
         )
+
+
+def _check_counts(calibration_count: int, count: int, candidate_count: int | None) -> None:
+    check_count("calibration_count", calibration_count, 2, ACTION_COUNT_MAX)
+    check_count("count", count, 50, ACTION_COUNT_MAX)
+    if candidate_count is not None:
+        check_count("candidate_count", candidate_count, 1, ACTION_COUNT_MAX)
+
+
+def _calibrated(
+    rig: CheckedRig, count: int, folder: pathlib.Path, shared: dict[str, Any]
+) -> Dataset:
+    """Return casts to fit the simulator to; see `prepare_aim`."""
+    text = f"1/4 {count} casts to fit the simulator to"
+    (shared["progress"] or ignore)(Progress(task=text))
+    return collect(rig, count=count, out=folder / CALIBRATION_FOLDER, **shared)
 
 
 def _fitted(

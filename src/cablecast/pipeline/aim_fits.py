@@ -48,7 +48,7 @@ def later_fit(folder: pathlib.Path, setup: Setup, fit_all: bool) -> LaterFit | N
     store = CastStore(setup, stored) if stored.exists() else CastStore(setup)
     if fit_all:
         if not len(store):
-            raise InputError(f"{folder} has no casts yet that the simulator could be fitted to")
+            raise InputError("fitting to all casts needs the folder of a session that has some")
         return _fit(folder, store, len(store))
     known = sorted(
         int(file.parent.parent.name)
