@@ -6,6 +6,7 @@ import signal
 import pytest
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
     """Start one worker more than there are cores: tests of robots and clusters mostly wait."""
     return (os.cpu_count() or 1) + 1
