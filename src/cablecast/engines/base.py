@@ -217,6 +217,11 @@ class RolloutPlan:
     sample_count: int
 
 
+def default_duration(grip_path: GripPath) -> float:
+    """Return the simulated time of a batch whose caller names none [s]."""
+    return float(grip_path.duration.max()) + SETTLE_TIME
+
+
 def plan_rollout(
     engine: Engine,
     cable: Cable,
@@ -246,7 +251,7 @@ def plan_rollout(
             f"{engine.segment_count}"
         )
     if duration is None:
-        duration = float(grip_path.duration.max()) + SETTLE_TIME
+        duration = default_duration(grip_path)
     check_number("duration", duration, 1e-6, DURATION_MAX, "s")
     check_number("sample_dt", sample_dt, 1e-6, DURATION_MAX, "s")
     steps_per_sample = max(1, round(sample_dt / engine.dt))

@@ -1,19 +1,17 @@
 """EngineSpread: an engine whose worlds are simulated on the workers of a cluster."""
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import SETTLE_TIME, CableState, Engine, Rollout, plan_rollout
-from cablecast.engines.warp_.substeps import merge, rows_of
+from cablecast.engines.base import CableState, Engine, Rollout, batch_size, default_duration
+from cablecast.engines.parts import merge, rows_of
 from cablecast.errors import InputError
 from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
-from cablecast.runs.workers import run_tasks
+from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 
 WORLD_COUNT = 128
 """Worlds of a task: some tenths of a second on one core, beside which its journey is short."""
@@ -53,19 +51,24 @@ class EngineSpread:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
-        state = initial_state
-        plan = plan_rollout(
-            self, cable, params, grip_path, state, duration, sample_dt, far_path, True
+        # The engine that plays a part checks all else, and works out where its cables begin.
+        world_count = batch_size(
+            params.world_count,
+            len(grip_path),
+            None if initial_state is None else initial_state.world_count,
+            None if far_path is None else len(far_path),
+            cable.material.world_count,
         )
         # The longest motion of all, not that of a task, says when a rollout ends.
-        duration = float(grip_path.duration.max()) + SETTLE_TIME if duration is None else duration
+        duration = default_duration(grip_path) if duration is None else duration
         options = {"duration": duration, "sample_dt": sample_dt, "record_nodes": record_nodes}
-        if plan.world_count <= self._world_count:
+        if world_count <= self._world_count:
             return self._engine.rollout(
-                cable, params, grip_path, state, far_path=far_path, **options
+                cable, params, grip_path, initial_state, far_path=far_path, **options
             )
-        parts = list(self._parts(plan.world_count))
-        batch = (params, grip_path, state, far_path, cable.material)
+        count = math.ceil(world_count / self._world_count)
+        parts = np.array_split(np.arange(world_count), count)
+        batch = (params, grip_path, initial_state, far_path, cable.material)
         tasks = [
             (number, tuple(rows_of(values, worlds) for values in batch))
             for number, worlds in enumerate(parts)
@@ -74,9 +77,14 @@ class EngineSpread:
         done = dict(run_tasks(_play, tasks, self._workers, shared))
         return merge([(worlds, done[number]) for number, worlds in enumerate(parts)])
 
-    def _parts(self, world_count: int) -> Iterator[NDArray[np.int_]]:
-        count = math.ceil(world_count / self._world_count)
-        yield from np.array_split(np.arange(world_count), count)
+
+def spread(engine: Engine, workers: str) -> Engine:
+    """Return an engine whose worlds are simulated by some workers; as it is for "local".
+
+    Raises:
+        InputError: There are no such workers, or the engine works in this process only.
+    """
+    return engine if check_workers(workers) == LOCAL else EngineSpread(engine, workers)
 
 
 def remade(engine: Engine) -> tuple[type, dict[str, Any]]:

@@ -105,8 +105,8 @@ def prepare_aim(
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
         model: Model of many cables, in place of one that is trained for this cable in minutes.
         refine: Simulated casts that the model of many cables learns from first.
-        fit_all: Whether to fit the simulator anew to all casts that the session in `out` has, and
-            to learn anew from it. Later calls for the same folder go on with the newest such fit.
+        fit_all: True to fit the simulator anew to all casts that the session in `out` has, and to
+            learn anew from it. Later calls for the same folder go on with the newest such fit.
         calibration_count: Casts to make where none were given.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.

@@ -39,23 +39,23 @@ def later_fit(folder: pathlib.Path, setup: Setup, fit_all: bool) -> LaterFit | N
     Args:
         folder: Folder of the session.
         setup: Set-up of the session.
-        fit_all: Whether the simulator is to be fitted to all casts that the session has by now.
+        fit_all: True for a fit to all casts that the session has by now.
 
     Raises:
         InputError: There are no casts yet to fit the simulator to.
     """
-    stored = folder / SESSION_FOLDER
-    store = CastStore(setup, stored) if stored.exists() else CastStore(setup)
-    if fit_all:
-        if not len(store):
-            raise InputError("fitting to all casts needs the folder of a session that has some")
-        return _fit(folder, store, len(store))
-    known = sorted(
+    known = [
         int(file.parent.parent.name)
         for file in (folder / FITS_FOLDER).glob(f"*/{MODEL_FOLDER}/{METRICS_FILE}")
         if file.parent.parent.name.isdecimal()
-    )
-    return _fit(folder, store, known[-1]) if known else None
+    ]
+    if not (fit_all or known):
+        return None
+    stored = folder / SESSION_FOLDER
+    store = CastStore(setup, stored) if stored.exists() else CastStore(setup)
+    if fit_all and not len(store):
+        raise InputError("fitting to all casts needs the folder of a session that has some")
+    return _fit(folder, store, len(store) if fit_all else max(known))
 
 
 def _fit(folder: pathlib.Path, store: CastStore, count: int) -> LaterFit:

@@ -118,7 +118,7 @@ class AimSession:
             without: Numbers of casts to leave out, such as those that went wrong.
         """
         self.aimer = self.aimer.emptied()
-        self._fitted_count = 0
+        self._scaled_count = 0
         numbered = enumerate(self.store.casts)
         for is_aimed, group in itertools.groupby(numbered, lambda item: item[1].purpose == "aim"):
             # Casts for something else came together, aimed ones one by one.
@@ -138,7 +138,7 @@ class AimSession:
             always: True to fit the scales whatever the number of casts.
         """
         # The scales change slowly: fitting them at each cast would be wasted.
-        refit = always or count >= _REFIT_GROWTH * self._fitted_count
+        refit = always or count >= _REFIT_GROWTH * self._scaled_count
         known = [
             AimedCast(
                 action=cast.action,
@@ -150,7 +150,7 @@ class AimSession:
         ]
         self.aimer.learn(known, refit=refit)
         if refit:
-            self._fitted_count = count
+            self._scaled_count = count
 
     @property
     def fitted_count(self) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 
 from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_count, check_number
+from cablecast.engines.spread import spread
 from cablecast.errors import InputError
 from cablecast.evaluation.coverage import (
     R0_CHOICES,
@@ -93,7 +94,7 @@ def select(
     check_count("grid_psi", grid_psi, 1, 40)
     require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))
     tuned = Tuned.of(tuned, setup)
-    engine = make_engine(device=device, workers=workers)
+    engine = spread(make_engine(device=device), workers)
     rows = _scatter_rows(repeated, setup.cable)
     settings = {
         **setup.to_settings(),

@@ -82,10 +82,7 @@ def simulate(
 
 
 def make_engine(
-    segment_count: int | None = None,
-    dt: float | None = None,
-    device: str = "cpu",
-    workers: str = LOCAL,
+    segment_count: int | None = None, dt: float | None = None, device: str = "cpu"
 ) -> Any:
     """Return the simulator; what is not given is what the convergence study chose.
 
@@ -93,14 +90,8 @@ def make_engine(
         segment_count: Segments of the simulated cable.
         dt: Time step [s].
         device: "cpu" or "cuda".
-        workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
-
-    Raises:
-        InputError: A value out of bounds, or no such workers.
     """
-    from cablecast.engines.spread import EngineSpread
     from cablecast.engines.warp_ import EngineWarp
 
     given = {"segment_count": segment_count, "dt": dt}
-    engine = EngineWarp(device=device, **{k: v for k, v in given.items() if v is not None})
-    return engine if check_workers(workers) == LOCAL else EngineSpread(engine, workers)
+    return EngineWarp(device=device, **{k: v for k, v in given.items() if v is not None})

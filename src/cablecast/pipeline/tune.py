@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.simulate import engine_settings
 from cablecast.dynamics import Dynamics
+from cablecast.engines.spread import spread
 from cablecast.errors import InputError
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
@@ -16,7 +17,7 @@ from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
-from cablecast.runs.workers import LOCAL, check_workers, connected
+from cablecast.runs.workers import LOCAL, connected
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.result import params_file, write_params
@@ -88,8 +89,13 @@ def tune(
         require("the search method cmaes", "cma")
     tracks = MeasuredTracks.from_dataset(casts, path_source=path)
     split = _split(tracks, config, validation_count)
-    check_workers(workers)
-    coarse, engine = _engines(config, segment_count, dt, device)
+    engine = make_engine(segment_count, dt, device)
+    coarse = make_engine(
+        min(config.coarse_segment_count, engine.segment_count),
+        max(config.coarse_dt, engine.dt),
+        device,
+    )
+    engines = spread(coarse, workers), spread(engine, workers)
     settings = {
         **casts.setup.to_settings(),
         "dataset_fingerprint": casts.fingerprint,
@@ -103,26 +109,12 @@ def tune(
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "tune", settings)
         if run.metrics is None:
-            engines = _engines(config, segment_count, dt, device, workers)
             with run.begun(), connected(workers):
                 return _search(run, casts, split, engines, config, report, out is not None)
         report(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
         return dataclasses.replace(
             load_tuned(folder, casts.setup), metrics=run.metrics or {}, path=folder
         )
-
-
-def _engines(
-    config: FitConfig | TuneConfig,
-    segment_count: int | None,
-    dt: float | None,
-    device: str,
-    workers: str = LOCAL,
-) -> tuple[Any, Any]:
-    """Return the simulators of the coarse steps and of full resolution."""
-    engine = make_engine(segment_count, dt, device, workers)
-    segment_count = min(config.coarse_segment_count, engine.segment_count)
-    return make_engine(segment_count, max(config.coarse_dt, engine.dt), device, workers), engine
 
 
 def _search(

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, plan_rollout
+from cablecast.engines.parts import merge, rows_of
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
-from cablecast.engines.warp_.substeps import fastest_wave, merge, rows_of, substep_counts
+from cablecast.engines.warp_.substeps import fastest_wave, substep_counts
 from cablecast.errors import InputError
 from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath

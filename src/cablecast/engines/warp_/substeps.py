@@ -8,15 +8,8 @@ step with (w dt)^2 above `MOST_FILTERED`; worlds that would, because they are st
 divided, take the smallest number of `COUNTS` shorter steps that suffices.
 """
 
-import dataclasses
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
-
-from cablecast.cable import CableParams
-from cablecast.engines.base import CableState, Rollout
-from cablecast.material import Material
 
 MOST_FILTERED = 2.4
 """Largest (w dt)^2 of a step, at which half of what leapfrog bears is left for folds and tension.
@@ -55,50 +48,3 @@ def substep_counts(fastest: NDArray[np.float64], dt: float) -> NDArray[np.int_]:
     needed = np.sqrt(fastest * dt**2 / MOST_FILTERED)
     index = np.searchsorted(COUNTS, needed * (1.0 - 1e-9))
     return np.array(COUNTS)[np.minimum(index, len(COUNTS) - 1)]
-
-
-def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
-    """Return the rows of some worlds: of parameters, a material, a state, a path, or an array.
-
-    What all worlds share, a single row or None, is returned as it is.
-    """
-    if values is None or isinstance(values, (int, float)):
-        return values
-    if isinstance(values, (Material, CableParams)):
-        return values.rows(worlds)
-    if isinstance(values, CableState):
-        if values.world_count == 1:
-            return values
-        fields = {f.name: getattr(values, f.name)[worlds] for f in dataclasses.fields(values)}
-        return CableState(**fields)
-    return values if len(values) == 1 else values[worlds]
-
-
-def merge(parts: list[tuple[NDArray[np.int_], Rollout]]) -> Rollout:
-    """Return the rollout of a batch from those of its parts.
-
-    Args:
-        parts: Indices of worlds, and their rollout; together they name each world once.
-    """
-    if len(parts) == 1:
-        return parts[0][1]
-    order = np.argsort(np.concatenate([worlds for worlds, _ in parts]))
-    rollouts = [rollout for _, rollout in parts]
-
-    def joined(arrays: list[NDArray]) -> NDArray:
-        return np.concatenate(arrays)[order]
-
-    states = [rollout.final_state for rollout in rollouts]
-    nodes = [rollout.nodes for rollout in rollouts if rollout.nodes is not None]
-    return Rollout(
-        times=rollouts[0].times,
-        endpoint_xyz=joined([rollout.endpoint_xyz for rollout in rollouts]),
-        final_state=CableState(
-            **{
-                field.name: joined([getattr(state, field.name) for state in states])
-                for field in dataclasses.fields(CableState)
-            }
-        ),
-        finite=joined([rollout.finite for rollout in rollouts]),
-        nodes=joined(nodes) if nodes else None,
-    )
