@@ -7,6 +7,7 @@ import pytest
 from formula_rig import LENGTH, SETUP, FormulaRig, make_policy
 
 import cablecast as cc
+from cablecast.camera.settings import CameraSettings
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 
@@ -166,6 +167,14 @@ def test_a_proposal_that_is_not_the_next_cast_is_refused(policy):
         with pytest.raises(InputError, match="cast 0 of the session, whose next cast is 1"):
             session.cast(rig, second)
     assert len(rig.rig.actions) == 1
+
+
+def test_the_lab_file_of_the_rig_may_name_robot_and_camera(policy):
+    setup = dataclasses.replace(SETUP, camera=CameraSettings(source="0"))
+    with cc.make_rig(FormulaRig(policy), setup) as rig:
+        session = cc.AimSession(policy, tries=1)
+        cc.aim(session, rig, TARGETS[0])
+        assert len(session.history) == 1
 
 
 def test_a_rig_that_fails_keeps_the_casts_before(policy, tmp_path):

@@ -87,7 +87,10 @@ def test_tuning_returns_parameters_that_simulate_takes_and_remembers_them(tuned,
     assert again.params == tuned.params
     assert again.metrics == tuned.metrics
     assert [report.note for report in reports] == ["already done, nothing changed"]
-    assert cc.load_tuned(folder / "tune", SETUP).params == tuned.params
+    read = cc.load_tuned(folder / "tune", SETUP)
+    assert read.params == tuned.params
+    # Who aims with it knows which casts it was fitted to.
+    assert read.metrics == {"dataset_fingerprint": casts.fingerprint}
 
 
 def test_casts_that_were_made_again_are_tuned_to_again(folder, tmp_path):

@@ -25,6 +25,7 @@ from cablecast.setup import Setup
 _LISTS = (
     *("times", "track_x", "track_y"),
     *("joint_times", "joint_q", "actual_times", "actual_q", "nodes"),
+    *("controller_times", "target_q", "speed_scaling", "safety_bits"),
 )
 _COLUMNS = (*ACTION_COLUMNS, *ENDPOINT_COLUMNS, "status", "duration", *EXTENT_COLUMNS)
 
@@ -118,7 +119,7 @@ class CastStore:
         """
         if casts.kind == "sim":
             raise InputError("a store keeps casts of a rig: these were simulated")
-        if casts.setup != self.setup:
+        if casts.setup.to_settings() != self.setup.to_settings():
             raise InputError("the casts were made with another set-up than those of the store")
         known = {cast.origin for cast in self.casts}
         before = len(self)

@@ -21,7 +21,8 @@ class Tuned:
             the latter is None where no joints were reported.
         posterior: What is known of the parameters; None for a search, which does not tell.
         metrics: Distances before and after, search history and the like, as metrics.json holds
-            them; empty where nothing was searched.
+            them; nothing but the fingerprint of the casts where a folder was read, and empty where
+            nothing was searched.
         path: Folder of the results, if they were kept.
     """
 
@@ -66,11 +67,13 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import read_dynamics, read_posterior
+    from cablecast.tuning.result import read_casts_fingerprint, read_dynamics, read_posterior
 
+    fingerprint = read_casts_fingerprint(path)
     return Tuned(
         setup=setup,
         dynamics=read_dynamics(path, setup.cable),
         posterior=read_posterior(path),
+        metrics={"dataset_fingerprint": fingerprint} if fingerprint else {},
         path=pathlib.Path(path),
     )

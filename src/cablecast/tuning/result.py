@@ -202,6 +202,22 @@ def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:
     )
 
 
+def read_casts_fingerprint(path: str | pathlib.Path) -> str:
+    """Return the fingerprint of the casts that parameters were fitted to.
+
+    Args:
+        path: params.json, or its folder.
+
+    Returns:
+        Fingerprint; empty for parameters that a person wrote.
+
+    Raises:
+        InputError: There is no such file, or it is damaged.
+        UnreadableFileError: The system refuses to read it.
+    """
+    return _read_part(path, "dataset_fingerprint", lambda stored, _: str(stored)) or ""
+
+
 def _read_part(
     path: str | pathlib.Path, name: str, make: Callable[[Any, dict[str, Any]], _Part]
 ) -> _Part | None:
