@@ -24,6 +24,7 @@ FULL = CameraSettings(
     lens=LENS,
     tags=default_layout(),
     marker=(0.04, 0.02),
+    films="/films",
 )
 
 
@@ -42,11 +43,12 @@ def test_paths_are_relative_to_the_lab_file(tmp_path):
     default_layout().save(tmp_path / "tags.yaml")
     (tmp_path / "film.mp4").write_bytes(b"")
     file = tmp_path / "lab.yaml"
-    file.write_text("camera: {source: film.mp4, tags: tags.yaml}\n")
+    file.write_text("camera: {source: film.mp4, tags: tags.yaml, films: films}\n")
     camera = load_setup(file).camera
     assert camera is not None
     assert camera.source == str(tmp_path / "film.mp4")
     assert camera.tags == default_layout()
+    assert camera.films == str(tmp_path.resolve() / "films")
 
 
 def test_a_device_may_be_given_by_its_number(tmp_path):
@@ -66,6 +68,7 @@ def test_a_device_may_be_given_by_its_number(tmp_path):
         ("{source: 0, exposure: 0.05}", "longer than a frame at 60"),
         ("{source: 0, exposure: 8}", r"camera exposure = 8 s is outside \[1e-05, 0.1\]"),
         ("{source: 0, clock: wall}", "camera clock = 'wall' must be one of device, arrival"),
+        ("{source: 0, films: 3}", "camera films = '3' must be the path of a folder"),
         ("{source: 0, row_time: -1}", "camera row_time = -1 s"),
         ("{source: 0, tags: [1]}", "a tag must be a mapping"),
         ("{source: 0, tags: 7}", "tags must be a list"),

@@ -80,7 +80,9 @@ def player(stream):
 
 @pytest.fixture(scope="module")
 def camera(setup, player, tmp_path_factory):
-    with CameraOfTrials(setup, films=tmp_path_factory.mktemp("films")) as camera:
+    films = str(tmp_path_factory.mktemp("films"))
+    settings = dataclasses.replace(setup.camera, films=films)
+    with CameraOfTrials(dataclasses.replace(setup, camera=settings)) as camera:
         yield camera
 
 
@@ -114,8 +116,8 @@ def test_landings_over_the_network_agree_with_the_truth_to_three_millimetres(cam
 
 
 def test_the_film_of_a_trial_is_kept_with_its_times(camera):
-    films = sorted(pathlib.Path(camera._films).iterdir())
-    assert [film.name for film in films][:2] == ["trial-0000.mkv", "trial-0001.mkv"]
+    films = sorted(pathlib.Path(camera.settings.films).iterdir())
+    assert [film.name[-9:] for film in films][:2] == ["0000.mkv", "0001.mkv"]
     _, frames = read_video(films[0])
     times = [time for time, _ in frames]
     np.testing.assert_allclose(np.diff(times), 1 / RATE, atol=1e-4)

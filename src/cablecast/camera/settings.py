@@ -42,6 +42,7 @@ class CameraSettings:
         lens: Lens, from `cablecast calibrate lens`; found from the tags where None.
         tags: Tags on the table; `default_layout` where None.
         marker: Length and width of the green marker along and across the cable [m].
+        films: Folder that keeps the film of each trial; none are kept where None.
     """
 
     source: str
@@ -59,6 +60,7 @@ class CameraSettings:
     lens: Lens | None = None
     tags: TagLayout | None = None
     marker: tuple[float, float] = (0.038, 0.016)
+    films: str | None = None
 
     def __post_init__(self):
         if not isinstance(self.source, str) or not self.source.strip():
@@ -102,6 +104,10 @@ class CameraSettings:
             raise InputError(f"camera marker = {self.marker} must be a length and a width")
         for value in self.marker:
             check_number("camera marker", value, 0.002, 0.5, "m")
+        if self.films is not None and not (isinstance(self.films, str) and self.films.strip()):
+            raise InputError(
+                f"camera films = {str(self.films)[:60]!r} must be the path of a folder"
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, which `from_dict` reads."""
@@ -121,7 +127,7 @@ class CameraSettings:
 
         Args:
             values: Settings by name; `tags` may be a list, or the path of a layout's file.
-            folder: Folder to which the paths of a layout and of a video are relative.
+            folder: Folder to which the paths of a layout, of a video and of films are relative.
 
         Raises:
             InputError: A key is unknown or missing, or a value out of bounds.
@@ -138,6 +144,8 @@ class CameraSettings:
             values["tags"] = TagLayout.load(base / values["tags"])
         elif "tags" in values:
             values["tags"] = TagLayout.from_rows(values["tags"])
+        if isinstance(values.get("films"), str) and values["films"].strip():
+            values["films"] = str((base / values["films"]).resolve())
         if "lens" in values:
             values["lens"] = Lens.from_dict(values["lens"])
         if "marker" in values:

@@ -40,8 +40,8 @@ class CameraOfTrials:
     """The camera of a lab file behind the protocol `TrialCamera`.
 
     Args:
-        setup: Set-up with the section `camera`.
-        films: Folder that keeps the film of each trial; none where None.
+        setup: Set-up with the section `camera`. Where that names a folder for films, each trial's
+            film is kept there, named after the time at which the camera was opened and a number.
 
     Raises:
         CameraError: There is no camera, or it cannot be opened.
@@ -49,10 +49,10 @@ class CameraOfTrials:
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, setup: Setup, films: pathlib.Path | None = None):
+    def __init__(self, setup: Setup):
         self.setup = setup
         self.settings = require_camera(setup)
-        self._films = films
+        self._opened_at = time.strftime("%Y%m%d-%H%M%S")
         self._film_count = 0
         self._filming: _Filming | None = None
         self._last_xy: NDArray[np.float64] | None = None
@@ -117,9 +117,9 @@ class CameraOfTrials:
         self.cancel()
         self._camera.skip()
         writer = None
-        if self._films is not None:
-            path = self._films / f"trial-{self._film_count:04}.mkv"
-            writer = FilmWriter(path, self.settings.rate)
+        if self.settings.films is not None:
+            name = f"{self._opened_at}-{self._film_count:04}.mkv"
+            writer = FilmWriter(pathlib.Path(self.settings.films) / name, self.settings.rate)
             self._film_count += 1
         workspace = self.setup.workspace
         start_xy = (0.0, workspace.reset_y + self.setup.cable.length)
