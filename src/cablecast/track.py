@@ -48,6 +48,35 @@ class TrialStatus(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class ControllerLog:
+    """Reports of an arm's controller during one trial, beside the measured joints.
+
+    There is one report for each time of the track's `joint_path`.
+
+    Attributes:
+        times: Times of the reports by the controller's clock [s], shape [report].
+        target_q: Set points that the controller followed [rad], shape [report, 6].
+        speed_scaling: Speed scaling, the slider's included [-], shape [report].
+        safety_bits: Safety status bits, shape [report].
+    """
+
+    times: NDArray[np.float64]
+    target_q: NDArray[np.float64]
+    speed_scaling: NDArray[np.float64]
+    safety_bits: NDArray[np.float64]
+
+    def __post_init__(self):
+        count = len(self.times)
+        shapes = {"target_q": (count, 6), "speed_scaling": (count,), "safety_bits": (count,)}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise InputError(
+                    f"{name} of a controller's log has shape {getattr(self, name).shape}: "
+                    f"{count} reports require {shape}"
+                )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class EndpointTrack:
     """Path of the cable's endpoint during one trial.
 
@@ -60,6 +89,8 @@ class EndpointTrack:
         joint_path: Measured joints, with the times at which the arm reported them; None if the
             executor has no joints or does not report them. The commanded joints are those of the
             trajectory.
+        controller_log: Reports of the arm's controller at the times of `joint_path`; None where
+            there is no controller.
     """
 
     times: NDArray[np.float64]
@@ -67,6 +98,7 @@ class EndpointTrack:
     status: TrialStatus
     nodes: NDArray[np.float64] | None = None
     joint_path: "JointPath | None" = None
+    controller_log: ControllerLog | None = None
 
     def __post_init__(self):
         for name in ("times", "endpoint_xy", "nodes"):

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from cablecast.errors import RigError
+from cablecast.errors import InputError, RigError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.joint_path import JointPath
 from cablecast.motion.trajectory import Trajectory
@@ -19,7 +19,7 @@ from cablecast.rigs.answers import (
     check_track,
 )
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.track import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 LAG = 0.06
@@ -273,3 +273,22 @@ def test_what_is_no_picture_of_a_camera_is_refused(picture, words):
 
 def test_a_rig_may_have_no_picture_yet():
     assert check_picture(None) is None
+
+
+def test_a_controllers_log_belongs_to_the_reported_joints(good, cast, setup):
+    def log(count):
+        ones = np.ones(count)
+        return ControllerLog(
+            times=np.arange(count) * 0.008,
+            target_q=np.zeros((count, 6)),
+            speed_scaling=ones,
+            safety_bits=ones,
+        )
+
+    count = len(good.joint_path.times)
+    logged = changed(good, controller_log=log(count))
+    assert check_track(logged, cast, setup) is logged
+    with pytest.raises(RigError, match=f"{count - 1} reports of a controller"):
+        check_track(changed(good, controller_log=log(count - 1)), cast, setup)
+    with pytest.raises(InputError, match="speed_scaling of a controller's log"):
+        dataclasses.replace(log(count), speed_scaling=np.ones(count + 1))

@@ -247,7 +247,15 @@ def trial_values(motion: Trajectory, track: EndpointTrack) -> dict[str, Any]:
         motion: Motion as commanded.
         track: What the rig reported.
     """
-    commanded, actual = motion.joint_path, track.joint_path
+    commanded, actual, log = motion.joint_path, track.joint_path, track.controller_log
+    reported = {}
+    if log is not None:
+        reported = {
+            "controller_times": log.times,
+            "target_q": log.target_q.ravel(),
+            "speed_scaling": log.speed_scaling,
+            "safety_bits": log.safety_bits,
+        }
     action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
     return {
         **dict(zip(ACTION_COLUMNS, action, strict=True)),
@@ -262,6 +270,7 @@ def trial_values(motion: Trajectory, track: EndpointTrack) -> dict[str, Any]:
         "joint_q": None if commanded is None else commanded.q.ravel(),
         "actual_times": None if actual is None else actual.times,
         "actual_q": None if actual is None else actual.q.ravel(),
+        **reported,
     }
 
 

@@ -97,6 +97,30 @@ OPTIONAL_COLUMNS = (
         meaning="reported joint angles, six after six, one group per time",
     ),
     Column(
+        name="controller_times",
+        kind="list",
+        unit="s",
+        meaning="times of the reported joints by the clock of the arm's controller",
+    ),
+    Column(
+        name="target_q",
+        kind="list",
+        unit="rad",
+        meaning="joint angles that the controller followed at these times, six after six",
+    ),
+    Column(
+        name="speed_scaling",
+        kind="list",
+        unit="-",
+        meaning="speed scaling that the controller reported at these times",
+    ),
+    Column(
+        name="safety_bits",
+        kind="list",
+        unit="-",
+        meaning="safety status bits that the controller reported at these times",
+    ),
+    Column(
         name="grip_times",
         kind="list",
         unit="s",

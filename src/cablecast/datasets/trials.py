@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
 from cablecast.datasets.reader import Dataset
-from cablecast.errors import DatasetError
+from cablecast.errors import DatasetError, InputError
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.joint_path import JointPath
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.track import ControllerLog, EndpointTrack, TrialStatus
 
 
 def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
@@ -33,6 +33,7 @@ def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
         status=TrialStatus.from_code(str(dataset.status[row])),
         nodes=_nodes(dataset, row, len(times)),
         joint_path=measured_joints(dataset, row),
+        controller_log=controller_log(dataset, row),
     )
 
 
@@ -44,6 +45,28 @@ def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
         row: Index of the trial.
     """
     return _joint_path(dataset, "actual_times", "actual_q", row)
+
+
+def controller_log(dataset: Dataset, row: int) -> ControllerLog | None:
+    """Return what the arm's controller reported of one trial; None where it was not recorded.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Index of the trial.
+    """
+    names = ("controller_times", "target_q", "speed_scaling", "safety_bits")
+    times, target_q, speed_scaling, safety_bits = (_values(dataset, n, row) for n in names)
+    if times is None or target_q is None or speed_scaling is None or safety_bits is None:
+        return None
+    try:
+        return ControllerLog(
+            times=times,
+            target_q=target_q.reshape(-1, JOINT_COUNT),
+            speed_scaling=speed_scaling,
+            safety_bits=safety_bits,
+        )
+    except (ValueError, InputError) as error:
+        raise DatasetError(f"trial {row} of {dataset.path or 'the dataset'}: {error}") from None
 
 
 def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:

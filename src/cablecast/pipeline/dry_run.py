@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from cablecast.arm.robot import RobotConfig
 from cablecast.datasets.collect import TRIAL_COUNTS, Purpose, Sampling, sample_actions
 from cablecast.errors import CablecastError
 from cablecast.motion.action import Action, ActionRanges
@@ -13,7 +14,8 @@ from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS
 from cablecast.rigs.ur.link import UrLink
 from cablecast.rigs.ur.path import SetPoints, check_path
-from cablecast.rigs.ur.rig import RESET_DT, check_lab
+from cablecast.rigs.ur.reset import RESET_DT, reset_motions
+from cablecast.rigs.ur.rig import check_lab
 from cablecast.rigs.ur.safety import check_ready
 from cablecast.setup import Setup
 
@@ -45,7 +47,7 @@ def dry_run(
     """Check what a collection on the arm would do; see `collect`.
 
     The paths are checked first. Only if all of them pass, the controller is asked whether it is
-    ready; it is told nothing.
+    ready and where the arm stands, and the camera whether it sees; nothing is told to move.
 
     Args:
         setup: Lab file with a robot section.
@@ -76,7 +78,7 @@ def dry_run(
         )
     if any(finding.problem for finding in findings):
         return [*findings, Finding("controller", "was not asked, because of the paths above")]
-    return [*findings, _check_controller(setup, robot.address)]
+    return [*findings, *_check_controller(setup, robot), _check_camera(setup)]
 
 
 def _check_reset(setup: Setup) -> Finding:
@@ -101,16 +103,38 @@ def _check_motion(what: str, trajectory: Trajectory, setup: Setup, dt: float) ->
     return Finding(what, None, detail)
 
 
-def _check_controller(setup: Setup, address: str) -> Finding:
+def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
+    """Check that the controller is ready, and the way back from where the arm stands."""
     link = None
     try:
-        link = UrLink(check_lab(setup))
-        report = check_ready(link, check_lab(setup))
-        off = float(np.abs(setup.arm.grip_pose(report.q)[2]))
-        detail = f"ready at {address}, payload {report.payload:.2f} kg, grip {off:.2f} m high"
-        return Finding("controller", None, detail)
+        link = UrLink(robot)
+        report = check_ready(link, robot)
     except CablecastError as error:
-        return Finding("controller", str(error))
+        return [Finding("controller", str(error))]
     finally:
         if link is not None:
             link.close()
+    height = float(setup.arm.grip_pose(report.q)[2])
+    found = Finding(
+        "controller",
+        None,
+        f"ready at {robot.address}, payload {report.payload:.2f} kg, grip {height:.2f} m high",
+    )
+    try:
+        way, reset = reset_motions(report.q, setup)
+    except CablecastError as error:
+        return [found, Finding("first reset", str(error))]
+    detail = f"{way.duration:.1f} s from where the arm stands to its begin, {reset.duration:.1f} s"
+    return [found, Finding("first reset", None, detail)]
+
+
+def _check_camera(setup: Setup) -> Finding:
+    from cablecast.filming.trials import CameraOfTrials
+
+    try:
+        with CameraOfTrials(setup) as camera:
+            camera.check()
+            used, rms = camera.description["tags_used"], camera.description["calibration_rms_mm"]
+            return Finding("camera", None, f"sees {used} tags, which fit to {rms:.1f} mm")
+    except CablecastError as error:
+        return Finding("camera", str(error))

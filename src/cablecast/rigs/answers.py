@@ -148,6 +148,14 @@ def check_track(track: object, trajectory: Trajectory, setup: Setup) -> Endpoint
             kind = type(track.joint_path).__name__
             raise RigError(f"the rig's track has a {kind} as joint_path: it must be a JointPath")
         _check_joints(track.joint_path, trajectory, end)
+    log = track.controller_log
+    if log is not None and not (
+        track.joint_path is not None and len(log.times) == len(track.joint_path.times)
+    ):
+        raise RigError(
+            f"the rig's track has {len(log.times)} reports of a controller: there must be one for "
+            "each time of its joint_path"
+        )
     return track
 
 

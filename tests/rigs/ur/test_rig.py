@@ -13,13 +13,17 @@ import numpy as np
 import pytest
 
 from cablecast.datasets.collect import collect_dataset
-from cablecast.datasets.trials import measured_joints, trial_rig, trial_track
+from cablecast.datasets.trials import controller_log, measured_joints, trial_rig, trial_track
 from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.polar_cast import reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.rig import RESETTING, RigUR
+from cablecast.rigs.ur.link import Report
+from cablecast.rigs.ur.path import SetPoints, check_path, joint_move
+from cablecast.rigs.ur.player import CastAbortedError, Played
+from cablecast.rigs.ur.reset import APPROACH_SPEED, RESET_DT
+from cablecast.rigs.ur.rig import REPORT_GAP_MAX, RESETTING, RigUR, check_reports
 from cablecast.rigs.ur.safety import check_ready
 from cablecast.track import TrialStatus
 from cablecast.twin.truth import TruthCamera
@@ -37,10 +41,10 @@ class RigQuick(RigUR):
     def _reset_once(self):
         link = self._connected()
         check_ready(link, self.robot)
-        home = np.asarray(reset_pose(self.setup.workspace), dtype=float)
-        q = self._at_rest(link)
-        if np.abs(self.setup.arm.grip_pose(q) - home).max() > 1e-3:
-            self._move(q, self.setup.arm.inverse(home), RESETTING)
+        home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
+        way = joint_move(self._at_rest(link), home, APPROACH_SPEED, RESET_DT)
+        check_path(way, self.setup, "the way back")
+        self._play("cablecast_approach", way, RESETTING)
         self._wait(link, 0.2)
 
 
@@ -93,6 +97,25 @@ def test_a_cast_whose_speed_falls_is_aborted_and_nothing_is_learned_from_it(stic
         # The slider still stands there: the next attempt must not begin.
         with pytest.raises(RigError, match="set it to 100 %"):
             rig.reset()
+
+
+@pytest.mark.parametrize("lost", [(0.0, 0.2), (0.5, 0.7), (1.0, 1.5)])
+def test_a_cast_of_which_reports_were_lost_teaches_nothing(lost):
+    points = SetPoints(np.zeros((126, 6)), 0.008)
+    still = np.zeros(6)
+    times = 50.0 + np.arange(-20, 160) * 0.008
+
+    def reports(times):
+        return [Report(t, t, still, still, still, 1.0, 1, 7, True, 0.0, 2, 1, 1) for t in times]
+
+    check_reports(Played(50.0, reports(times)), points)
+    left = times[(times < 50.0 + lost[0]) | (times > 50.0 + lost[1])]
+    if lost[0] < points.duration:
+        with pytest.raises(CastAbortedError, match=r"no report came for 0\.[12]\d s of the cast"):
+            check_reports(Played(50.0, reports(left)), points)
+    else:
+        # What is lost after the cast was over is no part of it.
+        check_reports(Played(50.0, reports(left)), points)
 
 
 def test_an_interrupt_stops_the_arm(stick, cast):
@@ -164,7 +187,14 @@ def test_casts_are_collected_and_a_stop_in_between_is_resumed_by_the_same_comman
         track, joints = trial_track(dataset, row), measured_joints(dataset, row)
         np.testing.assert_allclose(track.times, 0.1 * np.arange(len(track.times)), atol=1e-9)
         assert setup.workspace.on_table(track.final_xy)
-        assert np.abs(np.diff(joints.times) - 0.008).max() < 0.1
+        inside = joints.times <= dataset.duration[row]
+        assert np.diff(joints.times[inside]).max() <= REPORT_GAP_MAX
+        log = controller_log(dataset, row)
+        np.testing.assert_allclose(np.diff(log.times), np.diff(joints.times), atol=1e-9)
+        assert set(log.speed_scaling) == {1.0}
+        assert set(log.safety_bits) == {1.0}
+        # Joints follow the set points that the controller was at.
+        assert np.abs(log.target_q - joints.q).max() < setup.robot.lag_max
     tip = process.admin.state()["tip"]
     np.testing.assert_allclose(trial_track(dataset, 1).final_xy, tip[:2], atol=1e-3)
 

@@ -1,5 +1,6 @@
 """RigUR: a UR arm with a cable in its gripper, and the camera over its table."""
 
+import dataclasses
 import time
 from typing import Any
 
@@ -7,22 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.errors import CablecastError, InputError, RigError
+from cablecast.errors import InputError, RigError
 from cablecast.motion.joint_path import JointPath
-from cablecast.motion.polar_cast import reset_pose
-from cablecast.motion.reset import plan_reset
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.ur.link import Report, UrLink
-from cablecast.rigs.ur.path import SetPoints, check_path, joint_move
+from cablecast.rigs.ur.path import SetPoints, check_path
 from cablecast.rigs.ur.player import CastAbortedError, Played, Player
+from cablecast.rigs.ur.reset import reset_motions
 from cablecast.rigs.ur.safety import check_ready
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.track import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.tracking.trial_camera import TrialCamera, TrialTiming
 
-RESET_DT = 0.008
-"""Time between set points of a reset [s]: at 0.002 s its program would have 700 kB."""
 RESET_COUNT = 3
 """Number of resets before a cable that does not lie straight is given up."""
 REHEARSAL_SPEED, REHEARSAL_COUNT = 0.25, 3
@@ -34,12 +32,12 @@ ahead [share]."""
 IDLE, RESETTING, CASTING, SETTLING, READING = range(5)
 """Phases that the rig says to the controller, for a person who looks, and for the twin."""
 
-_APPROACH_SPEED = 0.3
-_BRANCH_TOLERANCE = 0.05
-_SAFE_HEIGHT = 0.25
 _STILL_TIME = 0.3
 _HANG_STILL_TIME = 1.0
 _JOINT_TAIL = 0.4
+REPORT_GAP_MAX = 0.1
+"""Longest time of a cast without a report [s]. Between two reports so far apart a joint that speeds
+up at 20 rad/s² is 25 mrad from the straight line that stands for its way."""
 
 
 class RigUR(RigLifecycle):
@@ -117,12 +115,13 @@ class RigUR(RigLifecycle):
         try:
             try:
                 played = self._play("cablecast_cast", points, CASTING)
+                check_reports(played, points)
             except CastAbortedError as aborted:
                 return self._aborted(aborted)
-            timing = self._settle(link, played, points)
+            timing, log = self._settle(link, played, points)
             link.set_phase(READING)
             filming = False
-            track = self.camera.stop(timing)
+            track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
             self.last_timing = timing
             link.set_phase(IDLE)
             return track
@@ -174,57 +173,20 @@ class RigUR(RigLifecycle):
         link = self._connected()
         check_ready(link, self.robot)
         self.camera.check(link.latest().time)
-        setup = self.setup.with_motion(control_dt=RESET_DT)
-        q = self._at_rest(link)
-        try:
-            path = plan_reset(self._tool_pose(q), setup).joint_path
-        except CablecastError:
-            # Stopped where no reset can begin: first to a place above the table from which one can.
-            pose = np.array(reset_pose(setup.workspace), dtype=float)
-            pose[2] += _SAFE_HEIGHT
-            self._move(q, setup.arm.inverse(pose), RESETTING)
-            q = self._at_rest(link)
-            path = plan_reset(self._tool_pose(q), setup).joint_path
-        if path is None:
-            raise RigError("the reset has no joints")
-        points = SetPoints(path.q, RESET_DT)
-        check_path(points, setup, "the reset")
-        self._move(q, points.q[0], RESETTING)
-        self._play("cablecast_reset", points, RESETTING)
+        way, reset = reset_motions(self._at_rest(link), self.setup)
+        self._play("cablecast_approach", way, RESETTING)
+        self._play("cablecast_reset", reset, RESETTING)
         self._wait(link, _HANG_STILL_TIME)
         link.set_phase(IDLE)
-
-    def _tool_pose(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the pose of the grip, if the arm stands as it does in our motions.
-
-        Raises:
-            RigError: It stands otherwise; only a person can bring it back.
-        """
-        pose = self.setup.arm.grip_pose(q)
-        if abs(pose[4]) < 1e-3:
-            pose[4] = 0.0
-        off = float(np.abs(self.setup.arm.inverse(pose) - q).max())
-        if off > _BRANCH_TOLERANCE:
-            raise RigError(
-                f"the arm stands {off:.2f} rad from where its gripper would point down with its "
-                "elbow up: bring it there by hand (freedrive), and start again"
-            )
-        return pose
-
-    def _move(
-        self, start: NDArray[np.float64], end: NDArray[np.float64], phase: int
-    ) -> Played | None:
-        """Move slowly in joint space, if there is a way to go."""
-        points = joint_move(start, end, _APPROACH_SPEED, RESET_DT)
-        check_path(points, self.setup, "the way to the start")
-        return self._play("cablecast_approach", points, phase)
 
     def _play(self, name: str, points: SetPoints, phase: int) -> Played:
         link = self._connected()
         link.set_phase(phase)
         return Player(link, self.robot).play(name, points)
 
-    def _settle(self, link: UrLink, played: Played, points: SetPoints) -> TrialTiming:
+    def _settle(
+        self, link: UrLink, played: Played, points: SetPoints
+    ) -> tuple[TrialTiming, ControllerLog]:
         """Wait until the cable has come to rest, and return when all of it took place."""
         link.set_phase(SETTLING)
         end = played.start_time + points.duration + self.robot.settle_time
@@ -234,12 +196,14 @@ class RigUR(RigLifecycle):
         check_ready(link, self.robot)
         reports = link.since(played.start_time)
         tail = played.start_time + points.duration + _JOINT_TAIL
-        return TrialTiming(
+        used = [r for r in reports if r.time <= tail]
+        timing = TrialTiming(
             start_time=played.start_time,
             end_time=end,
             clock_pairs=np.array([[r.time, r.host_time] for r in reports]),
-            joint_path=_measured(reports, played.start_time, tail),
+            joint_path=_measured(used, played.start_time),
         )
+        return timing, _controller_log(used)
 
     def _at_rest(self, link: UrLink) -> NDArray[np.float64]:
         """Return the joint angles of the standing arm, without the noise of one report."""
@@ -282,14 +246,44 @@ def check_lab(setup: Setup) -> RobotConfig:
     return setup.robot
 
 
-def _measured(reports: list[Report], start: float, end: float) -> JointPath:
+def _measured(reports: list[Report], start: float) -> JointPath:
     """Return the joints that the arm reported, with times since the motion began."""
-    used = [r for r in reports if start <= r.time <= end]
     return JointPath(
-        times=np.array([r.time - start for r in used]),
-        q=np.array([r.q for r in used]),
-        qd=np.array([r.qd for r in used]),
+        times=np.array([r.time - start for r in reports]),
+        q=np.array([r.q for r in reports]),
+        qd=np.array([r.qd for r in reports]),
     )
+
+
+def _controller_log(reports: list[Report]) -> ControllerLog:
+    """Return what else the controller reported with these joints."""
+    return ControllerLog(
+        times=np.array([r.time for r in reports]),
+        target_q=np.array([r.target_q for r in reports]),
+        speed_scaling=np.array([r.speed_scaling for r in reports]),
+        safety_bits=np.array([float(r.safety_bits) for r in reports]),
+    )
+
+
+def check_reports(played: Played, points: SetPoints) -> None:
+    """Refuse a cast of which too little was reported: nobody knows how the arm moved there.
+
+    Args:
+        played: Cast that was carried out.
+        points: Its set points.
+
+    Raises:
+        CastAbortedError: No report came for longer than `REPORT_GAP_MAX`.
+    """
+    start, end = played.start_time, played.start_time + points.duration
+    times = np.array([r.time for r in played.reports])
+    times = np.clip(np.concatenate([[start], times, [end]]), start, end)
+    gap = float(np.diff(times).max())
+    if gap > REPORT_GAP_MAX:
+        raise CastAbortedError(
+            f"no report came for {gap:.2f} s of the cast, more than {REPORT_GAP_MAX:g} s: network "
+            "or computer is busy"
+        )
 
 
 def make_ur_rig(setup: Setup) -> RigUR:

@@ -1,0 +1,52 @@
+"""The way back from wherever the arm stands, checked before anything moves."""
+
+import dataclasses
+import pathlib
+
+import numpy as np
+import pytest
+
+from cablecast.errors import JointLimitError, RigError
+from cablecast.motion.polar_cast import reset_pose
+from cablecast.rigs.ur.reset import APPROACH_SPEED, reset_motions
+from cablecast.setup import Setup, load_setup
+
+
+@pytest.fixture(scope="module")
+def setup() -> Setup:
+    return load_setup(pathlib.Path(__file__).parents[3] / "examples" / "twin.yaml")
+
+
+@pytest.fixture(scope="module")
+def home(setup):
+    return setup.arm.inverse(np.asarray(reset_pose(setup.workspace), dtype=float))
+
+
+def test_a_reset_from_where_a_cast_begins_starts_there_and_ends_there(setup, home):
+    way, reset = reset_motions(home, setup)
+    np.testing.assert_allclose(way.q[-1], home, atol=1e-6)
+    np.testing.assert_allclose(reset.q[-1], home, atol=1e-6)
+
+
+def test_a_gripper_that_a_hand_left_askew_first_goes_slowly_to_a_place_above_the_table(setup, home):
+    askew = home + [0.1, -0.2, 0.1, 0.1, -0.1, 0.2]
+    way, reset = reset_motions(askew, setup)
+    np.testing.assert_array_equal(way.q[0], askew)
+    np.testing.assert_allclose(way.q[-1], reset.q[0], atol=1e-12)
+    assert np.abs(np.diff(way.q, axis=0)).max() / way.dt <= APPROACH_SPEED * 1.001
+    assert setup.arm.grip_pose(way.q[-1])[2] > 0.2
+    np.testing.assert_allclose(reset.q[-1], home, atol=1e-6)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_an_arm_that_is_wound_up_or_folded_otherwise_is_left_to_a_person(setup, home, joint):
+    folded = home.copy()
+    folded[joint] += -2.0 if joint in (1, 2) else 2 * np.pi * -np.sign(home[joint] or 1.0)
+    with pytest.raises(RigError, match="bring it there by hand"):
+        reset_motions(folded, setup)
+
+
+def test_a_way_that_would_touch_something_is_refused_before_anything_moves(setup, home):
+    low = dataclasses.replace(setup.robot, box_high=(0.97, 0.97, 0.5))
+    with pytest.raises(JointLimitError, match="outside the box"):
+        reset_motions(home, dataclasses.replace(setup, robot=low))
