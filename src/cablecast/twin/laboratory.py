@@ -41,6 +41,7 @@ _HISTORY_TIME = 120.0
 _LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
 _CROOKED = np.radians(15.0)
 _PROGRAM_IDLE_TIME = 0.05
+_STICK_NODE_COUNT = 12
 
 
 class TwinLaboratory:
@@ -141,12 +142,16 @@ class TwinLaboratory:
         if self.camera is not None:
             self.camera.close()
 
+    def _nodes(self) -> NDArray[np.float64]:
+        """Return the cable, or the stick in its place, from grip to endpoint, shape [node, 3]."""
+        if self.cable is not None:
+            return self.cable.nodes
+        pose = self.setup.arm.grip_pose(self.controller.arm.q)
+        arc = np.linspace(0.0, self.setup.cable.length, _STICK_NODE_COUNT)
+        return pose[:3] + arc[:, None] * tangent(pose[3], pose[4])
+
     def _tip(self) -> NDArray[np.float64]:
-        if self.cable is None:
-            # A stick in place of the cable.
-            pose = self.setup.arm.grip_pose(self.controller.arm.q)
-            return pose[:3] + self.setup.cable.length * tangent(pose[3], pose[4])
-        return self.cable.nodes[-1].copy()
+        return self._nodes()[-1].copy()
 
     def _accepted(self, client: Client) -> None:
         if client.kind == "rtde":
@@ -225,6 +230,7 @@ class TwinLaboratory:
             self.camera.fault(None)
         if self.cable is not None:
             self.cable.lies_aside = 0.0
+            self.cable.grip_anew()
         if self.controller.robot_mode == MODE_POWER_OFF:
             self._power_up()
         self.controller.clear()
@@ -331,7 +337,7 @@ class TwinLaboratory:
 
     def _make_camera(self) -> CameraStream | None:
         settings = self.setup.camera
-        if settings is None or not self.config.has_camera or self.cable is None:
+        if settings is None or not self.config.has_camera:
             return None
         config = dataclasses.replace(
             CameraConfig.over(self.setup.workspace).resized(settings.width),
@@ -346,8 +352,8 @@ class TwinLaboratory:
     def _show_camera(self) -> None:
         """Let the camera see this instant; it waits where the camera draws more slowly."""
         now = self.controller.time
-        if self.camera is None or self.cable is None or now < self._next_picture:
+        if self.camera is None or now < self._next_picture:
             return
         self._next_picture = now + CAMERA_DT - 1e-9
         if self.phase != "reset" or now % RESET_GLANCE_PERIOD < RESET_GLANCE:
-            self.camera.show(now, self.controller.arm.q, self.cable.nodes)
+            self.camera.show(now, self.controller.arm.q, self._nodes())

@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 from cablecast.arm.limits import JOINT_NAMES
 from cablecast.setup import Setup
 
-# The maker's data sheets: all joints of the UR3, UR5 and their e-Series turn by 360 deg either way,
-# and the large ones at 180 deg/s. A controller tolerates a little more before it stops.
+# The maker's data sheets: all joints turn by 360 deg either way. A controller tolerates a little
+# more before it stops.
 _POSITION_MAX = np.radians(363.0)
-_SPEED_MAX = np.radians(191.0)
+_SPEEDS_MAX_DEG = {
+    "ur3": (180.0, 180.0, 180.0, 360.0, 360.0, 360.0),
+    "ur5": (180.0, 180.0, 180.0, 180.0, 180.0, 180.0),
+    "ur10": (120.0, 120.0, 180.0, 180.0, 180.0, 180.0),
+}
+"""Largest speed of each joint by the size of the arm, of both series [deg/s]."""
+_SPEED_TOLERANCE_DEG = 11.0
 # A jump of a set point that no motor could follow stops a real arm as well.
 _ACCELERATION_MAX = 45.0
 _WINDOW = 0.032
@@ -38,6 +44,8 @@ class TwinLimits:
 
     def __post_init__(self):
         self._window = round(_WINDOW / self.dt)
+        size = self.setup.arm.model.removesuffix("e")
+        self._speed_max = np.radians(np.array(_SPEEDS_MAX_DEG[size]) + _SPEED_TOLERANCE_DEG)
         self._past: list[NDArray[np.float64]] = []
 
     def forget(self) -> None:
@@ -59,8 +67,8 @@ class TwinLimits:
         self._past = [*self._past, q.copy()][-2 * count - 1 :]
         if len(self._past) > count:
             rate = (q - self._past[-1 - count]) / (count * self.dt)
-            joint = int(np.argmax(np.abs(rate)))
-            if abs(rate[joint]) > _SPEED_MAX:
+            joint = int(np.argmax(np.abs(rate) / self._speed_max))
+            if abs(rate[joint]) > self._speed_max[joint]:
                 return f"{JOINT_NAMES[joint]} at {rate[joint]:.2f} rad/s is beyond its speed"
         if len(self._past) > 2 * count:
             before = (self._past[-1 - count] - self._past[0]) / (count * self.dt)

@@ -139,8 +139,11 @@ class RtdeServer:
         state = self.state()
         for client in wanting:
             data = client.state["outputs"].pack(state)
-            if now < self.late_until or self._late:
+            if now < self.late_until:
                 self._late.append((now + _LATE_TIME, client, data))
+            elif self._late:
+                # No report overtakes another.
+                self._late.append((max(now, self._late[-1][0]), client, data))
             else:
                 client.send(data)
 

@@ -177,6 +177,7 @@ class LiveCable:
         self.was_away = True
         self.is_simulated = False
         self.lies_aside = 0.0
+        self._slipped = False
         self.nodes = self._straight(self._home)
 
     def _straight(self, pose: Array) -> Array:
@@ -209,7 +210,7 @@ class LiveCable:
         if self.was_away and at_rest and off.max() < _RESET_REACH:
             return self._lay_down(pose)
         moved = np.abs(pose - self._poses[-1]).max() > 1e-6
-        if is_reset and moved:
+        if is_reset and moved and off.max() >= _RESET_REACH:
             self.was_away, self.is_simulated = True, False
             self._carry(pose)
         elif not self.was_away or self.is_simulated:
@@ -222,10 +223,22 @@ class LiveCable:
         return None
 
     def slip(self) -> None:
-        """Let the cable slip in the jaws: its far part lies nearer from the next look on."""
-        grip = self.nodes[0]
-        self.nodes = grip + (self.nodes - grip) * (1.0 - _SLIP_SHARE)
-        self.is_simulated = False
+        """Let the cable slip in the jaws: until it is gripped anew, less of it is free.
+
+        It goes on as a picture of the whole one, made smaller about the grip.
+        """
+        if not self._slipped:
+            self._slipped = True
+            self.nodes = self._free_part(self.nodes)
+
+    def grip_anew(self) -> None:
+        """Let a cable that slipped be gripped at its end again, and laid down."""
+        if self._slipped:
+            self._slipped, self.was_away = False, True
+
+    def _free_part(self, nodes: Array) -> Array:
+        """Return the nodes of what is free of a cable that may have slipped."""
+        return nodes[0] + (nodes - nodes[0]) * (1.0 - _SLIP_SHARE) if self._slipped else nodes
 
     def _carry(self, pose: Array) -> None:
         """Move the cable along with the grip, as if it were stiff."""
@@ -270,7 +283,7 @@ class LiveCable:
         self._poses = np.repeat(pose[None], 2, axis=0)
         self._settle_until = self.time + config.reset_time
         self.was_away, self.is_simulated = False, True
-        self.nodes = shape
+        self.nodes = self._free_part(shape)
         self._rest_check = (self.time, shape[-1].copy())
         return trial
 
@@ -296,7 +309,7 @@ class LiveCable:
                     return
         nodes = cable_vertices(scene, self._qpos)[0]
         if np.all(np.isfinite(nodes)):
-            self.nodes = nodes
+            self.nodes = self._free_part(nodes)
 
     def _judge_rest(self, moved: bool) -> None:
         """Stop simulating once arm and cable have come to rest."""
