@@ -17,9 +17,8 @@ from cablecast.setup import Setup, load_setup
 
 RATE, WIDTH, HEIGHT = 30.0, 640, 360
 OFFSET = 812.3456
-# A sixth of the time between two frames, from a swing of a second and a half in small pictures;
-# what is stated of so short a swing is rather too much than too little.
-OFFSET_MAX, SD_MAX = 0.0055, 0.02
+# From a swing of a second and a half in small pictures with the usual noise.
+OFFSET_MAX, SD_MAX = 0.003, 0.005
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 FRAME_COUNT_MIN = 30
 """Fewest frames that tell an offset."""
 
-_PART_COUNT = 8
+PART_COUNT = 8
 """Parts of the record that are left out in turn, which tells how sure the offset is."""
-_RUN_LENGTH = 3
+RUN_LENGTH = 3
 """Frames in a row that are left out together, since errors of neighbours resemble one another."""
 _EXPLAINED_MIN = 0.5
 """Smallest share of what the camera saw that the robot's report must explain."""
@@ -92,7 +92,7 @@ def fit_offset(
         raise InputError(
             f"{len(times)} frames show the motion: at least {FRAME_COUNT_MIN} are needed"
         )
-    parts = np.arange(len(times)) // _RUN_LENGTH % _PART_COUNT
+    parts = np.arange(len(times)) // RUN_LENGTH % PART_COUNT
     offset, explained = _best(times, seen, reported, np.arange(low, high + step, step))
     if explained < _EXPLAINED_MIN:
         raise InputError(
@@ -102,12 +102,30 @@ def fit_offset(
     near = offset + np.arange(-10, 11) * step / 2
     left_out = [
         _best(times[parts != part], seen[parts != part], reported, near)[0]
-        for part in range(_PART_COUNT)
+        for part in range(PART_COUNT)
     ]
-    # Jackknife: each part is left out in turn.
-    spread = np.sum((np.array(left_out) - np.mean(left_out)) ** 2)
-    sd = float(np.sqrt((_PART_COUNT - 1) / _PART_COUNT * spread))
+    sd = jackknife_sd(np.array(left_out))
     return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=len(times))
+
+
+def jackknife_sd(left_out: Array) -> float:
+    """Return the standard deviation of an estimate, from those with each part left out in turn."""
+    count = len(left_out)
+    return float(np.sqrt((count - 1) / count * np.sum((left_out - np.mean(left_out)) ** 2)))
+
+
+def parabola_minimum(places: Array, values: Array) -> float:
+    """Return the place of a minimum, between the places about the least of some values.
+
+    Args:
+        places: Even places, shape [place].
+        values: Values there, shape [place].
+    """
+    least = int(np.clip(np.argmin(values), 1, len(values) - 2))
+    left, middle, right = values[least - 1 : least + 2]
+    bend, step = left - 2 * middle + right, places[1] - places[0]
+    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(places[least] + step * np.clip(shift, -1.0, 1.0))
 
 
 def _best(
