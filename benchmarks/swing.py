@@ -22,7 +22,6 @@ from cablecast.motion.grip_path import GripPath
 PITCHES_DEG = (-45.0, -30.0, 0.0)
 """Directions of the clamp: steep ones swing little, a level one whips."""
 STEPS = (1e-3, DEFAULT_DT, 2.5e-4, 1.25e-4)
-HEIGHT = 3.0
 WINDOW = 0.05
 """Time over which the energy is averaged at the start and at the end [s]."""
 
@@ -60,9 +59,9 @@ def swing_losses(
     along = np.linspace(0.0, cable.length, segment_count + 1)
     nodes = np.zeros((len(pitches), segment_count + 1, 3))
     nodes[..., 1] = along * np.cos(pitches)[:, None]
-    nodes[..., 2] = HEIGHT + along * np.sin(pitches)[:, None]
-    paths = GripPath.stack([GripPath.hold([0.0, 0.0, HEIGHT, 0.0, p], 1.0) for p in pitches])
-    engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double", rest_speed=0.0)
+    nodes[..., 2] = along * np.sin(pitches)[:, None]
+    paths = GripPath.stack([GripPath.hold([0.0, 0.0, 0.0, 0.0, p], 1.0) for p in pitches])
+    engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double", table=False)
     rollout = engine.rollout(
         cable,
         params,

@@ -192,13 +192,14 @@ def test_the_kernel_compiles_for_cuda_ahead_of_time(tmp_path):
     # It takes a minute of the CPU compiler of CUDA, so that it runs where CUDA is used.
     import warp as wp
 
+    from cablecast.engines.warp_.features import Features
     from cablecast.engines.warp_.rollout import rollout_kernel
 
     EngineWarp()
     if not wp.get_cuda_devices():
         pytest.skip("no CUDA device")
     # Double precision is the same source.
-    module = rollout_kernel("single", 1).kernel.module
+    module = rollout_kernel("single", 1, Features()).kernel.module
     files = wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
     assert [file.suffix for file in files] == [".ptx"]
     assert ".entry" in files[0].read_text()

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from cablecast.conventions import tangent
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
@@ -185,3 +186,25 @@ def test_a_roll_of_another_shape_is_refused():
     path = turning(0.0)
     with pytest.raises(InputError, match="roll has shape"):
         GripPath(knots=path.knots, coefficients=path.coefficients, roll=np.zeros((1, 3, 6)))
+
+
+@pytest.mark.parametrize("past", [0.0, 1e-3, 1e-2, 0.1])
+def test_a_path_through_directions_that_pass_straight_down_follows_them(past):
+    # At 100 Hz and 3 rad/s, the yaw turns by half a turn within a frame or two.
+    def wanted(times):
+        angle = 3.0 * (times - 1.003)
+        across = np.full_like(times, np.sin(past))
+        return np.stack(
+            [np.sin(angle) * np.cos(past), across, -np.cos(angle) * np.cos(past)], axis=-1
+        )
+
+    times = np.linspace(0.0, 2.0, 201)
+    x, y, z = wanted(times).T
+    poses = np.zeros((len(times), 5))
+    poses[:, 3], poses[:, 4] = np.unwrap(np.arctan2(x, y)), np.arcsin(np.clip(z, -1.0, 1.0))
+    fine = np.linspace(0.5, 1.5, 4001)
+    found = GripPath.fit(times, poses).evaluate(fine)[0]
+    off = np.linalg.norm(tangent(found[:, 3], found[:, 4]) - wanted(fine), axis=1)
+    # Half a frame of the turn, and no swing that goes on beside it.
+    assert np.degrees(off.max()) < 0.75
+    assert np.degrees(off[np.abs(fine - 1.003) > 0.08].max()) < 0.02

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_number
@@ -28,14 +28,22 @@ class CableState:
         positions: Nodes in the base frame, z of the cable's axis above the table's surface [m],
             shape [world, node, 3].
         velocities: Velocities of the nodes [m/s], same shape.
-        roll: Roll angle of each segment about its tangent [rad], shape [world, segment].
+        roll: Roll of each segment about its tangent, against a frame that the cable carries along
+            from the grip without turning it about the tangent [rad], shape [world, segment].
         roll_rate: Rate of the roll [rad/s], same shape.
+        far_roll: Roll of the gripper at the far end against the same frame, by which the cable is
+            twisted in all [rad], one or shape [world]. It counts where the far end is held.
     """
 
     positions: NDArray[np.float64]
     velocities: NDArray[np.float64]
     roll: NDArray[np.float64]
     roll_rate: NDArray[np.float64]
+    far_roll: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(1))
+
+    def __post_init__(self):
+        far_roll = np.broadcast_to(self.far_roll, len(self.positions)).copy()
+        object.__setattr__(self, "far_roll", far_roll)
 
     @property
     def world_count(self) -> int:
@@ -48,19 +56,24 @@ class CableState:
         return self.positions.shape[1] - 1
 
     @classmethod
-    def at_rest(cls, positions: NDArray[np.float64]) -> "CableState":
-        """Return cables at rest and untwisted.
+    def at_rest(cls, positions: NDArray[np.float64], twist: ArrayLike = 0.0) -> "CableState":
+        """Return cables at rest.
 
         Args:
             positions: Nodes [m], shape [world, node, 3].
+            twist: Turn of the far end against the grip, evenly spread along the cable [rad], one or
+                shape [world].
         """
         world_count, node_count, _ = positions.shape
-        segments = np.zeros((world_count, node_count - 1))
+        turn = np.broadcast_to(np.asarray(twist, dtype=float), world_count)
+        middles = (np.arange(node_count - 1) + 0.5) / (node_count - 1)
+        roll = turn[:, None] * middles
         return cls(
             positions=np.array(positions, dtype=float),
             velocities=np.zeros_like(positions, dtype=float),
-            roll=segments,
-            roll_rate=segments.copy(),
+            roll=roll,
+            roll_rate=np.zeros_like(roll),
+            far_roll=turn,
         )
 
 
@@ -117,7 +130,10 @@ class Engine(Protocol):
             initial_state: State at time 0, one row or one per world; by default `reset_state`.
             duration: Simulated time [s]; by default the longest motion plus `SETTLE_TIME`.
             sample_dt: Time between samples [s], rounded to whole steps of the engine.
-            far_path: Path that the far end is held on; free where None.
+            far_path: Path that the far end is held on; free where None. Its direction is that in
+                which the cable arrives there, as the cable leaves the near gripper along that of
+                `grip_path`. `EngineWarp` clamps the far end in this direction and turns it by the
+                roll; the other engines hold its place only.
             record_nodes: True to return the cable's shapes, too.
 
         Raises:
@@ -243,6 +259,10 @@ def plan_rollout(
         raise InputError("this engine knows no material beside the ten parameters: EngineWarp does")
     if not plays_material and not grip_path.is_level:
         raise InputError("the gripper of this engine keeps its side level: EngineWarp's may roll")
+    twisted = initial_state is not None and bool(np.any(initial_state.far_roll))
+    rolled = far_path is not None and far_path.roll is not None and bool(np.any(far_path.roll))
+    if not plays_material and far_path is not None and (twisted or rolled):
+        raise InputError("this engine lets the far end turn about itself: EngineWarp may twist it")
     if initial_state is None:
         initial_state = reset_state(cable, params, grip_path, engine.segment_count)
     elif initial_state.segment_count != engine.segment_count:

@@ -291,7 +291,8 @@ class BulletWorld:
         z = np.einsum("ni,ni->n", frames[:, :, 0], plain[:, :, 2])
         roll = np.unwrap(np.arctan2(-z, x))
         rate = np.einsum("ni,ni->n", spin, frames[:, :, 1])
-        return {"positions": nodes, "velocities": velocities, "roll": roll, "roll_rate": rate}
+        state = {"positions": nodes, "velocities": velocities, "roll": roll, "roll_rate": rate}
+        return state | {"far_roll": np.zeros(())}
 
     def close(self) -> None:
         """Free the memory of this world."""

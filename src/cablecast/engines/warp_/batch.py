@@ -151,8 +151,7 @@ class Batch:
             lanes = self.to_lanes(values.reshape(len(values), -1))
             lanes = lanes.reshape(*shape, 3, self.layout.lane_count)
             setattr(state, name, self.array(lanes, build.vec3))
-        twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.roll[:, -1:])
-        twist[:, -1] = -initial.roll[:, -1]
+        twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.far_roll[:, None])
         for name, values in (("twist", twist), ("spin", initial.roll_rate)):
             setattr(state, name, self.array(self.to_lanes(values), build.lane))
         state.binormal = self.zeros(*shape, dtype=build.vec3)
@@ -202,15 +201,17 @@ class Batch:
         samples.nodes = self.zeros(self.group_count if record_nodes else 1, *node_shape, dtype=vec3)
         return samples
 
-    def read(self, state, samples, sample_dt: float) -> Rollout:
+    def read(self, state, samples, sample_dt: float, far_is_held: bool) -> Rollout:
         """Unpack what a rollout left, with the time between samples [s]."""
         endpoint = self.to_worlds(samples.endpoint)
         positions = self.to_worlds(state.position)
+        rolls = np.cumsum(self.to_worlds(state.twist), axis=1)
         final = CableState(
             positions=positions,
             velocities=self.to_worlds(state.velocity),
-            roll=np.cumsum(self.to_worlds(state.twist)[:, :-1], axis=1),
+            roll=rolls[:, :-1],
             roll_rate=self.to_worlds(state.spin),
+            far_roll=rolls[:, -1] if far_is_held else np.zeros(1),
         )
         finite = np.isfinite(endpoint).all(axis=(1, 2))
         finite = np.asarray(finite & np.isfinite(positions).all(axis=(1, 2)))

@@ -68,14 +68,6 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return segment
 
     @wp.func
-    def far_gripper_segment(model: Model, far_path: Path, group: int):
-        """Return the gripper at the far end, which keeps the cable from turning about itself."""
-        segment = gripper_segment(model, far_path, group)
-        segment.previous_spin = lane()
-        segment.spin = lane()
-        return segment
-
-    @wp.func
     def node_torque(
         model: Model,
         state: State,
@@ -149,7 +141,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Args:
             model: Constants of the batch.
             path: Direction and spin of the gripper.
-            far_path: Direction of the gripper at the far end, where there is one.
+            far_path: Direction and spin of the gripper at the far end, where there is one.
             state: State at the start of the step; receives twist and binormals.
             scratch: Receives bending moments, and the right side of the torsion system.
             group: Group of worlds.
@@ -168,7 +160,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         after = read_segment(state, group, last - 1)
         torque_after = lane()
         if model.far_is_held == 1:
-            gripper = far_gripper_segment(model, far_path, group)
+            gripper = gripper_segment(model, far_path, group)
             torque_after = held_torque(
                 model, state, scratch, group, last, after, gripper, previous_dt
             )
@@ -198,6 +190,5 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Segment=Segment,
         read_segment=read_segment,
         gripper_segment=gripper_segment,
-        far_gripper_segment=far_gripper_segment,
         measure_curvature=measure_curvature,
     )

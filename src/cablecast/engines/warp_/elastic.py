@@ -31,13 +31,20 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     # long: one fused loop over nodes, whose documented arguments take a third of it.
     def elastic_forces(
-        model: Model, path: Path, state: State, scratch: Scratch, group: int, force_dt: real
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        force_dt: real,
     ):
         """Find the spins after torsion and damping, and the elastic force on each node.
 
         Args:
             model: Constants of the batch.
             path: Spin of the gripper.
+            far_path: Spin of the gripper at the far end, where there is one.
             state: State at the start of the step.
             scratch: Bending moments and the right side of the torsion system; receives spins and
                 forces, halfway through the filter.
@@ -101,7 +108,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         q_after = vec3()
         if model.far_is_held == 1:
             w_after = moments[last]
-            turned = twists[last] - mul(torsion_time, spin_before)
+            turned = twists[last] + mul(torsion_time, far_path.spin[group] - spin_before)
             q_after = twist.shape_force(model, state, group, last, turned) * real(2.0)
         i = last - 1
         force = (

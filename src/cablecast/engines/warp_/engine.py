@@ -11,6 +11,7 @@ from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, pl
 from cablecast.engines.parts import merge, rows_of
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
+from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
@@ -51,6 +52,8 @@ class EngineWarp:
             which some hangs from the gripper, may swing on at up to a hundred times that speed,
             which moves the free end by less than 0.03 mm. 0 computes every world to the end.
         gravity: Acceleration of free fall [m/s²].
+        table: False for a cable in the air with no table below it, at any height. Nothing rests
+            there, so that every world is computed to the end.
 
     Raises:
         InputError: A count or step out of bounds, or a device that does not exist.
@@ -65,6 +68,8 @@ class EngineWarp:
         thread_count: int | None = None,
         rest_speed: float = 5e-4,
         gravity: float = GRAVITY,
+        *,
+        table: bool = True,
     ):
         if not 2 <= segment_count <= 1000:
             raise InputError(f"segment_count = {segment_count} is outside [2, 1000]")
@@ -78,6 +83,7 @@ class EngineWarp:
         self.precision = precision
         self.rest_speed = rest_speed
         self.gravity = gravity
+        self.table = table
         self.device = find_device(device)
         self.thread_count = thread_count or core_count()
         if self.device.is_cuda:
@@ -91,7 +97,7 @@ class EngineWarp:
         Args:
             thread_count: Number of its threads there; the results do not depend on it.
         """
-        names = ("segment_count", "dt", "precision", "rest_speed", "gravity")
+        names = ("segment_count", "dt", "precision", "rest_speed", "gravity", "table")
         device = "cuda" if self.device.is_cuda else "cpu"
         options = {name: getattr(self, name) for name in names}
         return type(self), options | {"device": device, "thread_count": thread_count}
@@ -100,10 +106,10 @@ class EngineWarp:
         """Choose how many worlds a thread owns, and how groups lie in memory."""
         self._lane_count, self._interleaved = lane_count, interleaved
 
-    def _layout(self, remembers: bool) -> Layout:
-        """Return the memory layout, with the kernel for a material that remembers or not."""
+    def _layout(self, features: Features) -> Layout:
+        """Return the memory layout, with the kernel that plays some features."""
         return Layout(
-            build=rollout_kernel(self.precision, self._lane_count, remembers),
+            build=rollout_kernel(self.precision, self._lane_count, features),
             device=self.device,
             real=np.float32 if self.precision == "single" else np.float64,
             lane_count=self._lane_count,
@@ -170,7 +176,8 @@ class EngineWarp:
         record_nodes: bool,
     ) -> Rollout:
         """Simulate worlds that take the same step dt [s] in one launch."""
-        layout = self._layout(cable.material.remembers)
+        features = Features(table=self.table, remembers=cable.material.remembers)
+        layout = self._layout(features)
         batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
         if far_path is not None:
@@ -183,7 +190,7 @@ class EngineWarp:
         inputs = [
             plan.sample_count,
             self.rest_speed,
-            REST_DURATION if self.rest_speed > 0 else np.inf,
+            REST_DURATION if self.rest_speed > 0 and self.table else np.inf,
             batch.array(motion_end, build.lane),
             batch.model(cable, params, dt, self.gravity, far_is_held=far_path is not None),
             batch.path(grip_path),
@@ -193,7 +200,7 @@ class EngineWarp:
             samples,
         ]
         launch(build.kernel, self.device, batch.group_count, self.thread_count, inputs)
-        return batch.read(state, samples, plan.steps_per_sample * dt)
+        return batch.read(state, samples, plan.steps_per_sample * dt, far_path is not None)
 
     def _rest_bend(
         self, cable: Cable, grip_path: GripPath, plan: RolloutPlan
@@ -204,11 +211,10 @@ class EngineWarp:
         initial = plan.initial_state
         curvature = np.atleast_1d(np.asarray(cable.material.rest_curvature, dtype=float))
         worlds = max(len(grip_path), initial.world_count, len(curvature))
-        yaw = grip_path.evaluate(grip_path.knots[:, :1])[:, 0, 3]
         return rest_bends(
             np.broadcast_to(initial.positions, (worlds, *initial.positions.shape[1:])),
             np.broadcast_to(initial.roll, (worlds, initial.roll.shape[1])),
-            np.broadcast_to(yaw, worlds),
+            grip_path,
             np.broadcast_to(curvature, worlds),
             cable.length / self.segment_count,
         )

@@ -25,9 +25,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from cablecast.conventions import tangent
 from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import world_structs
+from cablecast.motion.grip_path import GripPath
 
 LAG_RATIO = 3.0
 """R: stiffness of the spring before the dashpot, over that of the cable. A greater one would follow
@@ -46,7 +48,7 @@ def lag_ratios(damping_time: NDArray[np.float64]) -> NDArray[np.float64]:
 def rest_bends(
     positions: NDArray[np.float64],
     roll: NDArray[np.float64],
-    yaw: NDArray[np.float64],
+    grip_path: GripPath,
     rest_curvature: NDArray[np.float64],
     segment_length: float,
 ) -> NDArray[np.float64]:
@@ -56,17 +58,17 @@ def rest_bends(
         positions: Nodes [m], shape [world, node, 3].
         roll: Turn of each segment against a frame that the tangent carries from the grip on [rad],
             shape [world, segment].
-        yaw: Yaw of the grip [rad], shape [world].
+        grip_path: Path whose start gives the direction of the grip, one row or one per world.
         rest_curvature: Curvature, positive to the left of the gripper [1/m], shape [world].
         segment_length: Length of a segment [m].
     """
     edges = np.diff(positions, axis=1)
     tangents = edges / np.maximum(np.linalg.norm(edges, axis=-1, keepdims=True), 1e-12)
+    yaw, pitch = grip_path.evaluate(grip_path.knots[:, :1])[:, 0, 3:].T
     left = np.stack([-np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
     left = np.broadcast_to(left, (len(positions), 3))
     bends = np.zeros_like(positions)
-    before = tangents[:, 0]
-    left = left - before * np.sum(left * before, axis=-1, keepdims=True)
+    before = np.broadcast_to(tangent(yaw, pitch), (len(positions), 3))
     for node in range(positions.shape[1] - 1):
         after = tangents[:, node]
         # The smallest turn that takes one tangent to the next.
@@ -183,7 +185,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         Args:
             model: Constants of the batch.
             path: Direction and spin of the gripper.
-            far_path: Direction of the gripper at the far end, where there is one.
+            far_path: Direction and spin of the gripper at the far end, where there is one.
             state: State at the start of the step, whose memories are updated.
             scratch: Bending moments and the eliminated torsion system, which are added to.
             group: Group of worlds.
@@ -198,7 +200,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         after = read_segment(state, group, last - 1)
         torque_after = lane()
         if model.far_is_held == 1:
-            gripper = segments.far_gripper_segment(model, far_path, group)
+            gripper = segments.gripper_segment(model, far_path, group)
             torque_after = remember_node(
                 model, state, scratch, group, last, after, gripper, real(2.0), previous_dt
             )

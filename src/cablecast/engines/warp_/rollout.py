@@ -10,6 +10,7 @@ import warp as wp
 
 from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.energy import STEPS_PER_CHECK, energy_functions
+from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.grip import grip_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.step import step_functions
@@ -33,23 +34,23 @@ addresses, which keeps the variable in memory and costs half of the speed.
 
 
 @functools.cache
-def rollout_kernel(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
+def rollout_kernel(precision: str, lane_count: int, features: Features) -> SimpleNamespace:
     """Build the kernel; Warp caches the compiled code on disk.
 
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        remembers: True for a material that remembers bends.
+        features: What the kernel plays.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     grip = grip_functions(precision, lane_count)
     curvature = curvature_functions(precision, lane_count)
-    step = step_functions(precision, lane_count, remembers).step
+    step = step_functions(precision, lane_count, features).step
     real, lane, vec3 = f.real, f.lane, f.vec3
     Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples
     count = wp.constant(lane_count)
-    energy = energy_functions(precision, lane_count, remembers)
+    energy = energy_functions(precision, lane_count, features.remembers)
     steps_per_check = wp.constant(STEPS_PER_CHECK)
 
     @wp.kernel(

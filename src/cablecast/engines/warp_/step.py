@@ -8,40 +8,35 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from cablecast.engines.warp_.contact import contact_functions
 from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.elastic import elastic_functions
 from cablecast.engines.warp_.energy import energy_functions
+from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.integrate import integrate_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.length import length_functions
 from cablecast.engines.warp_.material import material_functions
-from cablecast.engines.warp_.rolling import rolling_functions
-from cablecast.engines.warp_.sliding import sliding_functions
-from cablecast.engines.warp_.spinning import spinning_functions
+from cablecast.engines.warp_.table import table_functions
 from cablecast.engines.warp_.world import world_structs
 
 
 @functools.cache
-def step_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
+def step_functions(precision: str, lane_count: int, features: Features) -> SimpleNamespace:
     """Build the Warp function that advances a group of worlds by one step.
 
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        remembers: True for a material that remembers bends; otherwise that costs nothing.
+        features: What the kernel plays.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     curvature = curvature_functions(precision, lane_count)
     elastic = elastic_functions(precision, lane_count)
-    material = material_functions(precision, lane_count, remembers)
+    material = material_functions(precision, lane_count, features.remembers)
     integrate = integrate_functions(precision, lane_count)
-    energy = energy_functions(precision, lane_count, remembers)
-    contact = contact_functions(precision, lane_count)
-    spinning = spinning_functions(precision, lane_count)
-    sliding = sliding_functions(precision, lane_count)
-    rolling = rolling_functions(precision, lane_count)
+    energy = energy_functions(precision, lane_count, features.remembers)
+    table = table_functions(precision, lane_count, features)
     length = length_functions(precision, lane_count)
     real, lane, mul = f.real, f.lane, f.mul
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
@@ -86,12 +81,9 @@ def step_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNa
             work += energy.gripper_power(
                 model, far_path, state, scratch, group, model.node_count - 1, real(-1.0)
             )
-        elastic.elastic_forces(model, path, state, scratch, group, force_dt)
+        elastic.elastic_forces(model, path, far_path, state, scratch, group, force_dt)
         integrate.predict_velocities(model, state, scratch, group, force_dt)
-        contact.press_nodes(model, state, scratch, group)
-        spinning.resist_turning(model, state, scratch, group)
-        sliding.slide_nodes(model, state, scratch, group)
-        rolling.finish_rolls(model, state, scratch, group)
+        table.meet_table(model, state, scratch, group)
         integrate.drive_held_ends(model, path, far_path, state, group)
         length.hold_lengths(model, state, scratch, group, active)
         work = work * force_dt + energy.tension_work(model, state, group)

@@ -1,0 +1,16 @@
+"""Features: what a kernel plays beside the plain cable, each compiled in only where asked for."""
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Features:
+    """Choices that are made when a kernel is compiled, so that what is off costs nothing.
+
+    Attributes:
+        table: True where the cable meets a table.
+        remembers: True for a material that remembers bends.
+    """
+
+    table: bool = True
+    remembers: bool = False
