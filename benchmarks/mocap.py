@@ -29,8 +29,6 @@ from cablecast.motion.grip_path import GripPath
 
 Array = NDArray[np.float64]
 
-HEIGHT = 5.0
-"""Height that is added to all markers, so that the table is out of the way [m]."""
 LINEAR_DENSITY = 0.02
 """Mass per length [kg/m]: without contact only stiffness over mass matters."""
 SIDES = ("low", "high")
@@ -138,7 +136,7 @@ class Sequences:
             raise InputError(
                 f"{path} has positions of shape {positions.shape}: [sequence, frame, marker, 3]"
             )
-        self.markers = positions + [0.0, 0.0, HEIGHT]
+        self.markers = positions
         self.times = np.arange(positions.shape[1]) / rate
 
     def __len__(self) -> int:
@@ -264,6 +262,25 @@ def smooth(values: Array, along: Array, edges: Array, count: int) -> Array:
     return np.asarray(np.linalg.lstsq(system, wanted, rcond=None)[0], dtype=float)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A sequence as the engine plays it.
+
+    Attributes:
+        cable: Cable, as long as that of the sequence.
+        near: Path of the near grip.
+        far: Path of the far grip.
+        state: State in which the sequence begins.
+        along: Distance of both grips and of the free markers along the cable [m], shape [point].
+    """
+
+    cable: Cable
+    near: GripPath
+    far: GripPath
+    state: CableState
+    along: Array
+
+
 class Player:
     """Plays sequences with given numbers, and compares markers.
 
@@ -277,10 +294,32 @@ class Player:
 
     def play(self, values: dict[str, float]) -> Array:
         """Return where the free markers go [m], shape [sequence, frame, marker, 3]."""
-        return np.stack([self.play_one(row, values) for row in range(len(self.sequences))])
+        scenes = [self.scene(row, values) for row in range(len(self.sequences))]
+        count, times = self.args.segment_count, self.sequences.times
+        engine = EngineWarp(segment_count=count, dt=self.args.dt, table=False)
+        params = np.stack([scene.cable.params.to_array() for scene in scenes])
+        rollout = engine.rollout(
+            [scene.cable for scene in scenes],
+            CableParams.from_array(params),
+            GripPath.stack([scene.near for scene in scenes]),
+            CableState.stack([scene.state for scene in scenes]),
+            duration=float(times[-1]),
+            sample_dt=float(times[1]),
+            far_path=GripPath.stack([scene.far for scene in scenes]),
+            record_nodes=True,
+        )
+        assert rollout.nodes is not None
+        return np.stack(
+            [
+                markers_of(
+                    nodes, np.linspace(0.0, scene.cable.length, count + 1), scene.along[1:-1]
+                )
+                for nodes, scene in zip(rollout.nodes, scenes, strict=True)
+            ]
+        )
 
-    def play_one(self, row: int, values: dict[str, float]) -> Array:
-        """Return where the free markers of a sequence go [m], shape [frame, marker, 3]."""
+    def scene(self, row: int, values: dict[str, float]) -> "Scene":
+        """Return what the engine needs to play a sequence with given numbers."""
         sequences, count, times = self.sequences, self.args.segment_count, self.sequences.times
         near = sequences.grip(row, HELD - 1, 0, values.get("near_offset", 0.0), 1.0)
         far = sequences.grip(row, -HELD, -1, values.get("far_offset", 0.0), -1.0)
@@ -292,21 +331,9 @@ class Player:
         along = arcs(points[::ARC_FRAMES], ends[:, ::ARC_FRAMES]).mean(axis=0)
         along *= values.get("length_factor", 1.0)
         cable = cable_of(float(along[-1]), values)
-        engine = EngineWarp(segment_count=count, dt=self.args.dt, rest_speed=0.0)
         first = slice(0, START_FRAMES)
-        rollout = engine.rollout(
-            cable,
-            cable.params,
-            near,
-            start_state(points[first], ends[:, first], times[first], cable.length, count),
-            duration=float(times[-1]),
-            sample_dt=float(times[1]),
-            far_path=far,
-            record_nodes=True,
-        )
-        assert rollout.nodes is not None
-        at = np.linspace(0.0, along[-1], count + 1)
-        return markers_of(rollout.nodes[0], at, along[1:-1])
+        state = start_state(points[first], ends[:, first], times[first], cable.length, count)
+        return Scene(cable=cable, near=near, far=far, state=state, along=along)
 
     def errors(self, values: dict[str, float]) -> Array:
         """Return the differences of free markers [m]; a world that breaks is 1 m off."""

@@ -189,7 +189,7 @@ class Cable:
         params: Believed values of the ten parameters, from which tuning starts.
         deviations: Believed deviations of some of them, by name, as in `DEFAULT_DEVIATIONS`, which
             holds for the others.
-        material: Damping and curl of its material; `EngineWarp` alone plays them.
+        material: Damping, curl, drag and grain; `EngineWarp` alone plays them.
     """
 
     name: str
@@ -239,7 +239,7 @@ class Cable:
         values |= {"attachment": self.attachment.value, "params": self.params.to_dict()}
         values["material"] = self.material.to_dict()
         # Left out where empty, so that casts of a cable without them belong together.
-        if not self.material.remembers:
+        if self.material.is_plain:
             del values["material"]
         if not self.deviations:
             del values["deviations"]

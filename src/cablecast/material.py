@@ -1,7 +1,7 @@
-"""Material: damping and curl of a cable, beside the ten parameters of the paper."""
+"""Material: damping, curl, drag and grain of a cable, beside the ten parameters of the paper."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,18 @@ from cablecast.errors import InputError
 MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
     "damping_time": (0.0, 1.0, "s"),
     "rest_curvature": (-50.0, 50.0, "1/m"),
+    "drag_coefficient": (0.0, 50.0, ""),
+    "friction_ratio": (0.1, 10.0, ""),
 }
 """Allowed range of each value of a `Material`, bounds included."""
+
+AIR_DENSITY = 1.2
+"""Density of air at 20 degrees at sea level [kg/m³]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Material:
-    """A cable's material beside the ten parameters, which does nothing by default.
+    """A cable's material and surface beside the ten parameters, which do nothing by default.
 
     Values are numbers shared by all worlds, or arrays with one value per world, shape [world].
 
@@ -27,10 +32,17 @@ class Material:
             time x its rate), as in Kelvin's and Voigt's solid [s].
         rest_curvature: Curvature that the cable has where nothing bends it, in the plane of the
             table and to the left of the gripper at the start; it rolls with the cable [1/m].
+        drag_coefficient: Drag of the air on what moves across the cable: a length feels
+            1/2 `AIR_DENSITY` x drag coefficient x diameter x speed². A smooth cylinder has 1 to 1.2
+            [-].
+        friction_ratio: Coulomb coefficient along the cable over that across it, which is the
+            product of the two parameters [-].
     """
 
     damping_time: float | NDArray[np.float64] = 0.0
     rest_curvature: float | NDArray[np.float64] = 0.0
+    drag_coefficient: float | NDArray[np.float64] = 0.0
+    friction_ratio: float | NDArray[np.float64] = 1.0
 
     def __post_init__(self):
         for name, (low, high, unit) in MATERIAL_BOUNDS.items():
@@ -40,7 +52,8 @@ class Material:
             bad = ~(np.isfinite(value) & (value >= low) & (value <= high))
             if np.any(bad):
                 worst = float(np.atleast_1d(value)[np.atleast_1d(bad)][0])
-                raise InputError(f"{name} = {worst:g} {unit} is outside [{low:g}, {high:g}]")
+                text = f"{name} = {worst:g} {unit}".strip()
+                raise InputError(f"{text} is outside [{low:g}, {high:g}]")
 
     @property
     def world_count(self) -> int | None:
@@ -52,13 +65,48 @@ class Material:
 
     @property
     def remembers(self) -> bool:
-        """True if the material does anything."""
-        return any(np.any(getattr(self, name)) for name in MATERIAL_BOUNDS)
+        """True if bends are remembered: bending is damped or the cable is curled."""
+        return bool(np.any(self.damping_time) or np.any(self.rest_curvature))
+
+    @property
+    def drags(self) -> bool:
+        """True if the air resists with the square of the speed."""
+        return bool(np.any(self.drag_coefficient))
+
+    @property
+    def is_grained(self) -> bool:
+        """True if friction differs along and across the cable."""
+        return bool(np.any(np.asarray(self.friction_ratio) != 1.0))
+
+    @property
+    def is_plain(self) -> bool:
+        """True if the material does nothing."""
+        return not (self.remembers or self.drags or self.is_grained)
+
+    def to_columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return the values by name, shape [1] or [world]."""
+        return {n: np.atleast_1d(np.asarray(getattr(self, n), float)) for n in MATERIAL_BOUNDS}
 
     def rows(self, worlds: NDArray[np.int_]) -> "Material":
         """Return the values of some worlds."""
         values = {name: getattr(self, name) for name in MATERIAL_BOUNDS}
         return Material(**{name: v if np.ndim(v) == 0 else v[worlds] for name, v in values.items()})
+
+    @classmethod
+    def stack(cls, materials: Sequence["Material"]) -> "Material":
+        """Return the materials of several worlds as one; of a single one, that.
+
+        Raises:
+            InputError: One of several has values for each world already.
+        """
+        if len(materials) == 1:
+            return materials[0]
+        if any(material.world_count is not None for material in materials):
+            raise InputError("one of several cables has a material for each world: give it one")
+        columns = {
+            name: np.array([getattr(m, name) for m in materials]) for name in MATERIAL_BOUNDS
+        }
+        return cls(**{n: float(c[0]) if np.all(c == c[0]) else c for n, c in columns.items()})
 
     @classmethod
     def from_dict(cls, values: Mapping[str, float]) -> "Material":
@@ -80,4 +128,9 @@ class Material:
         """
         if self.world_count is not None:
             raise InputError("only a material that all worlds share can be written to a file")
-        return {name: float(getattr(self, name)) for name in MATERIAL_BOUNDS}
+        values = {name: float(getattr(self, name)) for name in MATERIAL_BOUNDS}
+        # Left out where they do nothing, so that casts from before there were any still belong.
+        for name, nothing in (("drag_coefficient", 0.0), ("friction_ratio", 1.0)):
+            if values[name] == nothing:
+                del values[name]
+        return values

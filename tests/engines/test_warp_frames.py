@@ -64,9 +64,10 @@ def moved(turn=None, **channels):
     return GripPath.fit(times, poses, None if turn is None else turn * smooth(times))
 
 
-def play(cable, path, state, duration, gravity=0.0, **options):
+def play(cable, path, state, duration, gravity=0.0, precision="double", **options):
+    # Few kernels, as each takes long to compile.
     engine = EngineWarp(
-        segment_count=SEGMENT_COUNT, gravity=gravity, precision="double", table=False
+        segment_count=SEGMENT_COUNT, gravity=gravity, precision=precision, table=False
     )
     return engine.rollout(cable, cable.params, path, state, duration, **options)
 
@@ -85,12 +86,11 @@ def test_a_cable_without_a_table_moves_as_one_high_above_it():
 
 
 def test_without_a_table_nothing_comes_to_rest():
-    engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=0.0, table=False)
     # So slow that a cable above a table would count as at rest.
     state = CableState.at_rest(straight())
     state.velocities[0, 1:, 0] = 1e-4 * np.linspace(0.0, 1.0, SEGMENT_COUNT)
     limp = with_params(bend_stiffness=0.0, twist_stiffness=0.0, angular_damping=0.0)
-    rollout = engine.rollout(limp, limp.params, hold(), state, 2.0)
+    rollout = play(limp, hold(), state, 2.0)
     np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, 0], 2e-4, rtol=0.01)
 
 
@@ -215,12 +215,14 @@ def test_a_scene_that_is_turned_to_hang_straight_down_moves_alike():
             ]
         )
         path = moved(2.0, pitch=lambda t, p=pitch: p + 0.3 * np.sin(7.0 * t))
-        rollout = play(cable, path, CableState.at_rest(straight() @ turned.T), 2.0)
+        state = CableState.at_rest(straight() @ turned.T)
+        rollout = play(cable, path, state, 2.0, precision="single")
         results.append((rollout.final_state.positions[0] @ turned, rollout.final_state.roll[0]))
     (level, roll), (hanging, hanging_roll) = results
     assert np.abs(level[:, 0]).max() > 0.02
-    np.testing.assert_allclose(hanging, level, atol=1e-6)
-    np.testing.assert_allclose(hanging_roll, roll, atol=1e-5)
+    # Single precision, in other directions.
+    np.testing.assert_allclose(hanging, level, atol=2e-4)
+    np.testing.assert_allclose(hanging_roll, roll, atol=2e-3)
 
 
 @pytest.mark.parametrize("pitch", [0.0, DOWN, 0.5 * np.pi])
@@ -252,3 +254,69 @@ def test_engines_that_let_the_far_end_turn_refuse_a_twist():
     near, far = hold((0.0, 0.0, 1.0)), hold((0.0, LENGTH, 1.0))
     with pytest.raises(InputError, match="lets the far end turn"):
         engine.rollout(CABLE, CABLE.params, near, state, 0.1, far_path=far)
+
+
+def lengths_and_diameters():
+    """Return cables that differ in length and diameter."""
+    return [
+        dataclasses.replace(CABLE, length=length, diameter=diameter)
+        for length, diameter in ((0.4, 0.01), (0.6, 0.004), (0.75, 0.02))
+    ]
+
+
+def test_cantilevers_of_a_batch_sag_each_by_its_length():
+    cables = lengths_and_diameters()
+    nodes = np.concatenate([straight() * (c.length / LENGTH) for c in cables])
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=0.1, table=False, precision="double")
+    damped = with_params(linear_damping=5.0, bend_stiffness=5e-3).params
+    rollout = engine.rollout(cables, damped, hold(), CableState.at_rest(nodes), 6.0)
+    lengths = np.array([c.length for c in cables])
+    # Each weighs the same, so that the load q is m g / L: q L^4 / (8 EI).
+    sag = damped.mass * 0.1 * lengths**3 / (8.0 * damped.bend_stiffness)
+    assert sag.max() < 0.06 * lengths.max()
+    np.testing.assert_allclose(-rollout.final_state.positions[:, -1, 2], sag, rtol=0.01)
+
+
+def test_a_cable_of_a_batch_is_cast_as_it_is_alone():
+    cables = lengths_and_diameters()
+    path = GripPath.fit(
+        np.linspace(0.0, 0.5, 20),
+        np.array(
+            [
+                [0.4 * smooth(2 * t), 0.6, 0.02, smooth(2 * t), 0.0]
+                for t in np.linspace(0.0, 0.5, 20)
+            ]
+        ),
+    )
+    limp = with_params(bend_stiffness=5e-4, rolling_friction=1e-3, spinning_friction=1e-3).params
+    engine = EngineWarp(segment_count=20, dt=1e-3)
+    together = engine.rollout(cables, limp, path)
+    for world, cable in enumerate(cables):
+        alone = engine.rollout(cable, limp, path)
+        np.testing.assert_array_equal(together.endpoint_xyz[world], alone.endpoint_xyz[0])
+        # Its own radius is the height at which it lies.
+        lowest = together.final_state.positions[world, -1, 2]
+        np.testing.assert_allclose(lowest, cable.radius, atol=2e-4)
+    assert np.ptp(together.endpoint_xy[:, -1], axis=0).min() > 0.02
+
+
+@pytest.mark.parametrize(
+    ("cables", "message"),
+    [
+        ([], "needs a cable"),
+        (lengths_and_diameters()[:2], "different numbers of worlds"),
+        (
+            [dataclasses.replace(CABLE, material=Material(damping_time=np.ones(3)))] * 3,
+            "a material for each world",
+        ),
+    ],
+)
+def test_cables_that_make_no_batch_are_refused(cables, message):
+    paths = GripPath.stack([hold()] * 3)
+    with pytest.raises(InputError, match=message):
+        EngineWarp().rollout(cables, CABLE.params, paths)
+
+
+def test_engines_of_one_cable_refuse_several():
+    with pytest.raises(InputError, match="one cable at a time, not 3"):
+        make_engine("mujoco").rollout(lengths_and_diameters(), CABLE.params, hold())

@@ -1,6 +1,7 @@
 """The Engine contract: many simulated cables at once, each gripped at its near end."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_number
 from cablecast.conventions import GRAVITY
+from cablecast.engines.cables import CableRows
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
@@ -76,6 +78,12 @@ class CableState:
             far_roll=turn,
         )
 
+    @classmethod
+    def stack(cls, states: Sequence["CableState"]) -> "CableState":
+        """Stack several batches into one."""
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(**{name: np.concatenate([getattr(s, name) for s in states]) for name in names})
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Rollout:
@@ -111,7 +119,7 @@ class Engine(Protocol):
 
     def rollout(
         self,
-        cable: Cable,
+        cable: Cable | Sequence[Cable],
         params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
@@ -124,7 +132,8 @@ class Engine(Protocol):
         """Simulate a batch; every argument is shared (one row) or per world.
 
         Args:
-            cable: Geometry, shared by all worlds.
+            cable: Geometry and material, shared by all worlds, or a sequence with one cable per
+                world, which `EngineWarp` alone takes. The parameters are those of `params`.
             params: Parameters, shared or one value per world.
             grip_path: Path of the gripper, one row or one per world.
             initial_state: State at time 0, one row or one per world; by default `reset_state`.
@@ -162,7 +171,7 @@ def batch_size(*counts: int | None) -> int:
 
 
 def reset_state(
-    cable: Cable, params: CableParams, grip_path: GripPath, segment_count: int
+    cable: Cable | Sequence[Cable], params: CableParams, grip_path: GripPath, segment_count: int
 ) -> CableState:
     """Return the cable as the paper's reset leaves it: straight, at rest, pulled to the robot.
 
@@ -172,24 +181,25 @@ def reset_state(
     has the same length.
 
     Args:
-        cable: Geometry.
+        cable: Geometry, shared or a sequence with one per world.
         params: Parameters, shared or per world; bend stiffness and mass shape the descent.
         grip_path: Path whose start gives the grip pose; the cable points along its yaw.
         segment_count: Number of segments.
 
     Returns:
-        One state, or one per world where the grip path or the parameters differ.
+        One state, or one per world where cables, grip paths or parameters differ.
     """
     start = grip_path.evaluate(grip_path.knots[:, :1])[:, 0]
-    world_count = batch_size(len(grip_path), params.world_count)
+    cables = CableRows.of(cable)
+    world_count = batch_size(len(grip_path), params.world_count, len(cables.length))
     start = np.broadcast_to(start, (world_count, start.shape[1]))
-    segment_length = cable.length / segment_count
-    height = start[:, 2] - cable.radius
-    weight = GRAVITY * np.asarray(params.mass) / cable.length
+    segment_length = cables.length / segment_count
+    height = start[:, 2] - cables.radius
+    weight = GRAVITY * np.asarray(params.mass) / cables.length
     touchdown = (72.0 * np.asarray(params.bend_stiffness) * np.abs(height) / weight) ** 0.25
     # A cable softer than it is high would fall steeply; a stiffer one than it is long reaches the
     # table only with its end.
-    touchdown = np.clip(touchdown, 3.0 * np.abs(height) + 1e-9, cable.length)
+    touchdown = np.clip(touchdown, 3.0 * np.abs(height) + 1e-9, cables.length)
 
     def descent(at):
         u = np.clip(at / touchdown, 0.0, 1.0)
@@ -201,7 +211,7 @@ def reset_state(
     z[:, 0] = height
     for node in range(segment_count):
         # Newton's method for the horizontal step whose end lies one segment length away.
-        step = np.full(world_count, segment_length)
+        step = np.broadcast_to(segment_length, world_count).copy()
         for _ in range(_NEWTON_STEPS):
             end, slope = descent(s[:, node] + step)
             fall = end - z[:, node]
@@ -212,7 +222,7 @@ def reset_state(
     positions = np.empty((*s.shape, 3))
     positions[..., 0] = start[:, None, 0] + s * np.sin(start[:, None, 3])
     positions[..., 1] = start[:, None, 1] + s * np.cos(start[:, None, 3])
-    positions[..., 2] = cable.radius + z
+    positions[..., 2] = cables.radius[:, None] + z
     return CableState.at_rest(positions)
 
 
@@ -240,7 +250,7 @@ def default_duration(grip_path: GripPath) -> float:
 
 def plan_rollout(
     engine: Engine,
-    cable: Cable,
+    cable: Cable | Sequence[Cable],
     params: CableParams,
     grip_path: GripPath,
     initial_state: CableState | None,
@@ -255,7 +265,8 @@ def plan_rollout(
         InputError: A material that the engine does not play, batches of different sizes, a state of
             another number of segments, or a duration or interval out of bounds.
     """
-    if not plays_material and cable.material.remembers:
+    cables = CableRows.of(cable)
+    if not plays_material and not cables.material.is_plain:
         raise InputError("this engine knows no material beside the ten parameters: EngineWarp does")
     if not plays_material and not grip_path.is_level:
         raise InputError("the gripper of this engine keeps its side level: EngineWarp's may roll")
@@ -282,7 +293,7 @@ def plan_rollout(
             len(grip_path),
             initial_state.world_count,
             None if far_path is None else len(far_path),
-            cable.material.world_count,
+            cables.world_count,
         ),
         steps_per_sample=steps_per_sample,
         sample_count=1 + int(np.ceil(duration / (steps_per_sample * engine.dt) - 1e-6)),

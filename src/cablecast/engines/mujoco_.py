@@ -26,7 +26,7 @@ with the latter the implicit step adds inertia to the bending as well.
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,7 @@ from cablecast.engines.base import (
     Rollout,
     plan_rollout,
 )
+from cablecast.engines.cables import one_cable
 from cablecast.engines.mujoco_model import HAND_DOF_COUNT, HAND_MASS, SERVO_OMEGA, rod_model
 from cablecast.errors import MissingExtraError
 from cablecast.machine import core_count
@@ -107,7 +108,7 @@ class EngineMujoco:
 
     def rollout(
         self,
-        cable: Cable,
+        cable: Cable | Sequence[Cable],
         params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
@@ -118,6 +119,7 @@ class EngineMujoco:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
+        cable = one_cable(cable)
         plan = plan_rollout(
             self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )

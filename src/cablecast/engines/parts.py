@@ -6,20 +6,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams
+from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import CableState, Rollout
-from cablecast.material import Material
 
 
 def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
-    """Return the rows of some worlds: of parameters, a material, a state, a path, or an array.
+    """Return the rows of some worlds: of cables, parameters, a state, a path, or an array.
 
     What all worlds share, a single row or None, is returned as it is.
     """
     if values is None or isinstance(values, (int, float)):
         return values
-    if isinstance(values, (Material, CableParams)):
+    if isinstance(values, CableParams):
         return values.rows(worlds)
+    if isinstance(values, Cable):
+        return values.with_material(values.material.rows(worlds))
+    if isinstance(values, (list, tuple)):
+        return values if len(values) == 1 else [values[world] for world in worlds]
     if isinstance(values, CableState):
         if values.world_count == 1:
             return values
@@ -47,12 +50,7 @@ def merge(parts: list[tuple[NDArray[np.int_], Rollout]]) -> Rollout:
     return Rollout(
         times=rollouts[0].times,
         endpoint_xyz=joined([rollout.endpoint_xyz for rollout in rollouts]),
-        final_state=CableState(
-            **{
-                field.name: joined([getattr(state, field.name) for state in states])
-                for field in dataclasses.fields(CableState)
-            }
-        ),
+        final_state=rows_of(CableState.stack(states), order),
         finite=joined([rollout.finite for rollout in rollouts]),
         nodes=joined(nodes) if nodes else None,
     )

@@ -23,6 +23,7 @@ leaves the table or sinks into it by more than 5 mm. More damping in the joints 
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_count, check_number
 from cablecast.engines.base import GRAVITY, CableState, Rollout, plan_rollout
+from cablecast.engines.cables import one_cable
 from cablecast.engines.pybullet_client import load_pybullet
 from cablecast.engines.pybullet_world import BulletWorld
 from cablecast.motion.grip_path import GripPath
@@ -67,7 +69,7 @@ class EnginePybullet:
 
     def rollout(
         self,
-        cable: Cable,
+        cable: Cable | Sequence[Cable],
         params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
@@ -78,6 +80,7 @@ class EnginePybullet:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
+        cable = one_cable(cable)
         plan = plan_rollout(
             self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
         )

@@ -1,15 +1,16 @@
 """EngineSpread: an engine whose worlds are simulated on the workers of a cluster."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import CableState, Engine, Rollout, batch_size, default_duration
+from cablecast.engines.cables import CableRows
 from cablecast.engines.parts import merge, rows_of
 from cablecast.errors import InputError
-from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 
@@ -40,7 +41,7 @@ class EngineSpread:
 
     def rollout(
         self,
-        cable: Cable,
+        cable: Cable | Sequence[Cable],
         params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
@@ -57,7 +58,7 @@ class EngineSpread:
             len(grip_path),
             None if initial_state is None else initial_state.world_count,
             None if far_path is None else len(far_path),
-            cable.material.world_count,
+            CableRows.of(cable).world_count,
         )
         # The longest motion of all, not that of a task, says when a rollout ends.
         duration = default_duration(grip_path) if duration is None else duration
@@ -68,12 +69,12 @@ class EngineSpread:
             )
         count = math.ceil(world_count / self._world_count)
         parts = np.array_split(np.arange(world_count), count)
-        batch = (params, grip_path, initial_state, far_path, cable.material)
+        batch = (params, grip_path, initial_state, far_path, cable)
         tasks = [
             (number, tuple(rows_of(values, worlds) for values in batch))
             for number, worlds in enumerate(parts)
         ]
-        shared = (self._remade, cable, options)
+        shared = (self._remade, options)
         done = dict(run_tasks(_play, tasks, self._workers, shared))
         return merge([(worlds, done[number]) for number, worlds in enumerate(parts)])
 
@@ -104,12 +105,10 @@ def _play(
     grip_path: GripPath,
     state: CableState | None,
     far_path: GripPath | None,
-    material: Material,
+    cable: Cable | Sequence[Cable],
     made: tuple[type, dict[str, Any]],
-    cable: Cable,
     options: dict[str, Any],
 ) -> Rollout:
     """Simulate some worlds on a worker, with an engine made there."""
     kind, arguments = made
-    cable = cable.with_material(material)
     return kind(**arguments).rollout(cable, params, grip_path, state, far_path=far_path, **options)

@@ -8,6 +8,7 @@ from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
 from cablecast.engines.warp_.bending import filter_factors
 from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
 from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
+from cablecast.material import AIR_DENSITY
 
 MOST_VISCOSITY = 0.25
 """Share of a difference of velocity that damped rotation may exchange between neighbours in a step:
@@ -30,10 +31,13 @@ def model_constants(
         Values by attribute of `Model`, shape [world], [world, node] or [world, segment].
     """
     values = dict(zip(params.names(), np.atleast_2d(params.to_array()).T, strict=True))
-    damping_time = np.atleast_1d(np.asarray(cable.material.damping_time, dtype=float))
-    world_count = max(len(damping_time), len(values["mass"]))
-    values = {name: np.broadcast_to(value, world_count) for name, value in values.items()}
-    damping_time = np.broadcast_to(damping_time, world_count)
+    material = cable.material.to_columns()
+    world_count = max(len(values["mass"]), *(len(column) for column in material.values()))
+    values, material = (
+        {name: np.broadcast_to(column, world_count) for name, column in columns.items()}
+        for columns in (values, material)
+    )
+    damping_time = material["damping_time"]
     segment_length = cable.length / segment_count
     segment_mass = values["mass"] / segment_count
     mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
@@ -81,6 +85,8 @@ def model_constants(
             cable, segment_length, segment_mass, values["angular_damping"], dt
         ),
         "lateral_mass": 1.0 / (1.0 + response * cable.radius),
+        "drag": AIR_DENSITY * material["drag_coefficient"] * cable.radius * segment_length,
+        "friction_ratio": material["friction_ratio"],
         "mass_ratio": mass_ratio,
         "spin_response": spin_response,
         "spin_pivot": spin_pivots(torsion, spin_inertia, squared_time, far_is_held),

@@ -1,6 +1,7 @@
 """EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, plan_rollout
+from cablecast.engines.cables import CableRows
 from cablecast.engines.parts import merge, rows_of
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
@@ -118,7 +120,7 @@ class EngineWarp:
 
     def rollout(
         self,
-        cable: Cable,
+        cable: Cable | Sequence[Cable],
         params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
@@ -140,16 +142,25 @@ class EngineWarp:
             far_path,
             plays_material=True,
         )
+        cables = CableRows.of(cable)
+        features = Features(
+            table=self.table,
+            remembers=cables.material.remembers,
+            drags=cables.material.drags,
+            grained=cables.material.is_grained and self.table,
+        )
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
-        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(cable.material.damping_time)))
-        fastest = fastest_wave(stiffness, segment_mass, cable.length / self.segment_count)
+        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(cables.material.damping_time)))
+        fastest = fastest_wave(stiffness, segment_mass, cables.length / self.segment_count)
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
+        kinds = cables.kinds(plan.world_count)
         parts = []
-        for count in np.unique(counts)[::-1]:
-            worlds = np.flatnonzero(counts == count)
+        for kind, count in np.unique(np.stack([kinds, counts], axis=1), axis=0)[::-1]:
+            worlds = np.flatnonzero((kinds == kind) & (counts == count))
             played = self._play(
-                dataclasses.replace(cable, material=rows_of(cable.material, worlds)),
+                features,
+                cables.cable(worlds),
                 rows_of(params, worlds),
                 rows_of(grip_path, worlds),
                 rows_of(far_path, worlds),
@@ -167,6 +178,7 @@ class EngineWarp:
 
     def _play(
         self,
+        features: Features,
         cable: Cable,
         params: CableParams,
         grip_path: GripPath,
@@ -175,8 +187,7 @@ class EngineWarp:
         dt: float,
         record_nodes: bool,
     ) -> Rollout:
-        """Simulate worlds that take the same step dt [s] in one launch."""
-        features = Features(table=self.table, remembers=cable.material.remembers)
+        """Simulate worlds of one length and diameter that take the same step dt [s]."""
         layout = self._layout(features)
         batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
@@ -184,7 +195,8 @@ class EngineWarp:
             motion_end = np.maximum(
                 motion_end, batch.to_lanes(np.asarray(far_path.duration)[:, None])[:, 0]
             )
-        state = batch.state(plan.initial_state, self._rest_bend(cable, grip_path, plan))
+        rest_bend = self._rest_bend(cable, grip_path, plan) if features.remembers else None
+        state = batch.state(plan.initial_state, rest_bend)
         samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
         build = layout.build
         inputs = [
@@ -204,10 +216,8 @@ class EngineWarp:
 
     def _rest_bend(
         self, cable: Cable, grip_path: GripPath, plan: RolloutPlan
-    ) -> NDArray[np.float64] | None:
-        """Return the bend at which nodes feel no moment [m]; None where nothing is remembered."""
-        if not cable.material.remembers:
-            return None
+    ) -> NDArray[np.float64]:
+        """Return the bend at which nodes feel no moment [m], shape [world, node, 3]."""
         initial = plan.initial_state
         curvature = np.atleast_1d(np.asarray(cable.material.rest_curvature, dtype=float))
         worlds = max(len(grip_path), initial.world_count, len(curvature))

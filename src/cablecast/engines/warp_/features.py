@@ -10,7 +10,11 @@ class Features:
     Attributes:
         table: True where the cable meets a table.
         remembers: True for a material that remembers bends.
+        drags: True where the air resists with the square of the speed.
+        grained: True where friction differs along and across the cable.
     """
 
     table: bool = True
     remembers: bool = False
+    drags: bool = False
+    grained: bool = False

@@ -1,4 +1,10 @@
-"""Sliding friction: Coulomb's cone at each node, which stops a motion and never reverses it."""
+"""Sliding friction: Coulomb's cone at each node, which stops a motion and never reverses it.
+
+Where friction along the cable is r times that across it, the cone is elliptic. With S the matrix
+that stretches the part along the cable by r, a node that slips at s loses mu N S (S s) / |S s|, the
+normal of the ellipse at which the most energy is lost, and one that sticks may lose up to where
+|S^-1 loss| = mu N.
+"""
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
@@ -15,8 +21,15 @@ from cablecast.engines.warp_.world import world_structs
 
 
 @functools.cache
-def sliding_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp functions of sliding friction."""
+def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleNamespace:
+    """Build the Warp functions of sliding friction.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        grained: True where friction differs along and across the cable; otherwise that costs
+            nothing.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     contact = contact_functions(precision, lane_count)
@@ -25,6 +38,7 @@ def sliding_functions(precision: str, lane_count: int) -> SimpleNamespace:
     Model, State, Scratch, Roll = s.Model, s.State, s.Scratch, rolling.Roll
     tiny = wp.constant(1.0e-12)
     sign_scale = wp.constant(1.0e9)
+    upright = wp.constant(1.0e-6)
 
     @wp.func
     def slide_nodes(model: Model, state: State, scratch: Scratch, group: int):
@@ -129,17 +143,49 @@ def sliding_functions(precision: str, lane_count: int) -> SimpleNamespace:
         held = (roll.limit - mul(roll.used, slip_sign)) * radius
         to_roll = wp.max(slip_size - mul(model.lateral_mass[group], slip_size + held), lane())
         stick = contact.add_lateral(end_slip, contact.clamp(-slip, to_roll), axis)
-        stick_size = horizontal_size(stick)
+        stick_size = horizontal_size(shrunk(model, group, stick, axis))
         # Slip: the direction is that of the sum of both slips, twice their mean.
         sum_slip = contact.add_lateral(start_slip + end_slip, roll.repeated * (-radius), axis)
+        sum_slip = stretched(model, group, sum_slip, axis)
         slips = wp.min(wp.max(div(stick_size, limit + small) - lane(real(2.0)), lane()), one)
         stick_share = mul(one - slips, wp.min(div(limit, stick_size), one))
         slip_share = mul(slips, div(limit, horizontal_size(sum_slip)))
+        sum_slip = stretched(model, group, sum_slip, axis)
         return wp.matrix_from_rows(
             mul(stick_share, stick[0]) + mul(slip_share, sum_slip[0]),
             mul(stick_share, stick[1]) + mul(slip_share, sum_slip[1]),
             lane(),
         )
+
+    @wp.func
+    def scale_along(vector: vec3, axis: vec3, factor: lane):
+        """Return a vector whose part along an axis is scaled by a factor, on the table.
+
+        An axis that stands upright has no direction on the table and scales nothing.
+        """
+        along = mul(vector[0], axis[0]) + mul(vector[1], axis[1])
+        square = mul(axis[0], axis[0]) + mul(axis[1], axis[1]) + lane(real(upright))
+        added = div(mul(factor - lane(real(1.0)), along), square)
+        return wp.matrix_from_rows(
+            vector[0] + mul(added, axis[0]), vector[1] + mul(added, axis[1]), vector[2]
+        )
+
+    @wp.func
+    def stretch(model: Model, group: int, vector: vec3, axis: vec3):
+        """Return S times a vector."""
+        return scale_along(vector, axis, model.friction_ratio[group])
+
+    @wp.func
+    def shrink(model: Model, group: int, vector: vec3, axis: vec3):
+        """Return S^-1 times a vector."""
+        return scale_along(vector, axis, div(lane(real(1.0)), model.friction_ratio[group]))
+
+    @wp.func
+    def keep(model: Model, group: int, vector: vec3, axis: vec3):
+        """Return a vector as it is, in place of `stretch` and `shrink`."""
+        return vector
+
+    stretched, shrunk = (stretch, shrink) if grained else (keep, keep)
 
     @wp.func
     def horizontal_size(vector: vec3):

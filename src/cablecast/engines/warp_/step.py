@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from cablecast.engines.warp_.air import air_functions
 from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.elastic import elastic_functions
 from cablecast.engines.warp_.energy import energy_functions
@@ -35,6 +36,7 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
     elastic = elastic_functions(precision, lane_count)
     material = material_functions(precision, lane_count, features.remembers)
     integrate = integrate_functions(precision, lane_count)
+    air = air_functions(precision, lane_count, features.drags)
     energy = energy_functions(precision, lane_count, features.remembers)
     table = table_functions(precision, lane_count, features)
     length = length_functions(precision, lane_count)
@@ -83,6 +85,7 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
             )
         elastic.elastic_forces(model, path, far_path, state, scratch, group, force_dt)
         integrate.predict_velocities(model, state, scratch, group, force_dt)
+        air.resist(model, state, scratch, group, force_dt)
         table.meet_table(model, state, scratch, group)
         integrate.drive_held_ends(model, path, far_path, state, group)
         length.hold_lengths(model, state, scratch, group, active)

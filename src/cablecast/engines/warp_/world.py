@@ -53,6 +53,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 segments, per difference of velocity [kg/s], shape [group].
             lateral_mass: Effective mass of a contact point across the cable, over the mass of its
                 node [-], shape [group]; 1/3 for a cylinder that is free to roll.
+            drag: Drag of a whole cell across the cable over the square of its speed [kg/m],
+                shape [group].
+            friction_ratio: Friction along the cable over that across it [-], shape [group].
             mass_ratio: Mass with which a node lies on each of its segments, over half a segment's
                 mass [-], shape [group, node]: 1, and more where the endpoint carries a mass.
             spin_response: Spin that a segment takes up within a step per velocity that friction
@@ -86,6 +89,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         angular_damping: wp.array(dtype=lane)
         rotation_viscosity: wp.array(dtype=lane)
         lateral_mass: wp.array(dtype=lane)
+        drag: wp.array(dtype=lane)
+        friction_ratio: wp.array(dtype=lane)
         mass_ratio: wp.array2d(dtype=lane)
         spin_response: wp.array2d(dtype=lane)
         spin_pivot: wp.array2d(dtype=lane)

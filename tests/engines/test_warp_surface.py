@@ -1,0 +1,255 @@
+"""Drag of the air and friction with a grain, against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import Cable, CableParams
+from cablecast.engines import make_engine
+from cablecast.engines.base import GRAVITY, CableState
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.material import AIR_DENSITY, Material
+from cablecast.motion.grip_path import GripPath
+
+LENGTH, RADIUS, MASS, SEGMENT_COUNT = 0.6, 0.005, 0.02, 20
+FRICTION = 0.4
+CABLE = Cable(
+    name="rope",
+    length=LENGTH,
+    diameter=2.0 * RADIUS,
+    params=CableParams(
+        twist_stiffness=0.0,
+        bend_stiffness=1e-4,
+        mass=MASS,
+        endpoint_mass=0.0,
+        lateral_friction=FRICTION,
+        worksurface_friction=1.0,
+        spinning_friction=0.0,
+        # A lever far above the radius: segments slide and do not roll.
+        rolling_friction=0.1,
+        linear_damping=0.0,
+        angular_damping=0.0,
+    ),
+)
+DRAG = 1.2
+K = 0.5 * AIR_DENSITY * DRAG * 2.0 * RADIUS * LENGTH / MASS
+"""Deceleration of the cable across itself over the square of its speed [1/m]."""
+HEIGHT = 10.0
+"""Height of a grip that falls and never reaches the table [m]."""
+ALONG, ACROSS = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+
+
+def follow(law, duration, height=0.0):
+    """Return a grip that follows a law of motion [m], [step] to [step, 3], for a time [s]."""
+    times = np.linspace(0.0, duration, 200)
+    poses = np.zeros((len(times), 5))
+    poses[:, :3] = law(times)
+    poses[:, 2] += height
+    return GripPath.fit(times, poses)
+
+
+def moving(velocity, height=0.0, direction=ALONG):
+    """Return a straight cable that moves as a whole [m/s]."""
+    along = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)[:, None] * np.asarray(direction)
+    state = CableState.at_rest(along[None] + [0.0, 0.0, height])
+    return dataclasses.replace(state, velocities=state.velocities + np.asarray(velocity))
+
+
+def made_of(drag=1e-9, ratio=1.0 + 1e-6):
+    """Return a cable of which both differ from nothing: one kernel for all, as each takes long."""
+    material = Material(drag_coefficient=drag, friction_ratio=ratio)
+    return dataclasses.replace(CABLE, material=material)
+
+
+def fly(cable, law, state, duration, gravity=0.0, **options):
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=gravity, rest_speed=0.0, **options)
+    # The last sample may lie behind the end of the motion.
+    path = follow(law, duration + 0.2, HEIGHT)
+    return engine.rollout(cable, cable.params, path, state, duration)
+
+
+def test_a_level_cable_that_falls_reaches_its_terminal_velocity():
+    terminal = np.sqrt(GRAVITY / K)
+    duration = 2.0 * terminal / GRAVITY
+
+    def law(t):
+        return -(np.log(np.cosh(GRAVITY * t / terminal)) / K)[:, None] * np.array([0.0, 0.0, 1.0])
+
+    rollout = fly(made_of(DRAG), law, moving(np.zeros(3), HEIGHT), duration, GRAVITY)
+    fallen = HEIGHT + law(rollout.times[-1:])[0, 2]
+    # Every node falls as the grip does: they would bend the cable by a metre without drag.
+    np.testing.assert_allclose(rollout.final_state.positions[0, :, 2], fallen, atol=1e-3)
+    speed = terminal * np.tanh(GRAVITY * rollout.times[-1] / terminal)
+    np.testing.assert_allclose(rollout.final_state.velocities[0, 1:, 2], -speed, rtol=1e-3)
+    assert speed > 0.95 * terminal
+
+
+def test_a_cable_that_flies_across_itself_slows_down_as_one_over_the_time():
+    speed, duration = 8.0, 1.0
+
+    def law(t):
+        return (np.log1p(K * speed * t) / K)[:, None] * ACROSS
+
+    # Without bending, which would ask for shorter steps.
+    params = dataclasses.replace(CABLE.params, bend_stiffness=0.0)
+    limp = dataclasses.replace(made_of(DRAG), params=params)
+    errors = []
+    for dt in (1e-2, 5e-3):
+        rollout = fly(limp, law, moving(speed * ACROSS, HEIGHT), duration, dt=dt)
+        expected = law(rollout.times[-1:])[0, 0]
+        errors.append(np.abs(rollout.final_state.positions[0, 1:, 0] - expected).max())
+    assert law(np.array([duration]))[0, 0] < 0.85 * speed * duration
+    assert errors[1] < 1e-3
+    # What is left is of the second order.
+    assert errors[1] < 0.35 * errors[0]
+
+
+def test_a_cable_that_flies_along_itself_feels_no_drag():
+    # The free end would overtake a grip that slows down, and lag behind one that does not.
+    velocity = 8.0 * ALONG
+
+    def law(t):
+        return t[:, None] * velocity
+
+    rollout = fly(made_of(DRAG), law, moving(velocity, HEIGHT), 0.5)
+    expected = law(rollout.times[-1:])[0, 1] + LENGTH
+    np.testing.assert_allclose(rollout.final_state.positions[0, -1, 1], expected, atol=1e-5)
+
+
+def test_an_attachment_is_slowed_by_the_air_on_its_half_cell_alone():
+    # A weight on a cable without stiffness that hangs: only the tension of the weight counts, so
+    # that a wind across, seen from a grip at a steady speed, hangs it at tan(a) = drag / weight.
+    speed, weight = 6.0, 0.5
+    heavy = dataclasses.replace(
+        made_of(DRAG),
+        params=dataclasses.replace(
+            CABLE.params, mass=5e-4, endpoint_mass=weight, bend_stiffness=0.0, linear_damping=0.0
+        ),
+    )
+
+    def law(t):
+        return (speed * t)[:, None] * ACROSS
+
+    state = moving(speed * ACROSS, HEIGHT, [0.0, 0.0, -1.0])
+    rollout = fly(heavy, law, state, 6.0, GRAVITY)
+    nodes = rollout.final_state.positions[0]
+    swing = 0.5 * AIR_DENSITY * DRAG * 2.0 * RADIUS * LENGTH * speed**2 / 2.0 / (weight * GRAVITY)
+    # It swings about this angle from zero to twice.
+    lag = (nodes[0, 0] - nodes[-1, 0]) / LENGTH
+    assert 0.0 <= lag <= 2.1 * swing
+
+
+def slide(ratio, velocity, law, duration):
+    cable = made_of(ratio=ratio)
+    state = moving(velocity, RADIUS)
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0)
+    path = follow(law, duration, RADIUS)
+    return engine.rollout(cable, cable.params, path, state, duration + 0.2)
+
+
+@pytest.mark.parametrize(("direction", "factor"), [(ALONG, 0.5), (ALONG, 2.0), (ACROSS, 2.0)])
+def test_a_cable_slides_as_far_along_and_across_as_each_friction_lets_it(direction, factor):
+    speed = 1.0
+    deceleration = FRICTION * GRAVITY * (factor if direction is ALONG else 1.0)
+    stop = speed / deceleration
+
+    def law(t):
+        return (speed * t - 0.5 * deceleration * t**2)[:, None] * direction
+
+    rollout = slide(factor, speed * direction, law, stop)
+    nodes = rollout.final_state.positions[0] - [0.0, 0.0, RADIUS]
+    distance = speed**2 / (2.0 * deceleration)
+    expected = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)[:, None] * ALONG + distance * direction
+    # Along, a free end that slowed down less would push the cable out of line, if by little.
+    np.testing.assert_allclose(nodes, expected, atol=1e-3 * distance)
+
+
+def test_a_cable_that_slides_askew_turns_to_where_friction_is_less():
+    # Friction against S S s / |S s|: the parts of the slip shrink as s_along = s_across^(ratio²).
+    ratio, speed = 0.5, 1.0
+    from scipy.integrate import solve_ivp
+
+    def rates(t, y):
+        v = y[2:]
+        size = np.hypot(v[0], ratio * v[1])
+        return [*v, *(-FRICTION * GRAVITY * np.array([v[0], ratio**2 * v[1]]) / size)]
+
+    start = [0.0, 0.0, 0.8 * speed, 0.6 * speed]
+    solution = solve_ivp(rates, (0.0, 0.2), start, rtol=1e-9, atol=1e-12, dense_output=True)
+    across, along = solution.y[2:, -1]
+    np.testing.assert_allclose(along / 0.6, (across / 0.8) ** (ratio**2), rtol=1e-6)
+
+    def law(t):
+        x, y = solution.sol(t)[:2]
+        return np.stack([x, y, 0.0 * x], axis=-1)
+
+    cable = made_of(ratio=ratio)
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0)
+    state = moving([start[2], start[3], 0.0], RADIUS)
+    rollout = engine.rollout(cable, cable.params, follow(law, 0.2, RADIUS), state, 0.19)
+    velocities = rollout.final_state.velocities[0, 1:, :2]
+    expected = np.broadcast_to(solution.sol(rollout.times[-1] - 2.5e-4)[2:], velocities.shape)
+    np.testing.assert_allclose(velocities, expected, atol=2e-3)
+
+
+def cast(material, count=8, **options):
+    """Return landings of some swings of a cable with a material."""
+    times = np.linspace(0.0, 0.6, 30)
+    share = times / 0.6
+    share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    paths = []
+    for angle in np.linspace(-1.0, 1.0, count):
+        poses = np.zeros((len(times), 5))
+        poses[:, 0], poses[:, 1] = 0.6 * np.sin(angle * share), 0.6 * np.cos(angle * share)
+        poses[:, 2], poses[:, 3] = 0.02, angle * share
+        paths.append(GripPath.fit(times, poses))
+    cable = dataclasses.replace(CABLE, material=material)
+    params = dataclasses.replace(CABLE.params, rolling_friction=1e-3, twist_stiffness=1e-4)
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, dt=1e-3, **options)
+    return engine.rollout(cable, params, GripPath.stack(paths))
+
+
+def test_a_cable_with_a_grain_lands_elsewhere_and_does_not_creep():
+    plain = cast(Material()).endpoint_xy[:, -1]
+    ratios = np.linspace(0.3, 3.0, 8)
+    grained = cast(Material(friction_ratio=ratios, drag_coefficient=1.0), rest_speed=0.0)
+    assert grained.finite.all()
+    moved = np.linalg.norm(grained.endpoint_xy[:, -1] - grained.endpoint_xy[:, -6], axis=1)
+    assert moved.max() < 1e-5
+    assert np.linalg.norm(grained.endpoint_xy[:, -1] - plain, axis=1).max() > 0.01
+
+
+def test_a_material_that_does_nothing_changes_no_bit():
+    plain = cast(Material()).endpoint_xyz
+    np.testing.assert_array_equal(cast(Material(friction_ratio=1.0)).endpoint_xyz, plain)
+    # A world with neither in a batch with both differs by rounding alone.
+    mixed = Material(
+        friction_ratio=np.array([1.0] * 7 + [0.5]), drag_coefficient=np.array([0.0] * 7 + [1.0])
+    )
+    offset = cast(mixed).endpoint_xyz[:7] - plain[:7]
+    assert np.median(np.abs(offset)) < 1e-6
+    assert np.abs(offset).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"drag_coefficient": -1.0}, "drag_coefficient = -1 is outside"),
+        ({"friction_ratio": 0.0}, "friction_ratio = 0 is outside"),
+    ],
+)
+def test_values_out_of_bounds_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        Material(**values)
+
+
+@pytest.mark.parametrize("values", [{"drag_coefficient": 1.0}, {"friction_ratio": 0.5}])
+def test_other_engines_refuse_drag_and_grain_and_files_keep_them(values):
+    cable = dataclasses.replace(CABLE, material=Material(**values))
+    assert Cable.from_dict(cable.to_dict()) == cable
+    with pytest.raises(InputError, match="knows no material"):
+        make_engine("mujoco").rollout(
+            cable, cable.params, GripPath.hold([0.0, 0.5, 0.005, 0.0, 0.0], 0.1)
+        )
