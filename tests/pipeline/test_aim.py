@@ -211,3 +211,16 @@ def test_bad_targets_and_settings_are_refused(policy, tmp_path):
     with pytest.raises(InputError, match="learns from real casts itself"):
         cc.AimSession(dataclasses.replace(policy, model=model))
     assert LENGTH > 0
+
+
+def test_an_action_that_would_lose_its_landing_leaves_its_place_to_another(policy, monkeypatch):
+    usual = cc.AimSession(policy).propose(TARGETS[0]).action.to_array()
+
+    def lost_like_the_usual(actions, *_):
+        return np.where(np.abs(actions - usual).max(axis=1) < 0.05, 0.9, 0.0)
+
+    monkeypatch.setattr("cablecast.policies.aiming.lost_chance", lost_like_the_usual)
+    other = cc.AimSession(policy).propose(TARGETS[0])
+    assert np.abs(other.action.to_array() - usual).max() >= 0.05
+    assert other.failure < 0.05
+    assert np.linalg.norm(other.expected_xy - TARGETS[0]) < 0.03

@@ -1,10 +1,10 @@
-"""The arm hides what lies below it."""
+"""The arm hides what lies below it, and what falls off the table is not seen."""
 
 import numpy as np
 import pytest
 
 from cablecast.motion.cast import cast_grip_paths
-from cablecast.policies.sight import _unit_points, hidden_chance
+from cablecast.policies.sight import _unit_points, lost_chance
 from cablecast.setup import Setup
 
 SETUP = Setup(cable="cable_1")
@@ -14,7 +14,7 @@ GRIP_XY = PATH.evaluate(PATH.duration[:, None])[:, 0, :2]
 
 
 def chance(landing_xy, deviation):
-    return hidden_chance(ACTIONS, landing_xy, np.array([deviation]), SETUP)[0]
+    return lost_chance(ACTIONS, landing_xy, np.array([deviation]), SETUP)[0]
 
 
 def test_a_landing_below_the_forearm_is_hidden_and_one_beyond_the_gripper_is_seen():
@@ -29,7 +29,17 @@ def test_the_less_sure_a_landing_is_the_less_surely_it_is_hidden():
 
 def test_an_arm_that_cannot_follow_hides_nothing():
     beyond = ACTIONS + [0.0, 0.0, 0.9, 0.0]
-    assert hidden_chance(beyond, GRIP_XY, np.array([0.01]), SETUP) == 0.0
+    assert lost_chance(beyond, GRIP_XY, np.array([0.01]), SETUP) == 0.0
+
+
+def test_a_landing_at_an_edge_is_lost_half_the_time_and_at_a_corner_three_times_of_four():
+    table = SETUP.workspace
+    right, far = table.half_width, table.y_max
+    # The ring of points that is cut has eight of them: one of 32 may lie on the edge itself.
+    for xy, expected in [((right, 1.2), 0.5), ((0.9, far), 0.5), ((right, far), 0.75)]:
+        assert chance(np.array([xy]), 0.02) == pytest.approx(expected, abs=0.1)
+    assert chance(np.array([[right + 0.1, 1.2]]), 0.02) == 1.0
+    assert chance(np.array([[right - 0.1, 1.2]]), 0.02) == 0.0
 
 
 def test_the_points_stand_for_a_normal_distribution():

@@ -28,7 +28,7 @@ from cablecast.policies.base import check_targets
 from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.refinement import refine_actions, within_ranges
-from cablecast.policies.sight import hidden_chance
+from cablecast.policies.sight import lost_chance
 
 NEAR = 0.08
 """Miss beyond which it hardly matters how large a miss is [cable lengths]."""
@@ -232,8 +232,8 @@ class Aimer:
         distance = np.linalg.norm(landing_xy - _to_right(target, hands), axis=1) / self.length
         played = _played(actions, hands)
         deviation = self.length * np.sqrt(variance)
-        hidden = hidden_chance(played, _to_right(landing_xy, hands), deviation, self.policy.setup)
-        failure = 1.0 - (1.0 - hidden) * (1.0 - self.experience.failure_chance(places))
+        lost = lost_chance(played, _to_right(landing_xy, hands), deviation, self.policy.setup)
+        failure = 1.0 - (1.0 - lost) * (1.0 - self.experience.failure_chance(places))
         risk = _expected_loss(distance, variance, failure)
         stays = self.model.predict_margin(actions) >= self._table_margin
         # A candidate that somebody else chose may be beyond the arm's limits.

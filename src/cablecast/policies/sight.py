@@ -1,4 +1,4 @@
-"""Chance that the arm hides the landing of its own cast from the camera."""
+"""Chance that a cast has no landing: off the table, or behind the arm as the camera sees it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,13 @@ MARKER_RADIUS = 0.015
 _RINGS, _SPOKES = 4, 8
 
 
-def hidden_chance(
+def lost_chance(
     actions: NDArray[np.float64],
     landing_xy: NDArray[np.float64],
     deviation: NDArray[np.float64],
     setup: Setup,
 ) -> NDArray[np.float64]:
-    """Return the chance that a landing lies behind the resting arm as the camera sees it.
+    """Return the chance that a landing lies off the table, or that the resting arm hides it.
 
     Args:
         actions: Actions on either side, shape [action, 4].
@@ -33,7 +33,7 @@ def hidden_chance(
         setup: Set-up with the arm and the table.
 
     Returns:
-        Chance [-], shape [action]; 0 for an action that the arm cannot follow.
+        Chance [-], shape [action]. An arm that cannot follow an action hides nothing.
     """
     paths = cast_grip_paths(actions, setup)
     poses = paths.evaluate(paths.duration[:, None])[:, 0]
@@ -47,7 +47,7 @@ def hidden_chance(
     shape = arm_shape(q, setup.arm)
     each = ArmShape(ends=np.repeat(shape.ends, count, axis=0), radii=shape.radii)
     clearance = sight_clearance(ground.reshape(-1, 3), camera, each).reshape(-1, count)
-    return np.mean(clearance < MARKER_RADIUS, axis=1)
+    return np.mean((clearance < MARKER_RADIUS) | ~table.on_table(points), axis=1)
 
 
 def _unit_points() -> NDArray[np.float64]:
