@@ -10,9 +10,12 @@ import pytest
 import cablecast as cc
 from cablecast.cli import main
 from cablecast.errors import InputError
-from cablecast.pipeline import aim as aim_module
+from cablecast.pipeline import aim_learning
+from cablecast.pipeline.aim_casts import AimTrial
+from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE
+from cablecast.track import TrialStatus
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
@@ -26,12 +29,12 @@ TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    tune, simulate, train = aim_module.tune, aim_module.simulate, aim_module.train
+    tune, simulate, train = aim_learning.tune, aim_learning.simulate, aim_learning.train
     quick_tune = functools.partial(tune, config=SEARCH, **COARSE)
-    monkeypatch.setattr(aim_module, "tune", quick_tune)
-    monkeypatch.setattr(aim_module, "simulate", functools.partial(simulate, **COARSE))
+    monkeypatch.setattr(aim_learning, "tune", quick_tune)
+    monkeypatch.setattr(aim_learning, "simulate", functools.partial(simulate, **COARSE))
     few = {"epochs": 2, "candidate_count": 200}
-    monkeypatch.setattr(aim_module, "train", lambda casts, **given: train(casts, **(given | few)))
+    monkeypatch.setattr(aim_learning, "train", lambda casts, **given: train(casts, **(given | few)))
     monkeypatch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 10)
 
 
@@ -90,15 +93,96 @@ def test_a_command_without_a_target_is_refused(capsys):
     assert "at least one --target" in capsys.readouterr().err
 
 
-def test_the_command_says_when_a_new_fit_is_worth_it(tmp_path, capsys):
+def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):
     options = ["--rig", "engine", "--out", str(tmp_path), "--calibration-count", "2"]
     options += ["--count", "120", "--tries", "2", "--within", "0.01"]
     assert main(["aim", "--target", "1.1", "10", "--target", "1.0", "-5", *options]) == 3
-    printed = capsys.readouterr().out
-    assert "--fit-all" not in printed
-    # Each target that was named was aimed at.
-    assert [printed.count(f"\ntarget    r = {r} m") for r in ("1.100", "1.000")] == [1, 1]
+    # Six casts are three times two, but a target that has its casts needs no new fit.
     assert main(["aim", "--target", "1.1", "10", *options]) == 3
-    assert "note: --fit-all fits the simulator to all of them" in capsys.readouterr().out
-    assert main(["aim", "--target", "1.1", "10", *options, "--fit-all"]) == 3
-    assert "6 casts of cable_1 are known; the simulator fits 6" in capsys.readouterr().out
+    assert main(["aim", "--target", "1.2", "0", *options, "--tries", "1", "--no-refit"]) == 3
+    printed = capsys.readouterr().out
+    assert "new fit" not in printed
+    # Each target that was named was aimed at.
+    assert [printed.count(f"\ntarget    r = {r} m") for r in ("1.100", "1.000", "1.200")] == [1] * 3
+    assert main(["aim", "--target", "1.1", "-20", *options, "--tries", "1"]) == 3
+    printed = capsys.readouterr()
+    assert "new fit   7 casts are known, and the simulator fits 2 (--no-refit" in printed.out
+    assert "the simulator fits 7 casts now" in printed.out
+    assert "2/4 fit to 7 casts" in printed.err
+
+
+def test_a_new_fit_that_was_stopped_goes_on_and_targets_keep_their_tries(rig, tmp_path):
+    options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, **SMALL, "calibration_count": 2}
+
+    def stop_at_the_training(state):
+        if state.task == "4/4 train":
+            raise KeyboardInterrupt
+
+    session = cc.prepare_aim(rig, **options)
+    places = np.array([*TARGETS, [0.4, 1.0]])
+    with pytest.raises(KeyboardInterrupt):
+        cc.aim(session, rig, places, progress=stop_at_the_training)
+    # Two tries at each of two targets: with those of the first fit, three times as many.
+    assert len(session.history) == 6
+    stopped = tmp_path / "fits" / "00006"
+    assert not (stopped / "model" / "metrics.json").exists()
+    ended = (stopped / "tune" / "metrics.json").stat().st_mtime_ns
+    again = cc.prepare_aim(rig, **options)
+    assert again.fitted_count == 2
+    result = cc.aim(again, rig, places)
+    assert (stopped / "tune" / "metrics.json").stat().st_mtime_ns == ended
+    assert [len(trials) for trials in result.trials] == [2] * 3
+    assert result.session is again
+    assert again.fitted_count == cc.prepare_aim(rig, **options).fitted_count == 6
+
+
+def test_a_session_without_a_folder_is_fitted_anew_too_and_leaves_out_what_it_was_told_to(rig):
+    session = cc.prepare_aim(rig, tries=1, **SMALL)
+    cc.aim(session, rig, TARGETS)
+    before = session.aimer.policy.model.fingerprint
+    session.relearn(without=[4])
+    session.refit()
+    assert session.aimer.policy.model.fingerprint != before
+    assert session.fitted_count == 5
+    assert len(session.aimer.casts) == 4
+    with pytest.raises(InputError, match="only a session that prepare_aim returned"):
+        cc.AimSession(session.aimer.policy).refit()
+
+
+def trials(*surprises, fitted=5):
+    """Return some casts that the simulator was fitted to, and first tries with given surprises."""
+    deviation = 0.1
+    rows = []
+    for number, surprise in enumerate((*[np.nan] * fitted, *surprises)):
+        offset = np.array([deviation * np.sqrt(2.0 * surprise), 0.0])
+        rows.append(
+            AimTrial(
+                number=number,
+                purpose="aim",
+                try_number=int(number >= fitted),
+                target_xy=np.zeros(2),
+                action=np.zeros(4),
+                expected_xy=np.zeros(2),
+                covariance=deviation**2 * np.eye(2),
+                status=TrialStatus.OK,
+                final_xy=offset,
+                miss_pct=0.0,
+                hit=False,
+            )
+        )
+    return rows
+
+
+def test_a_new_fit_is_due_at_three_times_the_casts_or_when_first_tries_land_far_off():
+    assert refit_reason(trials(*[1.0] * 9), 5) == ""
+    assert "15 casts are known, and the simulator fits 5" in refit_reason(trials(*[1.0] * 10), 5)
+    # Twice the casts and a mean surprise of 3: 1.7 times as far as stated.
+    assert "1.7 times as far off" in refit_reason(trials(*[3.0] * 5), 5)
+    assert refit_reason(trials(*[3.0] * 4), 5) == ""
+    # One cast that went wrong is no reason, and casts without a landing tell nothing.
+    assert refit_reason(trials(100.0, 0.5, 0.5, 0.5, 0.5), 5) == ""
+    assert refit_reason(trials(3.0, 3.0, *[np.nan] * 3), 5) == ""
+    corrections = [dataclasses.replace(trial, try_number=2) for trial in trials(*[3.0] * 5)]
+    assert refit_reason(corrections, 5) == ""
+    assert refit_reason(trials(*[3.0] * 100, fitted=40), 40) == ""
+    assert refit_reason(trials(*[3.0] * 100), 0) == ""

@@ -125,8 +125,8 @@ def test_aiming_starts_from_it_and_simulates_and_trains_nothing(model, tmp_path,
     def refuse(*args, **options):
         raise AssertionError("nothing may be trained")
 
-    monkeypatch.setattr("cablecast.pipeline.aim.train", refuse)
-    monkeypatch.setattr("cablecast.pipeline.aim.simulate", refuse)
+    monkeypatch.setattr("cablecast.pipeline.aim_learning.train", refuse)
+    monkeypatch.setattr("cablecast.pipeline.aim_learning.simulate", refuse)
     setup = cc.Setup(cable=other_cable())
     tuned = cc.Tuned.of(None, setup)
     with cc.make_rig("engine", setup) as rig:
@@ -145,7 +145,9 @@ def test_the_page_starts_from_it(model, tmp_path, monkeypatch):
 
     setup = cc.Setup(cable=other_cable())
     monkeypatch.setattr("cablecast.pipeline.many_cables.CANDIDATE_COUNT", 500)
-    monkeypatch.setattr("cablecast.pipeline.aim.tune", lambda *_, **__: cc.Tuned.of(None, setup))
+    monkeypatch.setattr(
+        "cablecast.pipeline.aim_learning.tune", lambda *_, **__: cc.Tuned.of(None, setup)
+    )
     with cc.make_rig("engine", setup) as rig:
         desk = make_desk(rig, tmp_path)
         options = {"calibration_count": 2, "count": 50, "seed": 0, "model": model}

@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.errors import InputError
+from cablecast.pipeline.aim_learning import Learned
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
 from cablecast.runs.parts import Parts
@@ -60,6 +62,57 @@ def test_point_cast_correct_replay_undo(page):
     page.aim_polar(1.2, -20.0)
     assert desk.phase is Phase.PLANNED
     assert desk.preview.target_xy[0] < 0
+
+
+class Learning:
+    """Stands for a fit: returns the same policy after some reports, or is stopped in between."""
+
+    def __init__(self, policy):
+        self.policy, self.counts, self.during = policy, [], None
+
+    def learned_anew(self, casts, count, report):
+        report(Progress(task="2/4 fit", done=1, total=4))
+        if self.during is not None:
+            self.during()
+        self.counts.append((len(casts), count))
+        return Learned(policy=self.policy, fitted_count=count)
+
+
+def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, policy):
+    session, desk = page.desk.session, page.desk
+    page.refit()
+    page.worker.work()
+    assert "only a session that prepare_aim returned" in page.worker.state.message
+    session._learning = learning = Learning(policy)
+    for _ in range(3):
+        page.aim(TARGET)
+        page.cast()
+        page.worker.work()
+    page.undo()
+    learning.during = lambda: (_ for _ in ()).throw(InputError("no disk"))
+    page.refit()
+    assert page.worker.state.name == "a fit to all casts"
+    page.worker.work()
+    assert page.worker.state.message == "no disk"
+    assert session.fitted_count == 0
+    learning.during = None
+    page.refit()
+    page.worker.work()
+    assert page.worker.state.message == ""
+    assert learning.counts == [(2, 3)]
+    assert session.fitted_count == 3
+    assert len(session.aimer.casts) == 2
+    assert "fits 3 casts" in desk.message
+    assert desk.phase is Phase.READY
+
+
+def test_the_page_says_that_a_new_fit_is_worth_it(page, monkeypatch):
+    page.refresh()
+    assert not page.cast_controls._due.visible
+    monkeypatch.setattr(AimSession, "refit_reason", "15 casts are known")
+    page.refresh()
+    assert page.cast_controls._due.visible
+    assert "15 casts are known" in page.cast_controls._due.content
 
 
 def test_a_bad_target_is_said_and_changes_nothing(page):

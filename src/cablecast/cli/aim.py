@@ -13,11 +13,9 @@ from cablecast.errors import InputError
 if TYPE_CHECKING:
     from cablecast.pipeline.aim import AimResult
     from cablecast.pipeline.aim_casts import AimProposal, AimTrial
+    from cablecast.pipeline.aim_session import AimSession
 
 EXIT_MISSED = 3
-
-MANY_MORE = 3
-"""Times as many casts as the simulator was fitted to, from which on a new fit is suggested."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,9 +25,10 @@ class Aim:
     The first time, the rig makes five casts, the simulator is fitted to them, and a model learns
     from simulated casts; that takes a few minutes on two cores, less with --model. Then each target
     is aimed at. Before each cast the command says where it expects the free end to land and how
-    surely, after it where it landed and what changes. Every cast is kept in --out and teaches: give
-    further targets with the same command. An interrupted one goes on where it stopped. The exit
-    status is 3 if a target was missed by all tries.
+    surely, after it where it landed and what changes. Once there are many more casts than the
+    simulator was fitted to, it is fitted to all of them before the next target. Every cast is kept
+    in --out and teaches: give further targets with the same command. An interrupted one goes on
+    where it stopped. The exit status is 3 if a target was missed by all tries.
     """
 
     target: Annotated[
@@ -60,9 +59,12 @@ class Aim:
     refine: int = 0
     """With --model, simulated casts of this cable that it learns from first; 1500 take some ten
     seconds, and halve its error."""
+    refit: bool = True
+    """Fit the simulator to all casts, and learn anew from it, before a target where it is worth it:
+    at three times as many casts as it was fitted to, or at twice as many if first tries land
+    farther off than was stated. Takes minutes; --no-refit keeps the model."""
     fit_all: bool = False
-    """Fit the simulator anew to all casts that --out has, and learn anew from it: minutes. The same
-    folder goes on with it from then on."""
+    """Do so now. The same folder goes on with the newest fit from then on."""
     calibration_count: int = 5
     """Casts that the rig makes to begin with."""
     count: int = 16_000
@@ -122,11 +124,27 @@ class Aim:
                 )
             known, fitted = len(session.history), session.fitted_count
             print(f"{known} casts of {setup.cable.name} are known; the simulator fits {fitted}")
-            if known >= MANY_MORE * max(fitted, 1):
-                print("note: --fit-all fits the simulator to all of them, and learns anew from it")
-            result = aim(session, rig, targets, on_proposal=print_proposal, on_trial=print_trial)
+            result = aim(
+                session,
+                rig,
+                targets,
+                refit=self.refit,
+                on_proposal=print_proposal,
+                on_trial=print_trial,
+                on_refit=refit_and_say,
+            )
         print_result(result)
         return 0 if result.hit.all() else EXIT_MISSED
+
+
+def refit_and_say(session: "AimSession", reason: str) -> None:
+    """Say why a new fit is due, and make it."""
+    from cablecast.cli.progress import console_progress
+
+    print(f"\nnew fit   {reason} (--no-refit keeps the model)", flush=True)
+    with console_progress() as progress:
+        session.refit(progress)
+    print(f"          the simulator fits {session.fitted_count} casts now")
 
 
 def print_proposal(proposal: "AimProposal") -> None:

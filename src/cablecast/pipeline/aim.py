@@ -5,31 +5,26 @@ import math
 import os
 import pathlib
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_count, check_seed
+from cablecast.checks import check_count
 from cablecast.datasets.reader import Dataset
+from cablecast.datasets.store import CastStore
+from cablecast.errors import InputError
 from cablecast.models.many_cables import ManyCablesModel
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
-from cablecast.pipeline import many_cables
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
-from cablecast.pipeline.aim_fits import SESSION_FOLDER, later_fit
+from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
+from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
-from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.pipeline.simulate import simulate
-from cablecast.pipeline.train import train
-from cablecast.pipeline.tune import tune
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.base import check_targets
-from cablecast.policies.forward_search import CANDIDATE_COUNT, ForwardSearchPolicy
+from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.setup import Setup
 
 CALIBRATION_COUNT = 5
 """Casts that the simulator is fitted to before the first aimed one."""
@@ -41,6 +36,7 @@ CALIBRATION_FOLDER = "calibration"
 
 ProposalCallback = Callable[[AimProposal], None]
 TrialCallback = Callable[[AimProposal, AimTrial], None]
+RefitCallback = Callable[[AimSession, str], None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,8 +101,8 @@ def prepare_aim(
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
         model: Model of many cables, in place of one that is trained for this cable in minutes.
         refine: Simulated casts that the model of many cables learns from first.
-        fit_all: True to fit the simulator anew to all casts that the session in `out` has, and to
-            learn anew from it. Later calls for the same folder go on with the newest such fit.
+        fit_all: True to fit the simulator anew now to all casts that the session in `out` has, and
+            to learn anew from it. Later calls for the same folder go on with the newest such fit.
         calibration_count: Casts to make where none were given.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
@@ -126,87 +122,77 @@ def prepare_aim(
         RigError: A cast failed too often.
         MissingExtraError: A library that a later step needs is missing.
     """
-    require("aiming", "torch", "safetensors")
-    if model is not None:
-        model.check_setup(rig.setup)
-    _check_counts(calibration_count, count, candidate_count)
-    shared: dict[str, Any] = {"seed": check_seed(seed), "progress": progress}
-    with folder_or_temporary(out) as folder:
-        later = later_fit(folder, rig.setup, fit_all)
-        place = folder if later is None else later.folder
-        kept = None if out is None else place
-        if later is not None:
-            casts, tuned = None, _fitted(later.casts, kept, device, progress, holds_out=False)
-        if tuned is None:
-            if casts is None:
-                casts = _calibrated(rig, calibration_count, folder, shared)
-            tuned = _fitted(casts, kept, device, progress)
-        usual = CANDIDATE_COUNT if model is None else many_cables.CANDIDATE_COUNT
-        search = {"candidate_count": candidate_count or usual, **shared}
-        search["out"] = None if kept is None else kept / MODEL_FOLDER
-        if model is None:
-            policy = _trained_policy(rig.setup, tuned, place, count, epochs, device, search)
-        else:
-            known = Tuned.of(tuned, rig.setup)
-            policy = many_cables.policy_for_cable(model, known, rig.setup, refine=refine, **search)
-        return AimSession(
-            policy,
-            casts=casts,
-            tuned=tuned,
-            fitted_count=None if later is None else later.count,
-            out=None if out is None else folder / SESSION_FOLDER,
-            within_pct=within_pct,
-            tries=tries,
-        )
-
-
-def _check_counts(calibration_count: int, count: int, candidate_count: int | None) -> None:
     check_count("calibration_count", calibration_count, 2, ACTION_COUNT_MAX)
-    check_count("count", count, 50, ACTION_COUNT_MAX)
-    if candidate_count is not None:
-        check_count("candidate_count", candidate_count, 1, ACTION_COUNT_MAX)
+    place = None if out is None else pathlib.Path(out)
+    learning = AimLearning(
+        setup=rig.setup,
+        model=model,
+        refine=refine,
+        count=count,
+        epochs=epochs,
+        candidate_count=candidate_count,
+        seed=seed,
+        device=device,
+        folder=place,
+    )
+    learned = _later(learning, fit_all, progress)
+    if learned is not None:
+        casts = None
+    else:
+        if casts is None and tuned is None:
+            casts = _calibrated(learning, rig, calibration_count, progress)
+        learned = learning.learned(casts, tuned, progress)
+    return AimSession(
+        learned.policy,
+        casts=casts,
+        tuned=learned.tuned,
+        fitted_count=learned.fitted_count,
+        out=None if place is None else place / SESSION_FOLDER,
+        within_pct=within_pct,
+        tries=tries,
+        learning=learning,
+    )
 
 
 def _calibrated(
-    rig: CheckedRig, count: int, folder: pathlib.Path, shared: dict[str, Any]
+    learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback | None
 ) -> Dataset:
     """Return casts to fit the simulator to; see `prepare_aim`."""
-    text = f"1/4 {count} casts to fit the simulator to"
-    (shared["progress"] or ignore)(Progress(task=text))
-    return collect(rig, count=count, out=folder / CALIBRATION_FOLDER, **shared)
+    (progress or ignore)(Progress(task=f"1/4 {count} casts to fit the simulator to"))
+    out = None if learning.folder is None else learning.folder / CALIBRATION_FOLDER
+    return collect(rig, count=count, seed=learning.seed, out=out, progress=progress)
 
 
-def _fitted(
-    casts: Dataset,
-    folder: pathlib.Path | None,
-    device: str,
-    progress: ProgressCallback | None,
-    *,
-    holds_out: bool = True,
-) -> Tuned:
-    """Return the fit to some casts; see `prepare_aim`."""
-    (progress or ignore)(Progress(task=f"2/4 fit to {len(casts)} casts"))
-    path = None if folder is None else folder / TUNE_FOLDER
-    held_out = None if holds_out else 0
-    return tune(casts, validation_count=held_out, device=device, out=path, progress=progress)
+def _later(
+    learning: AimLearning, fit_all: bool, progress: ProgressCallback | None
+) -> Learned | None:
+    """Return what a fit to all casts of a session taught; None for the one to its first casts.
 
+    Args:
+        learning: Settings, with the folder of the session.
+        fit_all: True for a fit to all casts that the session has by now, False for the newest one
+            that is finished.
+        progress: Told how far each step is.
 
-def _trained_policy(
-    setup: Setup,
-    tuned: Tuned | None,
-    folder: pathlib.Path,
-    count: int,
-    epochs: int,
-    device: str,
-    search: dict[str, Any],
-) -> ForwardSearchPolicy:
-    """Return a policy that has learned from simulated casts of this cable; see `prepare_aim`."""
-    shared = {"seed": search["seed"], "progress": search["progress"], "device": device}
-    report = search["progress"] or ignore
-    report(Progress(task="3/4 simulate"))
-    simulated = simulate(setup, tuned, count=count, out=folder / DATASET_FOLDER, **shared)
-    report(Progress(task="4/4 train"))
-    return train(simulated, epochs=epochs, device=device, **search)
+    Raises:
+        InputError: There are no casts yet to fit the simulator to, or fewer than the fit had.
+    """
+    folder = learning.folder
+    newest = 0 if folder is None else newest_fit(folder)
+    if not (fit_all or newest):
+        return None
+    if folder is None or not (folder / SESSION_FOLDER).exists():
+        raise InputError("fitting to all casts needs the folder of a session that has some")
+    store = CastStore(learning.setup, folder / SESSION_FOLDER)
+    if newest > len(store):
+        raise InputError(
+            f"{folder / FITS_FOLDER} has a fit to {newest} casts, but the session has {len(store)}"
+        )
+    if not fit_all:
+        return learning.kept(newest, progress)
+    if not len(store):
+        raise InputError("fitting to all casts needs the folder of a session that has some")
+    return learning.learned_anew(store.dataset(), len(store), progress)
 
 
 def aim(
@@ -216,13 +202,16 @@ def aim(
     *,
     r: ArrayLike | None = None,
     theta_deg: ArrayLike | None = None,
+    refit: bool = True,
     on_proposal: ProposalCallback | None = None,
     on_trial: TrialCallback | None = None,
+    on_refit: RefitCallback | None = None,
     progress: ProgressCallback | None = None,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 
-    A target that the session has cast at before goes on where it stopped.
+    A target that the session has cast at before goes on where it stopped. Before a new target the
+    simulator is fitted anew to all casts where `AimSession.refit_reason` says that it is worth it.
 
     Args:
         session: Session that `prepare_aim` returned, or a policy of simulated casts alone.
@@ -231,9 +220,12 @@ def aim(
         r: Distances from the robot's base [m], a number or shape [target].
         theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
             shape [target].
+        refit: False to keep the model that the session has.
         on_proposal: Called with every cast before it is made.
         on_trial: Called with every cast after it was made.
-        progress: Told how many targets are done.
+        on_refit: Called with the session and the reason of a new fit that is due, in place of
+            `session.refit(progress)`.
+        progress: Told how many targets are done, and how far a new fit is.
 
     Returns:
         The casts at every target.
@@ -246,6 +238,13 @@ def aim(
     targets = check_targets(session.setup, target_xy, r=r, theta_deg=theta_deg)
     report = progress or ignore
     for done, target in enumerate(targets):
+        # Never between the tries at a target: a correction relies on the model of the last try.
+        reason = "" if not refit or session.trials_at(target) else session.refit_reason
+        if reason and on_refit is not None:
+            on_refit(session, reason)
+        elif reason:
+            report(Progress(task="A new fit to all casts", note=reason))
+            session.refit(progress)
         while not session.is_done(target):
             proposal = session.propose(target)
             if on_proposal is not None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.checks import check_number
+from cablecast.datasets.store import StoredCast
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.track import TrialStatus
@@ -98,3 +99,44 @@ class AimTrial:
     miss_pct: float
     hit: bool
     change: str = ""
+
+    @classmethod
+    def of_cast(
+        cls, number: int, cast: StoredCast, *, cable_length: float, within_pct: float
+    ) -> "AimTrial":
+        """Return a stored cast as a trial.
+
+        Args:
+            number: Number of the cast in its session.
+            cast: Stored cast.
+            cable_length: Length of the cable [m].
+            within_pct: Distance from a target at which a cast has hit [% of cable length].
+        """
+        note = cast.note
+        target = np.array(note.get("target_xy", (np.nan, np.nan)), dtype=float)
+        final_xy = cast.endpoint_xy
+        miss_pct = 100.0 * float(np.linalg.norm(final_xy - target)) / cable_length
+        return cls(
+            number=number,
+            purpose=cast.purpose,
+            try_number=int(note.get("try_number", 0)),
+            target_xy=target,
+            action=cast.action,
+            expected_xy=np.array(note.get("expected_xy", (np.nan, np.nan)), dtype=float),
+            covariance=np.array(note.get("covariance", np.full((2, 2), np.nan)), dtype=float),
+            status=TrialStatus.from_code(cast.status),
+            final_xy=final_xy,
+            miss_pct=miss_pct,
+            hit=bool(miss_pct <= within_pct),
+        )
+
+    @property
+    def surprise(self) -> float:
+        """Squared distance from expected to actual landing over that expected; 1 on average.
+
+        NaN for a cast without a landing or without an expectation.
+        """
+        offset = self.final_xy - self.expected_xy
+        if not np.all(np.isfinite(offset)):
+            return math.nan
+        return 0.5 * float(offset @ np.linalg.solve(self.covariance, offset))

@@ -3,13 +3,11 @@
 import copy
 import dataclasses
 import itertools
-import math
 import os
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.checks import check_count, check_number
 from cablecast.datasets.reader import Dataset
@@ -20,26 +18,24 @@ from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim_beliefs import make_beliefs
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
+from cablecast.pipeline.aim_fits import refit_reason
+from cablecast.pipeline.aim_learning import AimLearning, Learned
+from cablecast.pipeline.aim_words import DRIFT_NOTE, change_text, reason_text
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.aiming import AimChoice, AimedCast, Aimer
+from cablecast.policies.aiming import AimedCast, Aimer
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.attempts import TrialFailedError, attempt_trial
 from cablecast.rigs.checked import CheckedRig
+from cablecast.runs.progress import ProgressCallback
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.track import EndpointTrack
 
 WITHIN_PCT = 3.0
 """Distance from the target at which a cast has hit [% of cable length]."""
 
 TRIES = 6
 """Casts at one target at most."""
-
-DRIFT_NOTE = (
-    "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
-    "changed, or changes. Earlier casts count less from now on"
-)
-"""Sentence that tells of a drift."""
 
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _REFIT_GROWTH = 1.3
@@ -70,6 +66,7 @@ class AimSession:
         out: Folder that keeps the casts; none where None.
         within_pct: Distance from a target at which a cast has hit [% of cable length].
         tries: Casts at one target at most.
+        learning: How the model came about, for a new fit to all casts; `prepare_aim` gives it.
 
     Attributes:
         setup: Cable, workspace, arm and motion settings.
@@ -91,11 +88,9 @@ class AimSession:
         out: str | os.PathLike[str] | None = None,
         within_pct: float = WITHIN_PCT,
         tries: int = TRIES,
+        learning: AimLearning | None = None,
     ):
-        if "adaptation" in policy.model.info:
-            raise InputError(
-                "aiming learns from real casts itself: give it a policy of simulated casts alone"
-            )
+        _check_policy(policy)
         self.setup: Setup = policy.setup
         self.within_pct = check_number("within_pct", within_pct, 0.01, 100.0, "%")
         self.tries = check_count("tries", tries, 1, 1000)
@@ -103,11 +98,58 @@ class AimSession:
         if casts is not None:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
+        self._learning, self._left_out = learning, frozenset[int]()
+        self.take_up(Learned(policy=policy, tuned=tuned, fitted_count=fitted_count))
+
+    def take_up(self, learned: Learned) -> None:
+        """Plan with another model from now on, and learn anew from all casts with it.
+
+        Args:
+            learned: What a fit taught.
+        """
+        policy, tuned = learned.policy, learned.tuned
+        _check_policy(policy)
         beliefs = make_beliefs(tuned)
-        self._fit_count = fitted_count
+        self._fit_count = learned.fitted_count
         self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
         self.aimer = Aimer(policy, beliefs.scales, beliefs.size)
-        self.relearn()
+        self.relearn(self._left_out)
+
+    def refit(self, progress: ProgressCallback | None = None) -> None:
+        """Fit the simulator to all casts, learn anew from it, and plan with it from now on.
+
+        Takes as long as the first fit. A fit that was stopped goes on where it was when this is
+        called again before the next cast.
+
+        Args:
+            progress: Told how far each step is.
+
+        Raises:
+            InputError: The session was not prepared by `prepare_aim`, or has too few casts.
+        """
+        self.take_up(self.learn_anew(progress))
+
+    def learn_anew(self, progress: ProgressCallback | None = None) -> Learned:
+        """Return what `take_up` asks for, from a fit to all casts; the session stays as it is.
+
+        Args:
+            progress: Told how far each step is.
+
+        Raises:
+            InputError: The session was not prepared by `prepare_aim`, or has too few casts.
+        """
+        if self._learning is None:
+            raise InputError("only a session that prepare_aim returned can be fitted anew")
+        every = CastStore(self.setup)
+        every.casts = [
+            cast for row, cast in enumerate(self.store.casts) if row not in self._left_out
+        ]
+        return self._learning.learned_anew(every.dataset(), len(self.store), progress)
+
+    @property
+    def refit_reason(self) -> str:
+        """Why the simulator should be fitted to all casts now; empty where it need not be."""
+        return "" if self._learning is None else refit_reason(self._trials, self.fitted_count)
 
     def relearn(self, without: Collection[int] = ()) -> None:
         """Learn anew from all casts, in the order and the groups in which they were made.
@@ -115,8 +157,10 @@ class AimSession:
         So a session that is opened again goes on as if it had never been closed.
 
         Args:
-            without: Numbers of casts to leave out, such as those that went wrong.
+            without: Numbers of casts to leave out, such as those that went wrong; a new fit leaves
+                them out, too.
         """
+        self._left_out = frozenset(without)
         self.aimer = self.aimer.emptied()
         self._scaled_count = 0
         numbered = enumerate(self.store.casts)
@@ -189,6 +233,8 @@ class AimSession:
         other.store.casts = list(self.store.casts)
         other.aimer = self.aimer.copy()
         other._trials = list(self._trials)
+        if self._learning is not None:
+            other._learning = dataclasses.replace(self._learning, folder=None)
         return other
 
     @property
@@ -253,7 +299,7 @@ class AimSession:
             failure=choice.failure,
             inside_coverage=choice.inside_coverage,
             cable_length=self.setup.cable.length,
-            reason=self._reason(choice, earlier),
+            reason=reason_text(choice.action, earlier, len(self.store)),
         )
 
     def cast(self, rig: CheckedRig, proposal: AimProposal) -> AimTrial:
@@ -318,7 +364,7 @@ class AimSession:
         drifts = len(self.aimer.experience.drifts)
         self._learn([(len(self._trials), cast)], len(self.store))
         trial = self._trial(len(self._trials), cast)
-        change = self._change(proposal, trial)
+        change = change_text(proposal, trial, self.aimer)
         if len(self.aimer.experience.drifts) > drifts:
             change += ". " + DRIFT_NOTE
         trial = dataclasses.replace(trial, change=change)
@@ -334,60 +380,12 @@ class AimSession:
 
     def _trial(self, number: int, cast: StoredCast) -> AimTrial:
         """Return a stored cast as a trial of the session."""
-        note: dict[str, Any] = cast.note
-        target = np.array(note.get("target_xy", (np.nan, np.nan)), dtype=float)
-        final_xy = cast.endpoint_xy
-        miss_pct = 100.0 * float(np.linalg.norm(final_xy - target)) / self.setup.cable.length
-        return AimTrial(
-            number=number,
-            purpose=cast.purpose,
-            try_number=int(note.get("try_number", 0)),
-            target_xy=target,
-            action=cast.action,
-            expected_xy=np.array(note.get("expected_xy", (np.nan, np.nan)), dtype=float),
-            covariance=np.array(note.get("covariance", np.full((2, 2), np.nan)), dtype=float),
-            status=TrialStatus.from_code(cast.status),
-            final_xy=final_xy,
-            miss_pct=miss_pct,
-            hit=bool(miss_pct <= self.within_pct),
-        )
-
-    def _reason(self, choice: AimChoice, earlier: list[AimTrial]) -> str:
-        """Return why an action was chosen, in words."""
-        landed = [trial for trial in earlier if np.all(np.isfinite(trial.final_xy))]
-        if not earlier:
-            return f"first cast at this target, after {len(self.store)} casts of this cable"
-        if not landed:
-            return "another action, since the last one had no landing"
-        step = [_step(choice.action, trial.action) for trial in landed]
-        nearest = landed[int(np.argmin(step))]
-        if min(step) > _OTHER_ACTION:
-            return "another action, which is expected to land nearer than a correction of the last"
-        theta1, theta2, r2, psi = choice.action - nearest.action
-        return (
-            f"try {nearest.try_number} changed by {math.degrees(theta1):+.1f} and "
-            f"{math.degrees(theta2):+.1f} deg of theta, {100 * r2:+.1f} cm of r2 and "
-            f"{math.degrees(psi):+.1f} deg of psi"
-        )
-
-    def _change(self, proposal: AimProposal, trial: AimTrial) -> str:
-        """Return what a cast taught, in words."""
-        if not np.all(np.isfinite(trial.final_xy)):
-            return "no landing: actions like this one are avoided from now on"
-        xy, _, scatter = self.aimer.predict(proposal.action.to_array())
-        moved = 100.0 * (xy[0] - proposal.expected_xy)
         length = self.setup.cable.length
-        return (
-            f"this action is now expected {moved[0]:+.1f} cm in x and {moved[1]:+.1f} cm in y from "
-            f"before, with a scatter of {100 * scatter[0] / length:.1f} % of the cable's length"
+        return AimTrial.of_cast(number, cast, cable_length=length, within_pct=self.within_pct)
+
+
+def _check_policy(policy: ForwardSearchPolicy) -> None:
+    if "adaptation" in policy.model.info:
+        raise InputError(
+            "aiming learns from real casts itself: give it a policy of simulated casts alone"
         )
-
-
-# Steps of this many degrees or centimetres, together, lead to another action.
-_OTHER_ACTION = 12.0
-
-
-def _step(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return the size of the step between two actions in degrees and centimetres."""
-    offset = (first - second) * np.array([57.3, 57.3, 100.0, 57.3])
-    return float(np.linalg.norm(offset))

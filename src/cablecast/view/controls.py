@@ -51,6 +51,9 @@ class CastControls:
             self._replay.on_click(lambda _: self._replay_chosen())
             self._undo = gui.add_button("Undo the last try", color="gray", icon="arrow-back-up")
             self._undo.on_click(lambda _: page.undo())
+            self._due = gui.add_markdown("", visible=False)
+            self._refit = gui.add_button("Fit to all casts", color="gray", icon="refresh")
+            self._refit.on_click(lambda _: page.refit())
 
     def refresh(self) -> None:
         """Show the state of desk and worker."""
@@ -83,6 +86,11 @@ class CastControls:
             self._number.options = names
             self._number.value = names[-1]
         set_changed(self._undo, "disabled", busy or desk.last is None)
+        due = desk.refit_reason
+        set_changed(self._due, "visible", bool(due))
+        set_changed(self._due, "content", f"A new fit is worth it: {due}.")
+        set_changed(self._refit, "color", "blue" if due else "gray")
+        set_changed(self._refit, "disabled", busy)
 
     def _replay_chosen(self) -> None:
         for one in self._page.desk.tries:

@@ -24,6 +24,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.aim_session import AimProposal, AimSession, AimTrial
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import status_of
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.album import Album
 from cablecast.view.shown import FRAME_DT, ShownCast
@@ -160,6 +161,31 @@ class Desk:
                 self._dynamics = settings_dynamics(info, "the model")
             if self.album.undone:
                 self._forget_undone()
+
+    def refit(self, report: ProgressCallback = ignore) -> None:
+        """Fit the simulator to all casts that were not undone, and plan with what it teaches.
+
+        Targets can be planned meanwhile, with the model of before.
+
+        Args:
+            report: Told how far each step is.
+
+        Raises:
+            InputError: There is no session, or it has too few casts.
+        """
+        session = self._need_session()
+        learned = session.learn_anew(report)
+        report(Progress(task="All casts with the new model"))
+        with self._lock:
+            session.take_up(learned)
+            self.set_session(session)
+        self.rehearse(session)
+        self.message = f"The simulator fits {session.fitted_count} casts now."
+
+    @property
+    def refit_reason(self) -> str:
+        """Why the simulator should be fitted to all casts now; empty where it need not be."""
+        return "" if self._session is None else self._session.refit_reason
 
     def aim(self, target_xy: ArrayLike) -> Preview:
         """Choose a target and plan the next cast at it, corrected by what earlier casts taught.

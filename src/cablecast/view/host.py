@@ -55,6 +55,10 @@ class Host(Protocol):
         """Get ready for the first target: casts, fit, simulation, training."""
         ...
 
+    def refit(self) -> None:
+        """Fit the simulator to all casts of the session, and learn anew from it."""
+        ...
+
     def replay(self, number: int) -> None:
         """Show a cast of the session again, by its number."""
         ...

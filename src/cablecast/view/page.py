@@ -160,6 +160,10 @@ class Page:
         """Get ready for the first target: casts, fit, simulation, training."""
         self.guard(lambda: self.worker.submit("getting ready", self._prepare))
 
+    def refit(self) -> None:
+        """Fit the simulator to all casts of the session, and learn anew from it."""
+        self.guard(lambda: self.worker.submit("a fit to all casts", self.desk.refit))
+
     def replay(self, number: int) -> None:
         """Show a cast of the session again.
 
