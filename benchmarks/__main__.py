@@ -15,6 +15,7 @@ NAMES = {
     "damping": "fits with and without a damping time of the material, on casts",
     "mocap": "motion capture of cables held at both ends, beside published figures",
     "casts": "error at targets against the number of real casts and corrections",
+    "sessions": "first tries of a session with and without new fits to all its casts",
     "cables": "one model for many cables beside a model for each",
     "page": "latencies, memory and frames of the page of `cablecast view`",
     "cluster": "throughput of a Ray cluster on this machine beside one thread",

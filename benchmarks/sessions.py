@@ -1,0 +1,155 @@
+"""First tries at targets one after another, with and without new fits to all casts of the session.
+
+A session makes a few casts to begin with, and then aims at targets in turn, as `cablecast aim`
+does; every cast teaches. Once it may fit the simulator anew where the session says that it is worth
+it, and once it may not. Both are the same up to the first new fit, so only the targets after it are
+compared. A cast without a landing counts as a miss of 100 %.
+
+Each target is kept in --out: the same command goes on where it was stopped, and shares fits and
+models with `benchmarks casts`.
+"""
+
+import dataclasses
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cablecast as cc
+from benchmarks import casts as cast_benchmark
+from benchmarks.casts import MISSED_PCT, Place, interval, some_targets
+from benchmarks.common import Table
+from cablecast.cli.progress import console_progress
+from cablecast.pipeline.aim_learning import AimLearning
+
+COLUMNS = ("cable", "lab", "model", "targets", "median", "q1", "q3", "missed", "hit", "casts")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """First tries of a session with and without new fits."""
+
+    rig: str = "virtual"
+    """Rig: virtual, strange, or scattering."""
+    labs: tuple[int, ...] = (0, 1, 2)
+    """Seeds of the laboratories."""
+    cables: tuple[str, ...] = ("cable_2",)
+    """Cables."""
+    calibration: int = 5
+    """Casts before the first target."""
+    targets: int = 12
+    """Targets of each session."""
+    tries: int = 2
+    """Casts at one target at most."""
+    simulated: int = 16_000
+    """Simulated casts that each model learns from."""
+    epochs: int = 60
+    """Largest number of passes over them."""
+    candidates: int = 20_000
+    """Motions that planning chooses from."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
+    """Folder of the results, which the same command goes on with."""
+
+
+def aim_in_turn(place: Place, args: Args, refit: bool) -> list[dict[str, Any]]:
+    """Return the casts at each target in turn.
+
+    Args:
+        place: Cable and laboratory.
+        args: Settings.
+        refit: Whether the session may fit the simulator anew.
+    """
+    kind = "refit" if refit else "kept"
+    name = f"session-{args.calibration}-{args.tries}-{kind}"
+    folder = place.models / name
+    targets = some_targets(args.targets, place.lab)
+    stored = [place.parts.get(f"{name}-{index:03d}") for index in range(len(targets))]
+    if all(row is not None for row in stored):
+        return [row for row in stored if row is not None]
+    tuned = place.tuned(args.calibration, paper=False)
+    learning = AimLearning(
+        setup=place.setup,
+        count=args.simulated,
+        epochs=args.epochs,
+        candidate_count=args.candidates,
+        folder=folder,
+    )
+    session = cc.AimSession(
+        place.policy(args.calibration, paper=False),
+        casts=place.casts(args.calibration),
+        tuned=tuned,
+        tries=args.tries,
+        out=folder / "session",
+        learning=learning,
+    )
+    rows = []
+    for index, target in enumerate(targets):
+        # A session that is opened again after a new fit has to take it up again.
+        if (known := stored[index]) is not None:
+            if known["fitted"] != session.fitted_count:
+                session.take_up(learning.kept(int(known["fitted"]), place.report))
+            rows.append(known)
+            continue
+        result = cc.aim(session, place.rig, target, refit=refit, progress=place.report)
+        misses = [trial.miss_pct for trial in result.trials[0]]
+        row = {
+            "miss_pct": [miss if np.isfinite(miss) else MISSED_PCT for miss in misses],
+            "hit": bool(result.hit[0]),
+            "fitted": session.fitted_count,
+            "casts": len(session.history),
+        }
+        place.parts.put(f"{name}-{index:03d}", row)
+        rows.append(row)
+    return rows
+
+
+def after_refit(rows: list[dict[str, Any]], first: int) -> NDArray[np.bool_]:
+    """Return which targets were aimed at after the first new fit, shape [target]."""
+    return np.array([row["fitted"] > first for row in rows])
+
+
+def main(args: Args) -> int:
+    """Run the benchmark and print its table."""
+    shared = cast_benchmark.Args(
+        rigs=(args.rig,),
+        counts=(args.calibration,),
+        simulated=args.simulated,
+        epochs=args.epochs,
+        candidates=args.candidates,
+        out=args.out,
+    )
+    table: list[tuple] = []
+    with console_progress() as progress:
+        for cable in args.cables:
+            found: dict[str, list] = {"kept": [], "new fit": []}
+            for lab in args.labs:
+                place = Place(shared, args.rig, lab, cable, progress)
+                refitted, kept = (aim_in_turn(place, args, refit) for refit in (True, False))
+                later = after_refit(refitted, args.calibration)
+                for name, rows in (("kept", kept), ("new fit", refitted)):
+                    chosen = [row for row, is_later in zip(rows, later, strict=True) if is_later]
+                    found[name] += chosen
+                    if chosen:
+                        table.append((cable, lab, name, *summary(chosen)))
+            if len(args.labs) > 1:
+                table += [(cable, "all", name, *summary(rows)) for name, rows in found.items()]
+    title = "First tries after the first new fit, in % of cable length; hit: targets hit by any try"
+    print(Table(title=title, columns=COLUMNS, rows=table))
+    return 0
+
+
+def summary(rows: list[dict[str, Any]]) -> tuple:
+    """Return targets, miss of first tries, and share of targets hit [%]."""
+    misses = np.array([row["miss_pct"][0] for row in rows])
+    median, low, high = interval(misses)
+    q1, q3 = np.quantile(misses, (0.25, 0.75))
+    return (
+        len(rows),
+        f"{median:.1f} ({low:.1f} to {high:.1f})",
+        f"{q1:.1f}",
+        f"{q3:.1f}",
+        f"{100.0 * np.mean(misses >= MISSED_PCT):.0f}",
+        f"{100.0 * np.mean([row['hit'] for row in rows]):.0f}",
+        sum(len(row["miss_pct"]) for row in rows),
+    )
