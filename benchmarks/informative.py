@@ -184,7 +184,9 @@ def compare(
     for count in args.counts:
         for number, (kind, casts) in enumerate(sets):
             report(Progress(task=f"{cable}, laboratory {lab}: fit to {count} {kind} casts"))
-            tuned = cc.tune(casts[:count], validation_count=0, out=place / f"fit-{count}-{number}")
+            tuned = cc.tune(
+                first(casts, count), validation_count=0, out=place / f"fit-{count}-{number}"
+            )
             objective = TrackObjective(make_engine(), setup.cable, tracks)
             final = objective.distances(tuned.params).final[0] / setup.cable.length
             errors.setdefault((count, kind), []).append(100.0 * final[np.isfinite(final)])

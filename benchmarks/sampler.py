@@ -2,9 +2,9 @@
 
 Sequential Monte Carlo: particles from what is believed of the cable are led to the posterior
 through powers of the likelihood. At each power they are resampled by their weights and moved by
-Metropolis-Hastings steps of the particles' own covariance. All particles times all casts are one
-batch of the engine. The density is that of the fit (`tuning/least_squares.py`), at its coarse
-resolution and with the misfit that it ended with.
+Metropolis-Hastings steps that leave the Gaussian of all particles as it is. All particles times all
+casts are one batch of the engine. The density is that of the fit (`tuning/least_squares.py`), at
+its coarse resolution and with the misfit that it ended with.
 """
 
 import dataclasses
@@ -34,6 +34,12 @@ COLUMNS = ("parameter", "believed", "Gaussian", "sampler", "shift of the mean")
 SPREAD_COLUMNS = ("cable", "casts", "Gaussian", "sampler", "rank correlation")
 EFFECTIVE = 0.5
 """Share of the particles that stay effective from one power to the next."""
+
+
+WIDER = 1.3
+"""Variance of the steps over that of the particles, so that tails are reached."""
+ACCEPTED = 0.3
+"""Share of the steps that is taken; longer steps are tried where more are, shorter ones else."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -95,7 +101,7 @@ def sample(
         points = np.concatenate([points, drawn[np.isfinite(log_prior(drawn))]])
     points = points[:count]
     known = log_likelihood(points)
-    power, scale = 0.0, 2.38 / np.sqrt(len(mean))
+    power, pace = 0.0, 0.5
     while power < 1.0:
         power, before = _next_power(known, power), power
         weights = np.exp((power - before) * (known - known.max()))
@@ -103,17 +109,22 @@ def sample(
         places = (rng.uniform() + np.arange(count)) / count
         kept = np.searchsorted(np.cumsum(weights) / weights.sum(), places)
         points, known = points[kept], known[kept]
-        factor = np.linalg.cholesky(np.cov(points.T) + 1e-10 * np.eye(len(mean)))
+        middle = points.mean(axis=0)
+        factor = np.linalg.cholesky(WIDER * np.cov(points.T) + 1e-10 * np.eye(len(mean)))
         for _ in range(moves):
-            tried = points + scale * rng.normal(size=points.shape) @ factor.T
+            # Steps that leave the Gaussian of the particles as it is may be long: where the
+            # posterior is one, all are taken.
+            z = np.linalg.solve(factor, (points - middle).T).T
+            z_tried = np.sqrt(1.0 - pace**2) * z + pace * rng.normal(size=points.shape)
+            tried = middle + z_tried @ factor.T
             inside = np.isfinite(log_prior(tried))
             likelihood = np.full(count, -np.inf)
             likelihood[inside] = log_likelihood(tried[inside])
             gain = power * (likelihood - known) + log_prior(tried) - log_prior(points)
+            gain += 0.5 * (np.sum(z_tried**2, axis=1) - np.sum(z**2, axis=1))
             taken = np.log(rng.uniform(size=count)) < gain
             points[taken], known[taken] = tried[taken], likelihood[taken]
-            # A quarter of the steps taken is about the best pace in ten dimensions.
-            scale *= np.exp(0.5 * (taken.mean() - 0.25))
+            pace = min(pace * float(np.exp(taken.mean() - ACCEPTED)), 1.0)
         report(Progress(task=f"Sampling: power {power:.3f} of the likelihood"))
     return points
 

@@ -36,3 +36,25 @@ def test_two_peaks_keep_their_weights_and_nothing_leaves_the_cube():
     assert np.all((points >= 0.0) & (points <= 1.0))
     # Both peaks are as far from the prior's mean: one of four particles belongs to the smaller.
     assert abs(np.mean(points[:, 0] < 0.5) - 0.25) < 0.08
+
+
+def test_what_the_likelihood_does_not_tell_keeps_its_prior_in_ten_dimensions():
+    """Two of ten coordinates are known, along a curve: the others must not lose their spread."""
+
+    def log_likelihood(points):
+        product = points[:, 0] * points[:, 1]
+        return -0.5 * ((product - 0.2) / 0.01) ** 2
+
+    deviation = np.full(10, 0.15)
+    points = sample(log_likelihood, np.full(10, 0.5), deviation, count=COUNT, moves=8)
+    assert abs(np.std(points[:, 0] * points[:, 1]) / 0.01 - 1.0) < 0.15
+    assert np.all(np.abs(points[:, 2:].std(axis=0) / 0.15 - 1.0) < 0.15)
+    # Grid integration of exp(-(log prior + log likelihood)) over the two coordinates.
+    axis = np.linspace(0.0005, 0.9995, 1000)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    density = np.exp(-0.5 * (((x - 0.5) ** 2 + (y - 0.5) ** 2) / 0.15**2))
+    density = (density * np.exp(-0.5 * ((x * y - 0.2) / 0.01) ** 2)).sum(axis=1)
+    middle = np.sum(axis * density) / density.sum()
+    wide = np.sqrt(np.sum((axis - middle) ** 2 * density) / density.sum())
+    assert abs(points[:, 0].mean() - middle) < 0.15 * wide
+    assert abs(points[:, 0].std() / wide - 1.0) < 0.15
