@@ -157,6 +157,17 @@ def test_a_camera_that_fails_before_a_trial_says_what_to_do(camera, player, stre
     camera.check(player.time)
 
 
+def test_a_film_that_cannot_begin_is_forgotten(camera, player, stream):
+    camera.check(player.rewind())
+    stream.fault("exposed")
+    try:
+        with pytest.raises(CameraError, match="times as bright"):
+            camera.start()
+    finally:
+        stream.fault(None)
+    camera.check(player.time)
+
+
 @pytest.mark.parametrize("fault", ["frozen", "black"])
 def test_a_camera_that_fails_in_a_trial_gives_no_track(camera, player, stream, fault):
     camera.check(player.rewind())

@@ -14,10 +14,11 @@ from cablecast.cable import Cable
 from cablecast.motion.action import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.reading import parse_yaml
 from cablecast.rigs.base import Rig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
-from cablecast.setup import Setup, load_setup
+from cablecast.setup import Setup
 from cablecast.twin.config import TwinConfig
 from cablecast.twin.process import TwinProcess
 from cablecast.workspace import Workspace
@@ -90,21 +91,33 @@ def make_twin() -> Iterator[TwinMaker]:
         pytest.skip("several loopback addresses need Linux")
     twins = []
 
-    def make(robot: dict | None = None, model: str = "ur5", **config):
+    def make(
+        robot: dict | None = None,
+        model: str = "ur5",
+        camera: dict | None = None,
+        lab: dict | None = None,
+        **config,
+    ):
         process = os.getpid()
         address = f"127.{process // 250 % 250 + 1}.{process % 250 + 1}.{next(_numbers)}"
-        setup = load_setup(TWIN_FILE)
+        values = parse_yaml(TWIN_FILE.read_text(), "lab file")
+        for section, changes in {**(lab or {}), "arm": {"model": model}}.items():
+            values[section] = {**values.get(section, {}), **(lab or {}).get(section, {}), **changes}
+        setup = Setup.from_dict(values)
         setup = dataclasses.replace(
             setup,
             robot=dataclasses.replace(
                 setup.robot, address=address, **({"silence_max": 10.0} | (robot or {}))
             ),
-            arm=dataclasses.replace(setup.arm, model=model),
+            camera=dataclasses.replace(setup.camera, **(camera or {})),
         )
         # A computer that is busy with other tests must not make the watchdog bark.
-        config = {"has_camera": False, "patience": 5.0, **config}
+        config = {"has_camera": camera is not None, "camera_port": 0, "patience": 5.0, **config}
         twin = TwinProcess(setup, TwinConfig(address=address, **config))
         twins.append(twin)
+        if twin.camera_url is not None:
+            seen = dataclasses.replace(setup.camera, source=twin.camera_url)
+            setup = dataclasses.replace(setup, camera=seen)
         return twin, setup
 
     yield make

@@ -20,7 +20,7 @@ _QUEUE_LENGTH = 2
 """Pictures that wait for a viewer."""
 _SEND_BUFFER = 1 << 16
 """Bytes that the system keeps for a viewer: little, for what waits there is old when it arrives."""
-_PATIENCE = 10.0
+_PATIENCE = 60.0
 """Time for which a viewer that takes no picture is waited for [s]."""
 _BOUNDARY = b"picture"
 

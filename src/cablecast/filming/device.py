@@ -17,6 +17,10 @@ from cablecast.tracking.opencv import load_cv2
 OPEN_TIMEOUT = 10.0
 """Time within which a camera or stream must open [s]."""
 
+_SILENCE_MAX = 60.0
+"""Time without data after which a stream is given up for good [s]. Who waits for a frame says much
+sooner that none comes, and may try again when they come."""
+
 V4L2_EXPOSURE_UNIT = 1e-4
 """Unit of the exposure time of V4L2 [s]."""
 
@@ -90,7 +94,7 @@ def open_capture(
             opened = make(int(match.group(1)) if match else source, cv2.CAP_V4L2)
         elif kind == "stream":
             limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, timeout_ms]
-            limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, timeout_ms]
+            limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, int(1e3 * _SILENCE_MAX)]
             opened = make(source, cv2.CAP_FFMPEG, limits)
         else:
             opened = make(source, cv2.CAP_FFMPEG)

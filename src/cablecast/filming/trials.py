@@ -125,7 +125,12 @@ class CameraOfTrials:
         start_xy = (0.0, workspace.reset_y + self.setup.cable.length)
         watch = FrameWatch(self.settings.source, self._usual)
         self._filming = _Filming(self._camera, self._tracker(start_xy), watch, writer)
-        self._filming.wait_begun()
+        try:
+            self._filming.wait_begun()
+        except BaseException:
+            # Nobody ends a film that was not begun.
+            self.cancel()
+            raise
 
     def stop(self, timing: TrialTiming) -> EndpointTrack:
         """End the film, and return the endpoint's track.

@@ -126,7 +126,8 @@ def polar_cast_path(
     Raises:
         InputError: The point lies outside the region.
     """
-    config, cable, workspace = config or PolarCastConfig(), setup.cable, setup.workspace
+    cable, workspace = setup.cable, setup.workspace
+    config = config or PolarCastConfig.of(workspace)
     reach = PolarReach.of(setup, config)
     endpoint_xy = np.asarray(endpoint_xy, dtype=float)
     # Rounding may put a point of the outline outside.

@@ -4,6 +4,10 @@ import dataclasses
 
 from cablecast.cable import Cable
 from cablecast.checks import check_ranges
+from cablecast.workspace import Workspace
+
+_SAME_REACH = 1.05
+"""Reach as a multiple of the paper's up to which the paper's radii serve."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -113,10 +117,10 @@ class PolarCastConfig:
         check_ranges(
             self,
             {
-                "hang_radius": (0.2, 0.9, "m"),
-                "carry_radius": (0.2, 0.9, "m"),
-                "draw_radius": (0.2, 0.9, "m"),
-                "rise_radius": (0.1, 0.9, "m"),
+                "hang_radius": (0.2, 1.7, "m"),
+                "carry_radius": (0.2, 1.7, "m"),
+                "draw_radius": (0.2, 1.7, "m"),
+                "rise_radius": (0.1, 1.7, "m"),
                 "arc_share": (0.5, 1.0, ""),
                 "bend_out_share": (0.0, 2.0, ""),
                 "bend_up_share": (0.0, 2.0, ""),
@@ -130,7 +134,7 @@ class PolarCastConfig:
                 "carry_time_min": (0.1, 10.0, "s"),
                 "lift_time": (0.2, 30.0, "s"),
                 "hang_time": (0.1, 30.0, "s"),
-                "cast_radius": (0.3, 1.5, "m"),
+                "cast_radius": (0.3, 1.9, "m"),
                 "reach_margin": (0.0, 0.3, "m"),
                 "table_margin": (0.0, 0.5, "m"),
                 "settle_time": (0.0, 10.0, "s"),
@@ -139,6 +143,22 @@ class PolarCastConfig:
             },
             "polar casting",
         )
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> "PolarCastConfig":
+        """Return the settings for an arm's reach.
+
+        The radii of an arm that reaches farther grow with its reach: so near to its base as the
+        paper's its joints would have to turn faster than they can.
+
+        Args:
+            workspace: Gives the reach r_max.
+        """
+        config, share = cls(), workspace.r_max / Workspace().r_max
+        if share <= _SAME_REACH:
+            return config
+        names = ("hang_radius", "carry_radius", "draw_radius", "rise_radius", "cast_radius")
+        return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
 
     def hang_height(self, cable: Cable) -> float:
         """Height of the gripper above the table while the cable hangs [m]."""

@@ -46,7 +46,8 @@ class PolarReach:
         Raises:
             InputError: The region is empty: the cable is too long for the table.
         """
-        config, cable, workspace = config or PolarCastConfig(), setup.cable, setup.workspace
+        cable, workspace = setup.cable, setup.workspace
+        config = config or PolarCastConfig.of(workspace)
         reach = cls(
             cable_length=cable.length,
             cast_radius=min(config.cast_radius, workspace.r_max),

@@ -29,7 +29,7 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
         setup: Set-up with the cable and the reset pose, at which the path ends.
         config: Settings of the lift, the swing and the pull.
     """
-    config, cable = config or PolarCastConfig(), setup.cable
+    config, cable = config or PolarCastConfig.of(setup.workspace), setup.cable
     path = PlanePath(np.asarray(start, dtype=float))
     lift(path, cable, config).hold(config.hang_time)
     radius = PolarReach.of(setup, config).landing_radius(0.0) - cable.length

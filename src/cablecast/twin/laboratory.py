@@ -109,7 +109,7 @@ class TwinLaboratory:
         """Return whether the clock waits for a client that is silent."""
         controller = self.controller
         silence = controller.time - controller.inputs.get("written at", controller.time)
-        if not controller.is_running_program or silence < controller.robot.watchdog / 2:
+        if not controller.is_running_program or silence < controller.robot.watchdog / 4:
             self._heard_at = time.monotonic()
             return False
         return time.monotonic() - self._heard_at < self.config.patience

@@ -6,6 +6,7 @@ import pathlib
 import numpy as np
 import pytest
 
+from cablecast.arm.ur import ArmUR
 from cablecast.errors import JointLimitError, RigError
 from cablecast.motion.polar_cast import reset_pose
 from cablecast.rigs.ur.reset import APPROACH_SPEED, reset_motions
@@ -50,3 +51,14 @@ def test_a_way_that_would_touch_something_is_refused_before_anything_moves(setup
     low = dataclasses.replace(setup.robot, box_high=(0.97, 0.97, 0.5))
     with pytest.raises(JointLimitError, match="outside the box"):
         reset_motions(home, dataclasses.replace(setup, robot=low))
+
+
+def test_a_ur10e_comes_back_from_beside_as_from_before_it(setup):
+    workspace = dataclasses.replace(setup.workspace, r_max=1.2, reset_y=0.76)
+    robot = dataclasses.replace(setup.robot, box_low=(-1.25, 0.05, 0.0), box_high=(1.25, 1.25, 1.5))
+    arm = ArmUR(model="ur10e", base_height=0.126, measured=True)
+    large = Setup(cable=setup.cable, workspace=workspace, arm=arm, robot=robot)
+    for place in (reset_pose(workspace), [0.8, 0.7, 0.02, 1.0, 0.0]):
+        start = arm.inverse(np.asarray(place, dtype=float))
+        _, reset = reset_motions(start, large)
+        np.testing.assert_allclose(arm.grip_pose(reset.q[-1]), reset_pose(workspace), atol=1e-6)

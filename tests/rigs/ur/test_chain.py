@@ -1,0 +1,77 @@
+"""From the first cast to an aimed one with `--rig ur`, through the twin's sockets and camera."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cablecast.cli.main import main
+from cablecast.datasets.reader import read_dataset
+from cablecast.datasets.trials import controller_log, measured_joints, trial_rig
+from cablecast.rigs.ur.rig import REPORT_GAP_MAX
+from cablecast.setup import save_setup
+
+pytest.importorskip("cv2")
+pytest.importorskip("torch")
+
+# Small pictures, few of them: what takes time is drawing. Their pixels measure 3 mm, and the lens
+# is guessed.
+CAMERA = {"width": 960, "height": 540, "rate": 15.0, "exposure": 0.002}
+LANDING_ERROR_MAX = 0.01
+# As fast as this computer simulates; the clock waits for the client.
+TWIN = {"segment_count": 10, "rate": 20.0}
+
+
+@pytest.fixture(scope="module")
+def twin(make_twin):
+    return make_twin({"settle_time": 1.5, "silence_max": 60.0}, camera=CAMERA, **TWIN)
+
+
+@pytest.fixture
+def lab(twin, tmp_path, monkeypatch):
+    """Work in a new folder with the lab file of the twin."""
+    monkeypatch.chdir(tmp_path)
+    save_setup(twin[1], tmp_path / "lab.yaml")
+    return tmp_path
+
+
+def cablecast(verb, *words, rig=("--rig", "ur", "--time-limit", "600")):
+    return main([verb, "--setup", "lab.yaml", *rig, *words])
+
+
+@pytest.mark.slow
+def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, lab, capsys):
+    admin, setup = twin[0].admin, twin[1]
+    # Both of these land on the table, and soon.
+    count = ("--count", "2", "--no-psi", "--seed", "6")
+    assert cablecast("collect", *count, "--dry-run", rig=("--rig", "ur")) == 0
+    page = capsys.readouterr().out
+    assert "ok  first reset" in page
+    assert "ok  camera: sees 11 tags" in page
+    admin.fault("protective_stop", "cast", 0.4)
+    assert cablecast("collect", *count) == 2
+    assert "protective stop: look what the arm touched" in capsys.readouterr().err
+    admin.clear()
+    assert not cablecast("collect", *count)
+
+    casts = read_dataset("runs/cable_1/tune-data")
+    tip = admin.state()["tip"]
+    assert np.linalg.norm(casts.endpoint_xy[-1] - tip[:2]) < LANDING_ERROR_MAX
+    assert trial_rig(casts, 0)["camera"] == "stream"
+    for row in range(2):
+        joints, log = measured_joints(casts, row), controller_log(casts, row)
+        assert np.diff(joints.times[joints.times <= casts.duration[row]]).max() <= REPORT_GAP_MAX
+        np.testing.assert_allclose(np.diff(log.times), np.diff(joints.times), atol=1e-9)
+        assert set(log.speed_scaling) == {1.0}
+        assert set(log.safety_bits) == {1.0}
+        # Joints follow the set points that the controller was at.
+        assert np.abs(log.target_q - joints.q).max() < setup.robot.lag_max
+
+    assert not cablecast("tune", "--segment-count", "10", "--dt", "0.002", rig=())
+    known = ("--casts", "runs/cable_1/tune-data", "--params", "runs/cable_1/tune")
+    few = ("--count", "50", "--tries", "1", "--within", "100")
+    assert cablecast("aim", *known, *few, "--target", "1.10", "0") == 0
+    assert "2 casts of cable_1 are known; the simulator fits 2" in capsys.readouterr().out
+    aimed = json.loads((lab / "runs/cable_1/aim/session/casts/00002.json").read_text())
+    landing = [aimed["values"][name] for name in ("endpoint_x", "endpoint_y")]
+    assert np.linalg.norm(np.array(landing) - admin.state()["tip"][:2]) < LANDING_ERROR_MAX

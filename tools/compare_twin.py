@@ -1,0 +1,116 @@
+"""Compare the twin with what stands behind it: landings with its truth, fits with the virtual rig.
+
+    python tools/compare_twin.py --casts 10 --held-out 6
+
+The same casts are made by the real arm's code on a twin, whose camera is a network stream, and by
+the virtual rig in this process. Printed is how far the landings that the camera reports are from
+where the twin has the cable's end; and how far simulated casts are from the held-out ones, with
+parameters fitted to the casts of either rig. Casts are kept in --out, so that the command goes on
+where it was stopped.
+"""
+
+import argparse
+import dataclasses
+import json
+import pathlib
+
+import numpy as np
+
+from cablecast.datasets.collect import collect_dataset
+from cablecast.datasets.reader import Dataset
+from cablecast.filming.trials import CameraOfTrials
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.trajectory import Trajectory
+from cablecast.pipeline.tune import tune
+from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.ur.rig import RigUR
+from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+from cablecast.setup import Setup, load_setup
+from cablecast.track import EndpointTrack
+from cablecast.twin.config import TwinConfig
+from cablecast.twin.process import TwinProcess
+
+ROOT = pathlib.Path(__file__).parents[1]
+CAMERA = {"width": 1280, "height": 720, "rate": 30.0}
+PATIENCE, RATE = 10.0, 4.0
+"""Settings of the clock: as fast as this computer simulates, and waiting for the client."""
+
+
+class RigCompared(RigUR):
+    """The real arm's code, which notes how far each landing is from the twin's truth.
+
+    Args:
+        setup: Lab file of the twin.
+        twin: Twin that knows the truth.
+        notes: File that keeps what is noted.
+    """
+
+    def __init__(self, setup: Setup, twin: TwinProcess, notes: pathlib.Path):
+        super().__init__(setup, CameraOfTrials(setup))
+        self._twin, self._notes = twin, notes
+
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
+        """Play one motion, and note where the cable's end came to rest."""
+        track = super().execute(trajectory)
+        timing = self.last_timing
+        if np.isfinite(track.final_xy).all() and timing is not None:
+            truth = self._twin.admin.truth(timing.end_time - 0.05, timing.end_time + 0.05)
+            at = np.argmin(np.abs(np.array(truth["times"]) - timing.start_time - track.times[-1]))
+            miss = track.final_xy - np.array(truth["tip"][int(at)][:2])
+            with self._notes.open("a") as file:
+                file.write(json.dumps(miss.tolist()) + "\n")
+        return track
+
+
+def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address: str) -> Dataset:
+    """Return casts on a twin."""
+    if setup.robot is None or setup.camera is None:
+        raise SystemExit("the twin's lab file lacks a section")
+    robot = dataclasses.replace(setup.robot, address=address)
+    camera = dataclasses.replace(setup.camera, **CAMERA)
+    setup = dataclasses.replace(setup, robot=robot, camera=camera)
+    config = TwinConfig(address=address, rate=RATE, patience=PATIENCE, camera_port=0)
+    with TwinProcess(setup, config) as twin:
+        seen = dataclasses.replace(camera, source=str(twin.camera_url))
+        setup = dataclasses.replace(setup, camera=seen)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        rig = RigCompared(setup, twin, out.parent / "misses.jsonl")
+        with CheckedRig(rig, setup, time_limit=3600.0) as rig:
+            return collect_dataset(out, rig, setup, purpose="tune", actions=actions, attempts=5)
+
+
+def main() -> None:
+    """Make the casts, fit, and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--casts", type=int, default=10, help="casts to fit to")
+    parser.add_argument("--held-out", type=int, default=6, help="casts to validate with")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--address", default="127.9.0.2", help="loopback address of the twin")
+    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("build/compare-twin"))
+    args = parser.parse_args()
+    setup = load_setup(ROOT / "examples" / "twin.yaml")
+    actions = feasible_uniform(args.casts + args.held_out, setup, seed=args.seed)
+    twin = casts_of_twin(setup, actions, args.out / "twin", args.address)
+    with CheckedRig(RigVirtual(setup, 0, VirtualConfig()), setup) as rig:
+        virtual = collect_dataset(
+            args.out / "virtual", rig, setup, purpose="tune", actions=actions, attempts=1
+        )
+    lines = (args.out / "misses.jsonl").read_text().splitlines()
+    misses = 1e3 * np.linalg.norm([json.loads(line) for line in lines], axis=1)
+    rms = float(np.sqrt(np.mean(misses**2)))
+    print(
+        f"{len(misses)} landings over the network: {rms:.2f} mm rms, {misses.max():.2f} mm at most"
+    )
+    for name, casts in (("twin", twin), ("virtual rig", virtual)):
+        tuned = tune(casts, validation_count=args.held_out)
+        found = tuned.metrics["validation"]["tuned"]
+        print(
+            f"fitted to casts of the {name}, validated on {args.held_out} others of it: "
+            f"{found['mean_pct']:.2f} % on the way (mean), "
+            f"{found['final_median_pct']:.2f} % at rest (median); "
+            f"friction {tuned.params.friction:.3f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
