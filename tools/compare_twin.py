@@ -1,12 +1,12 @@
-"""Compare the twin with what stands behind it: landings with its truth, fits with the virtual rig.
+"""Compare the twin with what stands behind it: clock, landings, and fits with the virtual rig's.
 
     python tools/compare_twin.py --casts 10 --held-out 6
 
 The same casts are made by the real arm's code on a twin, whose camera is a network stream, and by
-the virtual rig in this process. Printed is how far the landings that the camera reports are from
-where the twin has the cable's end; and how far simulated casts are from the held-out ones, with
-parameters fitted to the casts of either rig. Casts are kept in --out, so that the command goes on
-where it was stopped.
+the virtual rig in this process. Printed is the offset that `cablecast camera sync` finds between
+two clocks that are one; how far the landings that the camera reports are from where the twin has
+the cable's end; and how far simulated casts are from the held-out ones, with parameters fitted to
+the casts of either rig. Casts are kept in --out, so that the command goes on where it was stopped.
 """
 
 import argparse
@@ -21,6 +21,7 @@ from cablecast.datasets.reader import Dataset
 from cablecast.filming.trials import CameraOfTrials
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory
+from cablecast.pipeline.camera import sync_camera
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.rig import RigUR
@@ -31,7 +32,7 @@ from cablecast.twin.config import TwinConfig
 from cablecast.twin.process import TwinProcess
 
 ROOT = pathlib.Path(__file__).parents[1]
-CAMERA = {"width": 1280, "height": 720, "rate": 30.0}
+CAMERA = {"width": 960, "height": 540, "rate": 30.0}
 PATIENCE, RATE = 10.0, 4.0
 """Settings of the clock: as fast as this computer simulates, and waiting for the client."""
 
@@ -74,6 +75,13 @@ def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address:
         seen = dataclasses.replace(camera, source=str(twin.camera_url))
         setup = dataclasses.replace(setup, camera=seen)
         out.parent.mkdir(parents=True, exist_ok=True)
+        if not out.exists():
+            found = sync_camera(setup, lambda camera: RigUR(setup, camera))
+            print(
+                f"clocks: {1e3 * found.offset:.1f} ms apart, {1e3 * found.sd:.1f} ms uncertain, "
+                f"{100 * found.explained:.0f} % explained",
+                flush=True,
+            )
         rig = RigCompared(setup, twin, out.parent / "misses.jsonl")
         with CheckedRig(rig, setup, time_limit=3600.0) as rig:
             return collect_dataset(out, rig, setup, purpose="tune", actions=actions, attempts=5)

@@ -117,7 +117,7 @@ def test_landings_over_the_network_agree_with_the_truth_to_three_millimetres(cam
 
 def test_the_film_of_a_trial_is_kept_with_its_times(camera):
     films = sorted(pathlib.Path(camera.settings.films).iterdir())
-    assert [film.name[-9:] for film in films][:2] == ["0000.mkv", "0001.mkv"]
+    assert [film.name[-8:] for film in films][:2] == ["0000.mkv", "0001.mkv"]
     _, frames = read_video(films[0])
     times = [time for time, _ in frames]
     np.testing.assert_allclose(np.diff(times), 1 / RATE, atol=1e-4)
@@ -161,10 +161,12 @@ def test_a_film_that_cannot_begin_is_forgotten(camera, player, stream):
     camera.check(player.rewind())
     stream.fault("exposed")
     try:
-        with pytest.raises(CameraError, match="times as bright"):
-            camera.start()
+        for begin in (lambda: camera.check(player.time), camera.start):
+            with pytest.raises(CameraError, match="times as bright"):
+                begin()
     finally:
         stream.fault(None)
+        camera.cancel()
     camera.check(player.time)
 
 

@@ -18,7 +18,7 @@ from cablecast.setup import Setup
 from cablecast.twin.config import TwinConfig
 from cablecast.twin.laboratory import TwinLaboratory
 
-_START_TIME_MAX = 60.0
+_START_TIME_MAX = 180.0
 _STOP_TIME_MAX = 5.0
 _ANSWER_TIME_MAX = 30.0
 
