@@ -364,6 +364,7 @@ def cable_of(length: float, values: dict[str, float]) -> Cable:
     material = Material(
         damping_time=values.get("damping_time", 0.0),
         rest_curvature=values.get("rest_curvature", 0.0),
+        drag_coefficient=values.get("drag_coefficient", 0.0),
     )
     return Cable(name="mocap", length=length, diameter=0.01, params=params, material=material)
 

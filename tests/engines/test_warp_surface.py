@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from benchmarks import stability
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import CABLE_NAMES, Cable, CableParams, load_cable
 from cablecast.engines import make_engine
 from cablecast.engines.base import GRAVITY, CableState
 from cablecast.engines.warp_ import EngineWarp
@@ -219,6 +220,16 @@ def test_a_cable_with_a_grain_lands_elsewhere_and_does_not_creep():
     moved = np.linalg.norm(grained.endpoint_xy[:, -1] - grained.endpoint_xy[:, -6], axis=1)
     assert moved.max() < 1e-5
     assert np.linalg.norm(grained.endpoint_xy[:, -1] - plain, axis=1).max() > 0.01
+
+
+def test_no_world_with_drag_and_a_grain_gains_energy_unmarked():
+    surface = Material(drag_coefficient=2.0, friction_ratio=0.3)
+    for seed, name in enumerate(CABLE_NAMES):
+        cable = dataclasses.replace(load_cable(name), material=surface)
+        marked, grown, _ = stability.scan(cable, 20, 1e-3, 48, seed)
+        assert grown == 0
+        # As without: a light end that whips may need a shorter step.
+        assert marked <= 2
 
 
 def test_a_material_that_does_nothing_changes_no_bit():
