@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import cablecast as cc
+from cablecast.cli.aim import Aim
 from cablecast.cli.main import main
+from cablecast.cli.view import View
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.models.card import model_card
 from cablecast.motion.action import mirror_actions
-from cablecast.pipeline.many_cables import policy_for_cable, train_cables
+from cablecast.pipeline.many_cables import REFINE_COUNT, policy_for_cable, train_cables
 from cablecast.runs.progress import DONE_NOTE
 from cablecast.tuning.cables import draw_cables
 
@@ -121,7 +123,7 @@ def test_some_casts_of_the_cable_refine_it(model):
     assert len(policy.model.margins) == len(model.margin_actions)
 
 
-def test_aiming_starts_from_it_and_simulates_and_trains_nothing(model, tmp_path, monkeypatch):
+def test_aiming_without_refining_simulates_and_trains_nothing(model, tmp_path, monkeypatch):
     def refuse(*args, **options):
         raise AssertionError("nothing may be trained")
 
@@ -131,7 +133,13 @@ def test_aiming_starts_from_it_and_simulates_and_trains_nothing(model, tmp_path,
     tuned = cc.Tuned.of(None, setup)
     with cc.make_rig("engine", setup) as rig:
         session = cc.prepare_aim(
-            rig, tuned=tuned, model=model, candidate_count=500, tries=1, out=tmp_path / "aim"
+            rig,
+            tuned=tuned,
+            model=model,
+            refine=0,
+            candidate_count=500,
+            tries=1,
+            out=tmp_path / "aim",
         )
         result = cc.aim(session, rig, r=1.05, theta_deg=8.0)
     assert [trial.try_number for trial in result.trials[0]] == [1]
@@ -150,11 +158,15 @@ def test_the_page_starts_from_it(model, tmp_path, monkeypatch):
     )
     with cc.make_rig("engine", setup) as rig:
         desk = make_desk(rig, tmp_path)
-        options = {"calibration_count": 2, "count": 50, "seed": 0, "model": model}
+        options = {"calibration_count": 2, "count": 50, "seed": 0, "model": model, "refine": 0}
         preparation(desk, tmp_path, **options)(lambda progress: None)
         assert desk.aim(np.array([0.2, 1.0])).proposal.try_number == 1
     assert desk.session.aimer.policy.model.info["many_cables"]["fingerprint"] == model.fingerprint
     assert not (tmp_path / "dataset").exists()
+
+
+def test_the_commands_refine_as_the_library_does():
+    assert Aim(target=[(1.0, 5.0)]).refine == View().refine == REFINE_COUNT
 
 
 def test_a_rig_that_the_model_does_not_fit_is_refused_before_it_moves(model):

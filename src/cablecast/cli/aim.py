@@ -55,10 +55,10 @@ class Aim:
     them and no --casts the rig makes no casts to begin with."""
     model: Annotated[pathlib.Path | None, argument("DIR", "one is trained for this cable")] = None
     """Model of many cables that `cablecast train --cables` made: the first target is aimed at
-    seconds after the fit, for nothing is simulated and nothing trained."""
-    refine: int = 0
-    """With --model, simulated casts of this cable that it learns from first; 1500 take some ten
-    seconds, and halve its error."""
+    half a minute after the fit."""
+    refine: int = 1500
+    """With --model, simulated casts of this cable that it learns from first, which halves its
+    error; 0 takes the model as it is, some ten seconds sooner."""
     refit: bool = True
     """Fit the simulator to all casts, and learn anew from it, before a target where it is worth it:
     at three times as many casts as it was fitted to, or at twice as many if first tries land

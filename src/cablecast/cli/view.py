@@ -32,10 +32,11 @@ class View:
     count: int = 16_000
     """Number of simulated casts that the model learns from."""
     model: Annotated[pathlib.Path | None, argument("DIR", "one is trained for this cable")] = None
-    """Model of many cables that `cablecast train --cables` made: the page is ready seconds after
-    the fit, for nothing is simulated and nothing trained."""
-    refine: int = 0
-    """With --model, simulated casts of this cable that it learns from first."""
+    """Model of many cables that `cablecast train --cables` made: the page is ready half a minute
+    after the fit."""
+    refine: int = 1500
+    """With --model, simulated casts of this cable that it learns from first; 0 takes the model as
+    it is."""
     seed: int = 0
     """Seed of all random numbers."""
     time_limit: Annotated[float, argument("S")] = 120.0

@@ -20,6 +20,7 @@ from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
+from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import ForwardSearchPolicy
@@ -80,7 +81,7 @@ def prepare_aim(
     casts: Dataset | None = None,
     tuned: Tuned | None = None,
     model: ManyCablesModel | None = None,
-    refine: int = 0,
+    refine: int = REFINE_COUNT,
     fit_all: bool = False,
     calibration_count: int = CALIBRATION_COUNT,
     count: int = SIMULATED_COUNT,
@@ -100,7 +101,8 @@ def prepare_aim(
         casts: Casts on the rig that were made before; some are made where None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
         model: Model of many cables, in place of one that is trained for this cable in minutes.
-        refine: Simulated casts that the model of many cables learns from first.
+        refine: Simulated casts that the model of many cables learns from first, which halves its
+            error; none where 0.
         fit_all: True to fit the simulator anew now to all casts that the session in `out` has, and
             to learn anew from it. Later calls for the same folder go on with the newest such fit.
         calibration_count: Casts to make where none were given.

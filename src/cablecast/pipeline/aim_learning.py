@@ -60,7 +60,7 @@ class AimLearning:
 
     setup: Setup
     model: ManyCablesModel | None = None
-    refine: int = 0
+    refine: int = many_cables.REFINE_COUNT
     count: int
     epochs: int
     candidate_count: int | None = None

@@ -8,6 +8,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.models.many_cables import ManyCablesModel
 from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
 from cablecast.pipeline.aim_session import AimSession
+from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.pipeline.places import require
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import METRICS_FILE
@@ -44,7 +45,7 @@ def preparation(
     count: int,
     seed: int,
     model: ManyCablesModel | None = None,
-    refine: int = 0,
+    refine: int = REFINE_COUNT,
 ) -> Work:
     """Return the work that gets a desk ready: casts, fit, simulation, training.
 
@@ -98,7 +99,7 @@ def serve(
     port: int,
     dark: bool = False,
     model: ManyCablesModel | None = None,
-    refine: int = 0,
+    refine: int = REFINE_COUNT,
     arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
