@@ -1,5 +1,6 @@
 """EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
 
+import concurrent.futures
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -155,8 +156,9 @@ class EngineWarp:
         fastest = fastest_wave(stiffness, segment_mass, cables.length / self.segment_count)
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
         kinds = cables.kinds(plan.world_count)
-        parts = []
-        for kind, count in np.unique(np.stack([kinds, counts], axis=1), axis=0)[::-1]:
+
+        def play(part: NDArray[np.int_]) -> tuple[NDArray[np.int_], Rollout]:
+            kind, count = part.tolist()
             worlds = np.flatnonzero((kinds == kind) & (counts == count))
             played = self._play(
                 features,
@@ -168,13 +170,20 @@ class EngineWarp:
                     plan,
                     initial_state=rows_of(plan.initial_state, worlds),
                     world_count=len(worlds),
-                    steps_per_sample=plan.steps_per_sample * int(count),
+                    steps_per_sample=plan.steps_per_sample * count,
                 ),
-                self.dt / int(count),
+                self.dt / count,
                 record_nodes,
             )
-            parts.append((worlds, played))
-        return merge(parts)
+            return worlds, played
+
+        parts = np.unique(np.stack([kinds, counts], axis=1), axis=0)[::-1]
+        if len(cables.cables) == 1 or self.device.is_cuda:
+            return merge([play(part) for part in parts])
+        # Cables that differ are small parts, which share the cores once the kernel is loaded.
+        first = play(parts[0])
+        with concurrent.futures.ThreadPoolExecutor(self.thread_count) as pool:
+            return merge([first, *pool.map(play, parts[1:])])
 
     def _play(
         self,
