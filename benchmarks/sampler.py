@@ -31,7 +31,7 @@ from cablecast.tuning.search_space import SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks
 
 COLUMNS = ("parameter", "believed", "Gaussian", "sampler", "shift of the mean")
-SPREAD_COLUMNS = ("cable", "casts", "Gaussian", "sampler", "rank correlation")
+SPREAD_COLUMNS = ("cable", "casts", "Gaussian", "with its product", "sampler", "rank correlation")
 EFFECTIVE = 0.5
 """Share of the particles that stay effective from one power to the next."""
 
@@ -178,6 +178,24 @@ def spreads(setup: cc.Setup, params: CableParams, count: int) -> NDArray[np.floa
     return 100.0 * np.nanmedian(apart, axis=1) / setup.cable.length
 
 
+def along_product(known: ParamPosterior, count: int) -> CableParams:
+    """Return draws of the Gaussian whose frictions keep the product that it states.
+
+    Casts tell the product of the two frictions alone. A Gaussian follows it along a straight line,
+    and far from the best point the product of a draw is another one.
+
+    Args:
+        known: Posterior of a fit.
+        count: Number of draws.
+    """
+    values, best = known.draw(count).to_array(), known.params.to_array()
+    names = CableParams.names()
+    first, second = (names.index(name) for name in ("lateral_friction", "worksurface_friction"))
+    product = best[second] * values[:, first] + best[first] * (values[:, second] - best[second])
+    values[:, second] = np.clip(product / values[:, first], 0.02, 2.0)
+    return CableParams.from_array(values)
+
+
 def main(args: Args) -> int:
     """Run the benchmark and print its tables."""
     shared = cast_benchmark.Args(counts=(args.count,), out=args.out)
@@ -203,6 +221,7 @@ def main(args: Args) -> int:
                 print_parameters(f"{cable}, laboratory {lab}", known, points)
                 some = known.space.to_params(points[:: max(1, len(points) // 40)])
                 gauss = spreads(place.setup, known.draw(40), args.actions)
+                curved = spreads(place.setup, along_product(known, 40), args.actions)
                 drawn = spreads(place.setup, some, args.actions)
                 ranks = [np.argsort(np.argsort(values)) for values in (gauss, drawn)]
                 rows.append(
@@ -210,6 +229,7 @@ def main(args: Args) -> int:
                         f"{cable}, laboratory {lab}",
                         args.count,
                         f"{np.median(gauss):.1f}",
+                        f"{np.median(curved):.1f}",
                         f"{np.median(drawn):.1f}",
                         f"{np.corrcoef(*ranks)[0, 1]:.2f}",
                     )
