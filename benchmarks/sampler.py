@@ -54,7 +54,7 @@ class Args:
     """Casts to fit."""
     particles: int = 200
     """Particles of the sampler."""
-    moves: int = 5
+    moves: int = 8
     """Metropolis-Hastings steps of each at each power."""
     actions: int = 60
     """Random casts whose landings the draws are compared by."""
@@ -231,7 +231,7 @@ def main(args: Args) -> int:
                         f"{np.median(gauss):.1f}",
                         f"{np.median(curved):.1f}",
                         f"{np.median(drawn):.1f}",
-                        f"{np.corrcoef(*ranks)[0, 1]:.2f}",
+                        f"{np.corrcoef(np.array(ranks))[0, 1]:.2f}",
                     )
                 )
     title = (
