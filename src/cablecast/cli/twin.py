@@ -7,6 +7,10 @@ from typing import Annotated
 from cablecast.cli.options import argument
 from cablecast.errors import InputError
 
+PATIENCE = 2.0
+"""Longest time for which the clock waits for a client that is silent in a motion [s]: a computer
+that is busy with the simulation must not look like a network that is lost."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Twin:
@@ -43,6 +47,7 @@ class Twin:
             rate=self.rate,
             seed=self.seed,
             segment_count=self.segment_count,
+            patience=PATIENCE,
         )
         faults = [_fault(text) for text in self.fault]
         model = setup.arm.model

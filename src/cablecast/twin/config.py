@@ -26,7 +26,8 @@ class TwinConfig:
         rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
             runs slower where the simulation cannot keep up.
         patience: Longest time for which the clock waits for a silent client while a program runs
-            [s], so that the watchdog does not bark at a busy computer. None for a real controller.
+            [s], so that the watchdog does not bark at a busy computer. A real controller waits for
+            nobody.
         seed: Seed of what differs from trial to trial.
         lab_seed: Seed of the laboratory.
         segment_count: Segments of the simulated cable.

@@ -1,5 +1,6 @@
 """RigUR: a UR arm with a cable in its gripper, and the camera over its table."""
 
+import contextlib
 import dataclasses
 import time
 from typing import Any
@@ -145,6 +146,8 @@ class RigUR(RigLifecycle):
                 link, self._link = self._link, None
                 if link.is_alive and link.latest().is_playing:
                     Player(link, self.robot).stop()
+                with contextlib.suppress(RigError):
+                    link.set_phase(IDLE)
                 link.close()
         finally:
             self.camera.close()
