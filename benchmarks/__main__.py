@@ -7,6 +7,7 @@ NAMES = {
     "convergence": "error of the landing by segments and step",
     "order": "order of EngineWarp in time",
     "engines": "rollouts per second of every engine, with the accuracy reached",
+    "peers": "EngineWarp beside other simulators: stable step, error, rate",
     "swing": "energy that an undamped swing loses, by the step",
     "stability": "worlds over the search space: none may gain energy and go unmarked",
     "sensitivity": "error of the landing beside the cast's own sensitivity",
