@@ -281,14 +281,19 @@ def warp_rows(scenes: tuple[Scene, Scene]) -> tuple[list[tuple], list[tuple]]:
     own = Contender("EngineWarp", "warp", "warp-lang", lambda dt, table: warp(SEGMENTS, dt))
     coarse = best(own, swing, LADDER, False, np.inf)
     assert isinstance(coarse, Result)
+    steps = [dt for dt in LADDER if dt <= coarse.dt]
+    thrown = best(own, cast, steps, True, np.inf)
+    assert isinstance(thrown, Result)
     swing_rows, cast_rows = [], []
-    for segments, dt in ((SEGMENTS, coarse.dt), (DEFAULT_SEGMENT_COUNT, DEFAULT_DT)):
-        result = warp_result(swing, segments, dt, 0.0)
+    for segments, dt, cast_dt in (
+        (SEGMENTS, coarse.dt, thrown.dt),
+        (DEFAULT_SEGMENT_COUNT, DEFAULT_DT, DEFAULT_DT),
+    ):
         stable = coarse.stable if segments == SEGMENTS else np.nan
-        result = dataclasses.replace(result, stable=stable)
+        result = dataclasses.replace(warp_result(swing, segments, dt, 0.0), stable=stable)
         swing_rows.append(swing_row("EngineWarp", segments, result))
         for name, speed in (("to the end", 0.0), ("until rest", REST_SPEED)):
-            result = warp_result(cast, segments, dt, speed)
+            result = warp_result(cast, segments, cast_dt, speed)
             row = cast_row(f"EngineWarp, {name}", segments, True, result, cast.duration)
             cast_rows.append(row)
     return swing_rows, cast_rows

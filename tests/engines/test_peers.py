@@ -78,7 +78,7 @@ def test_the_step_is_found_from_which_on_shorter_ones_gain_little(scene):
 def test_a_cable_that_is_torn_is_no_result(scene):
     class Torn(Stick):
         def endpoints(self):
-            return 2.0 * self.end
+            return self.end + [0.0, 2.0 * CABLE.length, 0.0]
 
     torn = peers.Contender("torn", "numpy", "numpy", lambda dt, table: Torn(20, dt, table=table))
     text = peers.best(torn, scene, peers.LADDER[:2], False, np.inf)
