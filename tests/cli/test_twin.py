@@ -43,11 +43,13 @@ def test_a_dry_run_checks_all_against_a_twin_and_moves_nothing(lab, tmp_path, ca
             assert "A twin of a ur5 listens" in twin.stdout.readline()
             words = ["--rig", "ur", "--setup", str(path), "--count", "2", "--dry-run"]
             words += ["--out", str(tmp_path / "out")]
-            assert main(["collect", *words]) == 0
+            assert main(["collect", *words]) == 2
         finally:
             twin.terminate()
     lines = capsys.readouterr().out.splitlines()
-    assert [line[:4] for line in lines[:-1]] == ["ok  "] * 4
+    # All but the camera, which this lab file does not have.
+    assert [line[:4] for line in lines[:-1]] == ["ok  "] * 5 + ["NOT "]
+    assert "the lab file has no section `camera`" in lines[-2]
     assert lines[-1] == "Nothing was moved."
     assert not (tmp_path / "out").exists()
 

@@ -29,7 +29,7 @@ TINY = Budget(
     candidates=200,
     repeats=1,
 )
-FEW_TARGETS = 8
+FEW_TARGETS = 4
 
 
 class StoppedError(Exception):
