@@ -20,8 +20,7 @@ from benchmarks.casts import Place
 from benchmarks.common import Table
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
-from cablecast.motion.cast import cast_grip_paths
-from cablecast.motion.feasibility import feasible_uniform
+from cablecast.pipeline.aim_beliefs import landing_spread
 from cablecast.pipeline.simulate import make_engine
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.least_squares import TRACK_WEIGHT
@@ -157,25 +156,16 @@ def track_likelihood(
     return log_likelihood
 
 
-def spreads(setup: cc.Setup, params: CableParams, count: int) -> NDArray[np.float64]:
-    """Return the median distance of landings from their middle over cables [% of length], [action].
+def spreads(tuned: cc.Tuned, draws: CableParams, count: int) -> NDArray[np.float64]:
+    """Return how far landings are apart over cables [% of length], shape [action].
 
     Args:
-        setup: Set-up to simulate.
-        params: One value per cable.
+        tuned: Fit that the cables are near.
+        draws: One value per cable.
         count: Number of random actions.
     """
-    actions = feasible_uniform(count, setup, seed=7)
-    values = params.to_array()
-    rollout = make_engine(30, 1e-3).rollout(
-        setup.cable,
-        CableParams.from_array(np.tile(values, (count, 1))),
-        cast_grip_paths(actions, setup)[np.repeat(np.arange(count), len(values))],
-    )
-    landings = rollout.endpoint_xy[:, -1].reshape(count, len(values), 2)
-    middle = np.nanmedian(landings, axis=1, keepdims=True)
-    apart = np.linalg.norm(landings - middle, axis=2)
-    return 100.0 * np.nanmedian(apart, axis=1) / setup.cable.length
+    _, distance = landing_spread(tuned.setup, draws, count=count, dynamics=tuned.dynamics)
+    return 100.0 * distance / tuned.setup.cable.length
 
 
 def along_product(known: ParamPosterior, count: int) -> CableParams:
@@ -220,9 +210,9 @@ def main(args: Args) -> int:
                 )
                 print_parameters(f"{cable}, laboratory {lab}", known, points)
                 some = known.space.to_params(points[:: max(1, len(points) // 40)])
-                gauss = spreads(place.setup, known.draw(40), args.actions)
-                curved = spreads(place.setup, along_product(known, 40), args.actions)
-                drawn = spreads(place.setup, some, args.actions)
+                gauss = spreads(tuned, known.draw(40), args.actions)
+                curved = spreads(tuned, along_product(known, 40), args.actions)
+                drawn = spreads(tuned, some, args.actions)
                 ranks = [np.argsort(np.argsort(values)) for values in (gauss, drawn)]
                 rows.append(
                     (

@@ -58,7 +58,7 @@ def aim_in_turn(place: Place, args: Args, refit: bool) -> list[dict[str, Any]]:
     Args:
         place: Cable and laboratory.
         args: Settings.
-        refit: Whether the session may fit the simulator anew.
+        refit: True to let the session fit the simulator anew.
     """
     kind = "refit" if refit else "kept"
     name = f"session-{args.calibration}-{args.tries}-{kind}"

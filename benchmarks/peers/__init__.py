@@ -77,7 +77,7 @@ class Contender:
     """A simulator with the resolution that it is asked for.
 
     Attributes:
-        name: What the tables call it.
+        name: Name in the tables.
         library: Library to import.
         package: Package to install.
         make: Returns it for a step [s], and True for a table.
@@ -144,7 +144,7 @@ def warp(segment_count: int, dt: float, rest_speed: float = 0.0) -> EngineWarp:
 
 @dataclasses.dataclass
 class Result:
-    """What one simulator reached on one scene.
+    """Result of one simulator on one scene.
 
     Attributes:
         stable: Longest step tried at which every world stays whole [s]; NaN where none was sought.

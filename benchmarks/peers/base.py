@@ -1,4 +1,4 @@
-"""What the adapters of other authors' simulators share: `Engine.rollout`, step by step."""
+"""Base class of the adapters of other authors' simulators: `Engine.rollout`, step by step."""
 
 import abc
 

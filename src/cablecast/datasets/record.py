@@ -19,6 +19,7 @@ from cablecast.checks import check_count
 from cablecast.datasets.reader import Dataset, read_dataset
 from cablecast.datasets.schema import (
     ACTION_COLUMNS,
+    CONTROLLER_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
     SCHEMA_VERSION,
@@ -250,12 +251,8 @@ def trial_values(motion: Trajectory, track: EndpointTrack) -> dict[str, Any]:
     commanded, actual, log = motion.joint_path, track.joint_path, track.controller_log
     reported = {}
     if log is not None:
-        reported = {
-            "controller_times": log.times,
-            "target_q": log.target_q.ravel(),
-            "speed_scaling": log.speed_scaling,
-            "safety_bits": log.safety_bits,
-        }
+        lists = (log.times, log.target_q.ravel(), log.speed_scaling, log.safety_bits)
+        reported = dict(zip(CONTROLLER_COLUMNS, lists, strict=True))
     action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
     return {
         **dict(zip(ACTION_COLUMNS, action, strict=True)),

@@ -17,6 +17,9 @@ from cablecast.errors import DatasetError
 SCHEMA_VERSION = 2
 """Version of the schema; datasets of other versions are refused."""
 
+CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_bits")
+"""Lists of what an arm's controller reported, in the order of `ControllerLog`."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Column:

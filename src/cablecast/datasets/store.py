@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.datasets.reader import Dataset
-from cablecast.datasets.schema import ACTION_COLUMNS, ENDPOINT_COLUMNS, EXTENT_COLUMNS
+from cablecast.datasets.schema import (
+    ACTION_COLUMNS,
+    CONTROLLER_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+)
 from cablecast.errors import DamagedFileError, InputError
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.parts import Parts
@@ -25,7 +30,7 @@ from cablecast.setup import Setup
 _LISTS = (
     *("times", "track_x", "track_y"),
     *("joint_times", "joint_q", "actual_times", "actual_q", "nodes"),
-    *("controller_times", "target_q", "speed_scaling", "safety_bits"),
+    *CONTROLLER_COLUMNS,
 )
 _COLUMNS = (*ACTION_COLUMNS, *ENDPOINT_COLUMNS, "status", "duration", *EXTENT_COLUMNS)
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_COUNT
 from cablecast.datasets.reader import Dataset
+from cablecast.datasets.schema import CONTROLLER_COLUMNS
 from cablecast.errors import DatasetError, InputError
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.joint_path import JointPath
@@ -54,8 +55,8 @@ def controller_log(dataset: Dataset, row: int) -> ControllerLog | None:
         dataset: Trials on a rig.
         row: Index of the trial.
     """
-    names = ("controller_times", "target_q", "speed_scaling", "safety_bits")
-    times, target_q, speed_scaling, safety_bits = (_values(dataset, n, row) for n in names)
+    values = [_values(dataset, name, row) for name in CONTROLLER_COLUMNS]
+    times, target_q, speed_scaling, safety_bits = values
     if times is None or target_q is None or speed_scaling is None or safety_bits is None:
         return None
     try:

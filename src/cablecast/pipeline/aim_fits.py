@@ -72,12 +72,14 @@ def refit_reason(trials: Sequence[AimTrial], fitted_count: int) -> str:
     counts = f"{known} casts are known, and the simulator fits {fitted_count}"
     if known >= GROWTH * fitted_count:
         return counts
+    if known < EARLY_GROWTH * fitted_count:
+        return ""
     surprises = [
         trial.surprise
         for trial in trials[fitted_count:]
         if trial.try_number == 1 and np.isfinite(trial.surprise)
     ]
-    if known < EARLY_GROWTH * fitted_count or len(surprises) < EARLY_TRIES:
+    if len(surprises) < EARLY_TRIES:
         return ""
     mean = float(np.mean(np.minimum(surprises, _SURPRISE_MAX)))
     if mean <= EARLY_SURPRISE:

@@ -66,7 +66,8 @@ class AimSession:
         out: Folder that keeps the casts; none where None.
         within_pct: Distance from a target at which a cast has hit [% of cable length].
         tries: Casts at one target at most.
-        learning: How the model came about, for a new fit to all casts; `prepare_aim` gives it.
+        learning: Settings that the model was learned with, for a new fit to all casts;
+            `prepare_aim` gives them.
 
     Attributes:
         setup: Cable, workspace, arm and motion settings.
@@ -105,7 +106,7 @@ class AimSession:
         """Plan with another model from now on, and learn anew from all casts with it.
 
         Args:
-            learned: What a fit taught.
+            learned: Model and fit, as `learn_anew` returns them.
         """
         policy, tuned = learned.policy, learned.tuned
         _check_policy(policy)

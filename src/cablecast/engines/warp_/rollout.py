@@ -40,7 +40,7 @@ def rollout_kernel(precision: str, lane_count: int, features: Features) -> Simpl
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        features: What the kernel plays.
+        features: Features that the kernel plays.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)

@@ -23,7 +23,7 @@ def table_functions(precision: str, lane_count: int, features: Features) -> Simp
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
-        features: What the kernel plays.
+        features: Features that the kernel plays.
     """
     s = world_structs(precision, lane_count)
     contact = contact_functions(precision, lane_count)
