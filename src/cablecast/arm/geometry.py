@@ -113,7 +113,8 @@ LINKS = {
 
 ARM_MODELS = tuple(LINKS)
 
-_DH_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+_DH_ALPHA = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
+_COS_ALPHA, _SIN_ALPHA = np.cos(_DH_ALPHA), np.sin(_DH_ALPHA)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -204,19 +205,18 @@ class ArmGeometry:
         T[..., 3, 3] = 1.0
         frames = [T]
         links = self.links
-        a_values = (0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0)
-        d_values = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
-        for joint, (a, d, alpha) in enumerate(zip(a_values, d_values, _DH_ALPHA, strict=True)):
-            c, s = np.cos(q[..., joint]), np.sin(q[..., joint])
-            ca, sa = np.cos(alpha), np.sin(alpha)
-            step = np.zeros_like(T)
-            step[..., 0, 0], step[..., 0, 1] = c, -s * ca
-            step[..., 0, 2], step[..., 0, 3] = s * sa, a * c
-            step[..., 1, 0], step[..., 1, 1] = s, c * ca
-            step[..., 1, 2], step[..., 1, 3] = -c * sa, a * s
-            step[..., 2, 1], step[..., 2, 2], step[..., 2, 3] = sa, ca, d
-            step[..., 3, 3] = 1.0
-            T = T @ step
+        a = np.array([0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0])
+        c, s = np.cos(q), np.sin(q)
+        steps = np.zeros((*q.shape, 4, 4))
+        steps[..., 0, 0], steps[..., 0, 1] = c, -s * _COS_ALPHA
+        steps[..., 0, 2], steps[..., 0, 3] = s * _SIN_ALPHA, a * c
+        steps[..., 1, 0], steps[..., 1, 1] = s, c * _COS_ALPHA
+        steps[..., 1, 2], steps[..., 1, 3] = -c * _SIN_ALPHA, a * s
+        steps[..., 2, 1], steps[..., 2, 2] = _SIN_ALPHA, _COS_ALPHA
+        steps[..., 2, 3] = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
+        steps[..., 3, 3] = 1.0
+        for joint in range(q.shape[-1]):
+            T = T @ steps[..., joint, :, :]
             frames.append(T)
         return frames
 

@@ -179,6 +179,17 @@ def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, word
         check_ready(link, setup.robot)
 
 
+def test_nothing_moves_where_the_centre_of_the_payload_is_another(link, twin):
+    robot = twin[1].robot
+    aside = dataclasses.replace(robot, payload_cog=(0.0, 0.03, 0.06))
+    with pytest.raises(RigError, match=r"centre on the controller is at \[0.0, 0.0, 0.06\] m"):
+        check_ready(link, aside)
+    report = dataclasses.replace(link.wait_for_report(), payload_cog=None)
+    link.wait_for_report = lambda: report
+    # A controller that does not report it is taken at the person's word.
+    check_ready(link, aside)
+
+
 def test_a_motion_from_elsewhere_is_refused(link, player, twin):
     points = way(link, twin[1])
     shifted = type(points)(points.q + 0.002, points.dt)

@@ -103,7 +103,8 @@ def test_a_cast_of_which_reports_were_lost_teaches_nothing(lost):
     times = 50.0 + np.arange(-20, 160) * 0.008
 
     def reports(times):
-        return [Report(t, t, still, still, still, 1.0, 1, 7, True, 0.0, 2, 1, 1) for t in times]
+        rest = (still, still, still, 1.0, 1, 7, True, 0.0, None, 2, 1, 1)
+        return [Report(t, t, *rest) for t in times]
 
     check_reports(Played(50.0, reports(times)), points)
     left = times[(times < 50.0 + lost[0]) | (times > 50.0 + lost[1])]

@@ -114,6 +114,7 @@ class Agent:
                     r.getRobotMode(),
                     r.getRuntimeState() == 2,
                     r.getPayload(),
+                    self._payload_cog(),
                     r.getOutputIntRegister(state),
                     r.getOutputIntRegister(tick),
                     r.getOutputIntRegister(number),
@@ -129,6 +130,13 @@ class Agent:
             except Exception:
                 # A connection that breaks: the silence will be noticed.
                 time.sleep(0.01)
+
+    def _payload_cog(self) -> list[float] | None:
+        """Return the centre of the payload; None where the controller does not report it."""
+        try:
+            return self._receive.getPayloadCog()
+        except RuntimeError:
+            return None
 
     def _stream(self, command: dict[str, Any]) -> None:
         """Send set points one by one, each a cycle after the one before."""

@@ -51,6 +51,8 @@ class Report:
         robot_mode: Robot mode of RTDE; 7 is running.
         is_playing: True while a program runs.
         payload: Payload that is set [kg].
+        payload_cog: Centre of that payload in the flange frame [m], shape [3]; None where the
+            controller does not report it.
         state: State that the program wrote.
         tick: Set point that the program has reached.
         number: Number of the program.
@@ -66,6 +68,7 @@ class Report:
     robot_mode: int
     is_playing: bool
     payload: float
+    payload_cog: NDArray[np.float64] | None
     state: int
     tick: int
     number: int
@@ -73,6 +76,8 @@ class Report:
     def __post_init__(self):
         for name in ("q", "qd", "target_q"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
+        if self.payload_cog is not None:
+            object.__setattr__(self, "payload_cog", np.array(self.payload_cog, dtype=float))
 
 
 class UrLink:

@@ -1,5 +1,7 @@
 """Reading the controller's state: whether the arm may move, and what a person has to do if not."""
 
+import numpy as np
+
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import RigError
 from cablecast.rigs.ur.link import Report, UrLink
@@ -29,6 +31,8 @@ _ADVICE = {
 RESUME = "cablecast never clears a stop; the same command resumes with this trial"
 PAYLOAD_TOLERANCE = 0.05
 """Largest difference between the payload of the lab file and that on the controller [kg]."""
+CENTER_TOLERANCE = 0.02
+"""Largest distance between the centre of the payload in the lab file and on the controller [m]."""
 SPEED_TOLERANCE = 1e-3
 
 
@@ -76,5 +80,11 @@ def check_ready(link: UrLink, robot: RobotConfig) -> Report:
         raise RigError(
             f"the payload on the controller is {report.payload:.2f} kg, that of the lab file "
             f"{robot.payload_mass:.2f} kg: weigh gripper and cable, and set both alike"
+        )
+    center = report.payload_cog
+    if center is not None and np.linalg.norm(center - robot.payload_cog) > CENTER_TOLERANCE:
+        raise RigError(
+            f"the payload's centre on the controller is at {center.round(3).tolist()} m, that of "
+            f"the lab file at {list(robot.payload_cog)} m: measure it, and set both alike"
         )
     return report
