@@ -24,7 +24,8 @@ class TwinConfig:
         camera_port: Port of the camera's stream, on 127.0.0.1.
         admin_port: Port that takes faults, and tells the truth to tests.
         rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
-            runs slower where the simulation cannot keep up.
+            runs slower where the simulation cannot keep up, and no faster than the world where no
+            client of RTDE is connected.
         patience: Longest time for which the clock waits for a silent client while a program runs
             [s], so that the watchdog does not bark at a busy computer. A real controller waits for
             nobody.

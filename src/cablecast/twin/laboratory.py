@@ -81,6 +81,7 @@ class TwinLaboratory:
         self._next_picture = 0.0
         self._heard_at = time.monotonic()
         self.camera = self._make_camera()
+        self._grip = setup.arm.grip_pose(self.controller.arm.q)
         self._history: collections.deque[tuple[float, NDArray[np.float64], float]] = (
             collections.deque(maxlen=round(_HISTORY_TIME / self.controller.dt))
         )
@@ -94,7 +95,7 @@ class TwinLaboratory:
         due = time.monotonic()
         while not self.stopping and is_wanted():
             # A twin that is late does not hurry: its clock just runs slower.
-            due = max(due + self.controller.dt / self.config.rate, time.monotonic() - 0.1)
+            due = max(due + self.controller.dt / self._rate(), time.monotonic() - 0.1)
             while True:
                 left = due - time.monotonic()
                 self.servers.poll(left, self._accepted, self._received)
@@ -104,6 +105,10 @@ class TwinLaboratory:
                     return
             if not self._is_waiting():
                 self.tick()
+
+    def _rate(self) -> float:
+        """Return the speed of the clock: no more than that of the world where nobody is there."""
+        return self.config.rate if self.servers.of("rtde") else min(self.config.rate, 1.0)
 
     def _is_waiting(self) -> bool:
         """Return whether the clock waits for a client that is silent."""
@@ -120,6 +125,7 @@ class TwinLaboratory:
         self._read_programs()
         self._make_faults()
         poses = controller.tick()
+        self._grip = poses[-1]
         if self.cable is not None:
             is_reset = self._phase[0] == "reset"
             trial = self.cable.update(poses, controller.arm.dt, controller.at_rest, is_reset)
@@ -146,7 +152,7 @@ class TwinLaboratory:
         """Return the cable, or the stick in its place, from grip to endpoint, shape [node, 3]."""
         if self.cable is not None:
             return self.cable.nodes
-        pose = self.setup.arm.grip_pose(self.controller.arm.q)
+        pose = self._grip
         arc = np.linspace(0.0, self.setup.cable.length, _STICK_NODE_COUNT)
         return pose[:3] + arc[:, None] * tangent(pose[3], pose[4])
 
