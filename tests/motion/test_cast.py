@@ -53,7 +53,7 @@ def test_the_grip_path_follows_the_exact_polar_path(config):
     polar = plan_sweeps(actions, Setup(motion=config))
     grip = cast_grip_paths(actions, Setup(motion=config))
     times = dense_times(polar)
-    xy, velocity, _ = polar.xy(times)
+    (xy, velocity, *_), _ = polar.motion(times)
     yaw = polar.angles(times)[1][0]
     poses, rates = grip.evaluate(times), grip.evaluate(times, 1)
     assert np.max(np.linalg.norm(poses[..., :2] - xy, axis=-1)) < PATH_ERROR
@@ -108,7 +108,7 @@ def test_the_arc_rests_at_theta1_and_turns_there():
 def test_the_radius_keeps_moving_through_the_turn():
     actions = random_actions(20, 4)
     polar = plan_sweeps(actions, SETUP)
-    _, rate, _ = polar.radius(polar.first.duration[:, None])
+    _, rate, *_ = polar.radius(polar.first.duration[:, None])
     assert np.all(np.sign(rate[:, 0]) == np.sign(actions[:, 2] - CONFIG.r0))
 
 
@@ -144,13 +144,13 @@ def test_the_speed_of_the_grip_never_exceeds_v_max(theta1, theta2, r2, wrist, v_
     config = MotionConfig(v_max=v_max, r0=r0, jerk=jerk)
     action = np.array([[theta1, theta2, r2, theta2 + wrist]])
     polar = plan_sweeps(action, Setup(motion=config))
-    speed = np.linalg.norm(polar.xy(dense_times(polar, 400))[1], axis=-1)
+    speed = np.linalg.norm(polar.motion(dense_times(polar, 400))[0][1], axis=-1)
     assert np.max(speed) <= v_max * (1 + EXACT)
 
 
 def test_a_long_arc_at_constant_radius_runs_at_v_max():
     polar = plan_sweeps([[-1.2, 1.2, CONFIG.r0, 1.2]], SETUP)
-    speed = np.linalg.norm(polar.xy(dense_times(polar))[1], axis=-1)
+    speed = np.linalg.norm(polar.motion(dense_times(polar))[0][1], axis=-1)
     assert np.max(speed) == pytest.approx(CONFIG.v_max, rel=EXACT)
 
 

@@ -63,28 +63,25 @@ class SweepPaths:
         """Time at which the whole motion, wrist included, is at rest [s], shape [action]."""
         return self.first.duration + np.maximum(self.second.duration, self.wrist.duration)
 
-    def radius(
-        self, times: NDArray[np.float64], before: bool = False
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the radius and its first two derivatives.
+    def radius(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the radius and its derivatives.
 
         Args:
             times: Times since the start of the motion [s], shape [action, step].
-            before: Whether to return the left limit of the second derivative at the end of the
-                arcs, where it jumps.
 
         Returns:
-            r [m], its rate [m/s] and second derivative [m/s²], each of shape [action, step].
+            r [m], its rate [m/s], its second derivative [m/s²] and the left limit of that, which
+            differs at the end of the arcs, where it jumps; each of shape [action, step].
         """
         end = self.arc_duration[:, None]
         reach = (self.r2 - self.r0)[:, None]
         u = np.clip(times / end, 0.0, 1.0)
         bend = reach * (6.0 - 12.0 * u) / end**2
-        moving = times <= end if before else times < end
         return (
             self.r0 + reach * u**2 * (3.0 - 2.0 * u),
             reach * 6.0 * u * (1.0 - u) / end,
-            np.where(moving, bend, 0.0),
+            np.where(times < end, bend, 0.0),
+            np.where(times <= end, bend, 0.0),
         )
 
     def angles(
@@ -105,29 +102,30 @@ class SweepPaths:
         wrist = self.wrist.evaluate(since)
         return theta, tuple(t + w for t, w in zip(theta, wrist, strict=True))
 
-    def xy(
-        self, times: NDArray[np.float64], before: bool = False
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return position, velocity and acceleration of the grip in the base frame.
+    def motion(
+        self, times: NDArray[np.float64]
+    ) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
+        """Return position and yaw of the grip in the base frame, with their derivatives.
 
         Args:
             times: Times since the start of the motion [s], shape [action, step].
-            before: See `radius`.
 
         Returns:
-            Position [m], velocity [m/s] and acceleration [m/s²], each of shape [action, step, 2].
+            Position [m], velocity [m/s], acceleration [m/s²] and the left limit of the acceleration
+            (see `radius`), each of shape [action, step, 2]; yaw [rad], its rate and its
+            acceleration, each of shape [action, step].
         """
-        r, dr, ddr = self.radius(times, before)
-        (theta, dtheta, ddtheta), _ = self.angles(times)
-        radial = np.stack([np.sin(theta), np.cos(theta)], axis=-1)
-        across = np.stack([np.cos(theta), -np.sin(theta)], axis=-1)
+        r, dr, *bends = self.radius(times)
+        (theta, dtheta, ddtheta), yaw = self.angles(times)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        radial = np.stack([sine, cosine], axis=-1)
+        across = np.stack([cosine, -sine], axis=-1)
+        turning = (r * ddtheta + 2.0 * dr * dtheta)[..., None] * across
         origin = np.array([0.0, self.origin_y])
-        return (
-            origin + r[..., None] * radial,
-            dr[..., None] * radial + (r * dtheta)[..., None] * across,
-            (ddr - r * dtheta**2)[..., None] * radial
-            + (r * ddtheta + 2.0 * dr * dtheta)[..., None] * across,
-        )
+        position = origin + r[..., None] * radial
+        velocity = dr[..., None] * radial + (r * dtheta)[..., None] * across
+        accelerations = [(ddr - r * dtheta**2)[..., None] * radial + turning for ddr in bends]
+        return (position, velocity, *accelerations), yaw
 
 
 def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
@@ -214,16 +212,10 @@ def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
 
 def _sweep_grip_paths(paths: SweepPaths, height: float) -> GripPath:
     knots = _knots(paths)
-    xy, dxy, ddxy = paths.xy(knots)
-    _, _, ddxy_before = paths.xy(knots, before=True)
-    _, (yaw, dyaw, ddyaw) = paths.angles(knots)
+    (xy, dxy, ddxy, ddxy_before), (yaw, dyaw, ddyaw) = paths.motion(knots)
     poses, velocities, after, before = np.zeros((4, *knots.shape, 5))
-    poses[..., :2], velocities[..., :2], after[..., :2], before[..., :2] = (
-        xy,
-        dxy,
-        ddxy,
-        ddxy_before,
-    )
+    poses[..., :2], velocities[..., :2], after[..., :2] = xy, dxy, ddxy
+    before[..., :2] = ddxy_before
     poses[..., 3], velocities[..., 3], after[..., 3], before[..., 3] = yaw, dyaw, ddyaw, ddyaw
     poses[..., 2] = height
     accelerations = np.stack([after[:, :-1], before[:, 1:]], axis=2)

@@ -6,6 +6,7 @@ are read from ruckig: nothing is sampled in Python.
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ class Profiles:
     def __len__(self) -> int:
         return len(self.durations)
 
-    @property
+    @functools.cached_property
     def knots(self) -> NDArray[np.float64]:
         """Times at which the jerk switches, from 0 to the end [s], shape [move, 8]."""
         start = np.zeros((len(self), 1))
@@ -69,7 +70,7 @@ class Profiles:
             Position [rad], velocity [rad/s], acceleration [rad/s²], each of shape [move, step].
         """
         knots = self.knots
-        position, velocity, acceleration = self._states()
+        position, velocity, acceleration = self._states
         times = np.clip(times, 0.0, knots[:, -1:])
         phase = np.zeros(times.shape, dtype=np.intp)
         for column in range(1, PHASE_COUNT):
@@ -85,6 +86,7 @@ class Profiles:
             a + t * j,
         )
 
+    @functools.cached_property
     def _states(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return position, velocity and acceleration at each knot, each of shape [move, 8]."""
         p, v, a = np.zeros((3, len(self), PHASE_COUNT + 1))
