@@ -5,6 +5,11 @@ import signal
 
 import pytest
 
+# Several tests run at once, so threads of one test would only wait for those of another. Set before
+# numpy and torch are imported; processes that the tests start inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
