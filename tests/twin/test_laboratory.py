@@ -1,11 +1,13 @@
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from cablecast.rigs.ur.path import joint_move
 from cablecast.rigs.ur.program import BEAT_REGISTER, motion_program
 from cablecast.twin.config import TwinConfig
-from cablecast.twin.laboratory import TwinLaboratory
+from cablecast.twin.faults import Fault
+from cablecast.twin.laboratory import PHASE_REGISTER, RIG_PHASES, TwinLaboratory
 
 # Nobody connects: any free port will do.
 PORTS = {
@@ -40,5 +42,26 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
         else:
             assert not controller.is_running_program
             assert controller.at_rest
+    finally:
+        laboratory.close()
+
+
+def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup, monkeypatch):
+    laboratory = TwinLaboratory(twin_setup, TwinConfig(has_cable=False, has_camera=False, **PORTS))
+    controller = laboratory.controller
+
+    def write(client, phase, clients):
+        controller.inputs[f"input_int_register_{PHASE_REGISTER}"] = RIG_PHASES.index(phase)
+
+    monkeypatch.setattr(laboratory.rtde, "receive", write)
+    try:
+        laboratory.faults.append(Fault("speed_slider", "readout"))
+        laboratory.tick()
+        assert controller.speed_slider == 1.0
+        for phase in ("readout", "idle"):
+            laboratory._serve(SimpleNamespace(kind="rtde"), phase)
+        laboratory.tick()
+        assert controller.speed_slider == 0.5
+        assert not laboratory.faults
     finally:
         laboratory.close()

@@ -74,6 +74,8 @@ class TwinLaboratory:
         self.stopping = False
         self.servers = Servers(config.address, config.ports)
         self._phase = ("idle", self.controller.time)
+        # Phases that were said since the last tick: a slow tick may miss a short one.
+        self._said: set[str] = set()
         self._held: list[tuple[Client, bytes]] = []
         self._senders: list[Client] = []
         self._silent_until = -1.0
@@ -177,6 +179,7 @@ class TwinLaboratory:
     def _serve(self, client: Client, data: bytes) -> None:
         if client.kind == "rtde":
             self.rtde.receive(client, data, self.servers.of("rtde"))
+            self._said.add(self.phase)
             return
         client.state["text"] += data
         if client.kind in ("program", "program_realtime"):
@@ -293,9 +296,11 @@ class TwinLaboratory:
         phase = self.phase
         if phase != self._phase[0]:
             self._phase = (phase, controller.time)
+        said, self._said = self._said, set()
         for fault in list(self.faults):
-            waits = fault.phase not in ("now", phase)
-            if not waits and controller.time - self._phase[1] >= fault.after:
+            is_on = fault.phase in ("now", phase)
+            is_due = is_on and controller.time - self._phase[1] >= fault.after
+            if is_due or (fault.phase in said and fault.after == 0.0):
                 self.faults.remove(fault)
                 controller.log("fault", name=fault.name, phase=phase)
                 self._make(fault.name)
