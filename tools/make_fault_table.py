@@ -253,6 +253,9 @@ def main() -> None:
         print(text)
         return
     command = "python tools/make_fault_table.py --out docs/faults.md"
+    unfinished = ""
+    if any(f"{fault} {phase}" not in cells for fault, phase in wanted):
+        unfinished = "\nA dash stands where the command was stopped before it came so far."
     args.out.write_text(
         f"""# Faults of the robot, in every phase
 
@@ -262,8 +265,7 @@ at each; then a person clears it, and the same command is given again. "Resumed"
 finished, and that the dataset is whole. "At rest" is by the twin's clock, for faults after which
 the arm must stop; a fault of camera or cable lets the arm carry out a motion that was checked. The
 reset only lifts the cable and sets it down. The arm holds a stick, but where the cable is at fault;
-the camera is told the truth by the twin, but where the camera is at fault. A dash stands where the
-command was stopped before it came so far.
+the camera is told the truth by the twin, but where the camera is at fault.{unfinished}
 Written by `{command}`.
 
 {text}
