@@ -11,36 +11,17 @@ larger one asks for. Medians come with the interval that holds 90 % of 2,000 boo
 
 import dataclasses
 import pathlib
-import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import cablecast as cc
 from benchmarks.common import Table
-from benchmarks.strange_rig import Scatter, StrangeRig
+from benchmarks.places import MANY, METHODS, MISSED_PCT, REAL_MIN, Place
 from cablecast.cli.progress import console_progress
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.store import CastStore
 from cablecast.errors import InputError
-from cablecast.policies.forward_search import ForwardSearchPolicy
-from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.runs.parts import Parts
-from cablecast.runs.progress import Progress, ProgressCallback
+from cablecast.runs.progress import ProgressCallback
 
-METHODS = ("aim", "full gain", "simulated", "correction", "fine-tuning", "paper")
-"""aim: this package's loop. full gain: the same with every miss taken at face value. simulated: the
-model of the fit, no casts in landing space. correction, fine-tuning: `train` with the real casts.
-paper: Differential Evolution, then fine-tuning where there are enough casts."""
-
-MISSED_PCT = 100.0
-"""Miss of a cast without a landing [% of cable length]."""
-FIT_MAX = 20
-"""Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
-REAL_MIN = {"correction": 19, "fine-tuning": 19}
-"""Casts that a method needs."""
 DRAW_COUNT = 2000
 
 COLUMNS = ("rig", "cable", "casts", "method", "targets", "try", "median", "q1", "q3", "missed")
@@ -60,7 +41,7 @@ class Args:
     counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
     """Numbers of real casts before the first target."""
     methods: tuple[str, ...] = METHODS
-    """Methods, some of aim, full gain, simulated, correction, fine-tuning, paper."""
+    """Methods, some of aim, full gain, simulated, correction, fine-tuning, paper, many."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
     tries: int = 4
@@ -71,6 +52,8 @@ class Args:
     """Largest number of passes over them."""
     candidates: int = 20_000
     """Motions that planning chooses from."""
+    many_cables: pathlib.Path | None = None
+    """Model of many cables for the method many, which `cablecast train --cables` made."""
     quick: bool = False
     """Use the strange rig, one laboratory, one cable, 8 targets, and small models only."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
@@ -91,222 +74,6 @@ QUICK: dict[str, Any] = {
     "epochs": 15,
     "candidates": 2000,
 }
-
-
-class _Luck:
-    """A rig whose n-th cast at each target draws other chances."""
-
-    def __init__(self, rig: CheckedRig, first: int):
-        self.rig, self.first = rig, first
-        self.setup, self.description = rig.setup, rig.description
-
-    def seek(self, index: int, purpose: str = "") -> None:
-        self.rig.seek(self.first + index, purpose)
-
-    def reset(self) -> None:
-        self.rig.reset()
-
-    def execute(self, trajectory: cc.Trajectory) -> cc.EndpointTrack:
-        return self.rig.execute(trajectory)
-
-
-class FixedSession:
-    """Casts the plan of a policy again and again, as without a loop."""
-
-    def __init__(self, policy: ForwardSearchPolicy):
-        self.policy = policy
-
-    def misses(self, rig: _Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
-        motion = self.policy.plan(target).trajectories[0]
-        rows = []
-        for number in range(tries):
-            rig.seek(number, "aim")
-            rig.reset()
-            rows.append(rig.execute(motion).final_xy)
-        length = self.policy.setup.cable.length
-        return {"miss_pct": [_miss(xy, target, length) for xy in rows], "square": []}
-
-
-class LoopSession:
-    """Aims with a session that knows some casts.
-
-    Args:
-        session: Session that knows the casts.
-        full_gain: Whether every miss is taken at face value.
-    """
-
-    def __init__(self, session: cc.AimSession, full_gain: bool):
-        self.session = session
-        self.full_gain = full_gain
-
-    def misses(self, rig: _Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
-        session = self.session.fork()
-        rows: dict[str, list] = {"miss_pct": [], "square": []}
-        for _ in range(tries):
-            if self.full_gain:
-                known = session.aimer.experience
-                scales = dataclasses.replace(known.residual.scales, noise=1e-4)
-                known.residual = dataclasses.replace(known.residual, scales=scales)
-            proposal = session.propose(target)
-            trial = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
-            miss = trial.miss_pct
-            rows["miss_pct"].append(miss if np.isfinite(miss) else MISSED_PCT)
-            offset = trial.final_xy - proposal.expected_xy
-            square = float(offset @ np.linalg.solve(proposal.covariance, offset))
-            rows["square"].append(square if np.isfinite(square) else None)
-        return rows
-
-
-def _miss(xy: NDArray[np.float64], target: NDArray[np.float64], length: float) -> float:
-    miss = 100.0 * float(np.linalg.norm(xy - target)) / length
-    return miss if np.isfinite(miss) else MISSED_PCT
-
-
-def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
-    """Return a rig of a laboratory."""
-    if name == "virtual":
-        return cc.make_rig(RigVirtual(setup, 0, VirtualConfig(lab_seed=lab)), setup)
-    scatter = {"strange": 1.0, "scattering": 3.0}
-    if name not in scatter:
-        raise InputError(f"unknown rig {name[:40]!r}: one of virtual, strange, scattering")
-    return cc.make_rig(StrangeRig(setup, 0, lab, Scatter().times(scatter[name])), setup)
-
-
-def some_targets(count: int, lab: int) -> NDArray[np.float64]:
-    """Return targets drawn about the paper's 32, of which none is repeated [m], [target, 2]."""
-    rng = np.random.default_rng([lab, 29])
-    paper = cc.load_targets()
-    workspace = cc.Workspace()
-    chosen: list[NDArray[np.float64]] = []
-    while len(chosen) < count:
-        xy = paper[rng.integers(len(paper))] + rng.uniform(-0.05, 0.05, 2)
-        if workspace.on_table(xy):
-            chosen.append(xy)
-    return np.array(chosen)
-
-
-class Place:
-    """One cable in one laboratory: its casts, and the models that learned from them."""
-
-    def __init__(self, args: Args, name: str, lab: int, cable: str, report: ProgressCallback):
-        self.args, self.name, self.lab, self.report = args, name, lab, report
-        self.setup = cc.Setup(cable=cable)
-        self.rig = open_rig(name, lab, self.setup)
-        size = f"{args.simulated}-{args.epochs}"
-        self.folder = args.out / f"{name}-{lab}-{cable}"
-        self.parts = Parts(self.folder / f"results-{size}")
-        self.models = self.folder / f"models-{size}"
-
-    def casts(self, count: int, first: int = 0) -> Dataset | None:
-        """Return the casts from the first one on; a larger count begins with a smaller one."""
-        if count <= first:
-            return None
-        largest = max(self.args.counts)
-        numbers = {"tune": min(largest, FIT_MAX), "real": max(largest - FIT_MAX, 0)}
-        every, chosen = CastStore(self.setup), CastStore(self.setup)
-        for purpose, number in numbers.items():
-            if number:
-                folder = self.folder / "casts" / f"{purpose}-{number}"
-                settings: dict[str, Any] = {"purpose": purpose, "sampling": "uniform"}
-                seed = 0 if purpose == "tune" else 1
-                every.add_dataset(
-                    cc.collect(
-                        self.rig,
-                        count=number,
-                        seed=seed,
-                        out=folder,
-                        progress=self.report,
-                        **settings,
-                    )
-                )
-        for cast in every.casts[first:count]:
-            chosen.add(cast)
-        return chosen.dataset()
-
-    def tuned(self, count: int, paper: bool) -> cc.Tuned | None:
-        """Return what some casts say of the cable; None without casts."""
-        few = self.casts(min(count, FIT_MAX))
-        if few is None:
-            return None
-        return cc.tune(
-            few,
-            config=cc.TuneConfig() if paper else cc.FitConfig(),
-            validation_count=1 if paper else 0,
-            out=self.folder / "fits" / f"{count}{'-paper' if paper else ''}",
-            progress=self.report,
-        )
-
-    def policy(self, count: int, paper: bool) -> ForwardSearchPolicy:
-        """Return the model of casts that were simulated with what some casts taught."""
-        folder = self.models / f"{count}{'-paper' if paper else ''}"
-        tuned = self.tuned(count, paper)
-        simulated = cc.simulate(
-            self.setup,
-            tuned,
-            count=self.args.simulated,
-            out=folder / "dataset",
-            progress=self.report,
-        )
-        return cc.train(
-            simulated,
-            epochs=self.args.epochs,
-            candidate_count=self.args.candidates,
-            out=folder / "model",
-            progress=self.report,
-        )
-
-    def session(self, method: str, count: int) -> LoopSession | FixedSession:
-        """Return what casts at targets by a method."""
-        policy = self.policy(count, method == "paper")
-        if method in ("aim", "full gain"):
-            return LoopSession(self._known(policy, count), method == "full gain")
-        if method == "simulated" or (method == "paper" and count < REAL_MIN["fine-tuning"]):
-            return FixedSession(policy)
-        real = self.casts(count)
-        if real is None:
-            raise InputError(f"method {method} needs casts")
-        real = dataclasses.replace(real, info=real.info | {"kind": "real"})
-        simulated = cc.read_dataset(policy_dataset(self.models, count, method == "paper"))
-        how: Any = "correction" if method == "correction" else "fine-tuning"
-        model: Any = policy.model
-        return FixedSession(cc.train(simulated, real, method=how, start=model))
-
-    def _known(self, policy: ForwardSearchPolicy, count: int) -> cc.AimSession:
-        """Return a session that knows some casts."""
-        session = cc.AimSession(
-            policy,
-            casts=self.casts(min(count, FIT_MAX)),
-            tuned=self.tuned(count, paper=False),
-            within_pct=0.01,
-            tries=1000,
-        )
-        rest = self.casts(count, FIT_MAX)
-        if rest is not None:
-            session.add_casts(rest)
-        return session
-
-    def results(self, method: str, count: int, targets: int) -> list[dict[str, Any]]:
-        """Return the results at the targets of this place, and make those that are missing."""
-        rows, session = [], None
-        for index, target in enumerate(some_targets(targets, self.lab)):
-            name = f"{method.replace(' ', '-')}-{count}-{self.args.tries}-{index:03d}"
-            stored = self.parts.get(name)
-            if stored is None:
-                began = time.monotonic()
-                session = session or self.session(method, count)
-                luck = _Luck(self.rig, 1000 * (index + 1))
-                stored = session.misses(luck, target, self.args.tries)
-                stored["seconds"] = round(time.monotonic() - began, 2)
-                self.parts.put(name, stored)
-            rows.append(stored)
-            task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
-            self.report(Progress(task=task, done=index + 1, total=targets, unit="targets"))
-        return rows
-
-
-def policy_dataset(models: pathlib.Path, count: int, paper: bool) -> pathlib.Path:
-    """Return the folder of the simulated casts of a model."""
-    return models / f"{count}{'-paper' if paper else ''}" / "dataset"
 
 
 def interval(values: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -339,7 +106,7 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
     rows_of_regions: list[tuple] = []
     for (name, cable, count, method), rows in found.items():
         misses = np.array([row["miss_pct"] for row in rows])
-        for number in range(tries if method in ("aim", "full gain") else 1):
+        for number in range(tries if method in ("aim", "full gain", MANY) else 1):
             values = misses[:, number]
             median, low, high = interval(values)
             q1, q3 = np.quantile(values, (0.25, 0.75))
@@ -359,6 +126,30 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
     print(Table(title=title, columns=COLUMNS, rows=rows_of_misses))
     title = "Landings within the regions that were stated before the cast [%]"
     print(Table(title=title, columns=REGION_COLUMNS, rows=rows_of_regions))
+
+
+def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> None:
+    """Print how much more the first tries with a model of many cables miss than those of aim."""
+    rows = []
+    for (name, cable, count, method), of_many in found.items():
+        own = found.get((name, cable, count, "aim"))
+        if method != MANY or own is None:
+            continue
+        first = np.array([[row["miss_pct"][0] for row in of] for of in (own, of_many)])
+        rng = np.random.default_rng(0)
+        picks = rng.integers(first.shape[1], size=(DRAW_COUNT, first.shape[1]))
+        draws = np.median(first[:, picks], axis=2)
+        low, high = np.quantile(draws[1] - draws[0], (0.05, 0.95))
+        middle = np.median(first[1]) - np.median(first[0])
+        rows.append(
+            (name, cable, count, first.shape[1], f"{middle:+.1f} ({low:+.1f} to {high:+.1f})")
+        )
+    if rows:
+        title = (
+            "Median first miss with a model of many cables, less that of aim [% of cable length]"
+        )
+        columns = ("rig", "cable", "casts", "targets", "difference")
+        print(Table(title=title, columns=columns, rows=rows))
 
 
 def draw(found: dict[tuple[str, str, int, str], list[dict]], path: pathlib.Path) -> None:
@@ -394,11 +185,13 @@ def draw(found: dict[tuple[str, str, int, str], list[dict]], path: pathlib.Path)
 def main(args: Args) -> int:
     """Run the benchmark and print its tables."""
     args = dataclasses.replace(args, **QUICK) if args.quick else args
-    if unknown := sorted(set(args.methods) - set(METHODS)):
-        raise InputError(f"unknown method {unknown[0][:40]!r}: one of {', '.join(METHODS)}")
+    known = (*METHODS, MANY)
+    if unknown := sorted(set(args.methods) - set(known)):
+        raise InputError(f"unknown method {unknown[0][:40]!r}: one of {', '.join(known)}")
     with console_progress() as progress:
         found = run(args, progress)
     print_tables(found, args.tries)
+    print_differences(found)
     if args.figure is not None:
         draw(found, args.figure)
     return 0

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.casts import interval, open_rig
+from benchmarks.casts import interval
 from benchmarks.common import Table
+from benchmarks.places import open_rig
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.datasets.collect import collect_dataset

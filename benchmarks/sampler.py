@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import cablecast as cc
 from benchmarks import casts as cast_benchmark
-from benchmarks.casts import Place
 from benchmarks.common import Table
+from benchmarks.places import Place
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.pipeline.aim_beliefs import landing_spread

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 import cablecast as cc
 from benchmarks import casts as cast_benchmark
-from benchmarks.casts import MISSED_PCT, Place, interval, some_targets
+from benchmarks.casts import interval
 from benchmarks.common import Table
+from benchmarks.places import MISSED_PCT, Place, some_targets
 from cablecast.cli.progress import console_progress
 from cablecast.pipeline.aim_learning import AimLearning
 

@@ -1,0 +1,269 @@
+"""Laboratories in which benchmarks cast: a rig, its casts, and what learned from them."""
+
+import dataclasses
+import pathlib
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cablecast as cc
+from benchmarks.strange_rig import Scatter, StrangeRig
+from cablecast.datasets.reader import Dataset
+from cablecast.datasets.store import CastStore
+from cablecast.errors import InputError
+from cablecast.pipeline.many_cables import REFINE_COUNT
+from cablecast.policies.forward_search import ForwardSearchPolicy
+from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+from cablecast.runs.parts import Parts
+from cablecast.runs.progress import Progress, ProgressCallback
+
+if TYPE_CHECKING:
+    from benchmarks.casts import Args
+
+METHODS = ("aim", "full gain", "simulated", "correction", "fine-tuning", "paper")
+"""aim: this package's loop. full gain: the same with every miss taken at face value. simulated: the
+model of the fit, no casts in landing space. correction, fine-tuning: `train` with the real casts.
+paper: Differential Evolution, then fine-tuning where there are enough casts."""
+MANY = "many"
+"""Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
+
+MISSED_PCT = 100.0
+"""Miss of a cast without a landing [% of cable length]."""
+FIT_MAX = 20
+"""Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
+REAL_MIN = {"correction": 19, "fine-tuning": 19}
+"""Casts that a method needs."""
+
+
+class _Luck:
+    """A rig whose n-th cast at each target draws other chances."""
+
+    def __init__(self, rig: CheckedRig, first: int):
+        self.rig, self.first = rig, first
+        self.setup, self.description = rig.setup, rig.description
+
+    def seek(self, index: int, purpose: str = "") -> None:
+        self.rig.seek(self.first + index, purpose)
+
+    def reset(self) -> None:
+        self.rig.reset()
+
+    def execute(self, trajectory: cc.Trajectory) -> cc.EndpointTrack:
+        return self.rig.execute(trajectory)
+
+
+class FixedSession:
+    """Casts the plan of a policy again and again, as without a loop."""
+
+    def __init__(self, policy: ForwardSearchPolicy):
+        self.policy = policy
+
+    def misses(self, rig: _Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
+        motion = self.policy.plan(target).trajectories[0]
+        rows = []
+        for number in range(tries):
+            rig.seek(number, "aim")
+            rig.reset()
+            rows.append(rig.execute(motion).final_xy)
+        length = self.policy.setup.cable.length
+        return {"miss_pct": [_miss(xy, target, length) for xy in rows], "square": []}
+
+
+class LoopSession:
+    """Aims with a session that knows some casts.
+
+    Args:
+        session: Session that knows the casts.
+        full_gain: Whether every miss is taken at face value.
+    """
+
+    def __init__(self, session: cc.AimSession, full_gain: bool):
+        self.session = session
+        self.full_gain = full_gain
+
+    def misses(self, rig: _Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
+        session = self.session.fork()
+        rows: dict[str, list] = {"miss_pct": [], "square": []}
+        for _ in range(tries):
+            if self.full_gain:
+                known = session.aimer.experience
+                scales = dataclasses.replace(known.residual.scales, noise=1e-4)
+                known.residual = dataclasses.replace(known.residual, scales=scales)
+            proposal = session.propose(target)
+            trial = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
+            miss = trial.miss_pct
+            rows["miss_pct"].append(miss if np.isfinite(miss) else MISSED_PCT)
+            offset = trial.final_xy - proposal.expected_xy
+            square = float(offset @ np.linalg.solve(proposal.covariance, offset))
+            rows["square"].append(square if np.isfinite(square) else None)
+        return rows
+
+
+def _miss(xy: NDArray[np.float64], target: NDArray[np.float64], length: float) -> float:
+    miss = 100.0 * float(np.linalg.norm(xy - target)) / length
+    return miss if np.isfinite(miss) else MISSED_PCT
+
+
+def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
+    """Return a rig of a laboratory."""
+    if name == "virtual":
+        return cc.make_rig(RigVirtual(setup, 0, VirtualConfig(lab_seed=lab)), setup)
+    scatter = {"strange": 1.0, "scattering": 3.0}
+    if name not in scatter:
+        raise InputError(f"unknown rig {name[:40]!r}: one of virtual, strange, scattering")
+    return cc.make_rig(StrangeRig(setup, 0, lab, Scatter().times(scatter[name])), setup)
+
+
+def some_targets(count: int, lab: int) -> NDArray[np.float64]:
+    """Return targets drawn about the paper's 32, of which none is repeated [m], [target, 2]."""
+    rng = np.random.default_rng([lab, 29])
+    paper = cc.load_targets()
+    workspace = cc.Workspace()
+    chosen: list[NDArray[np.float64]] = []
+    while len(chosen) < count:
+        xy = paper[rng.integers(len(paper))] + rng.uniform(-0.05, 0.05, 2)
+        if workspace.on_table(xy):
+            chosen.append(xy)
+    return np.array(chosen)
+
+
+class Place:
+    """One cable in one laboratory: its casts, and the models that learned from them."""
+
+    def __init__(self, args: "Args", name: str, lab: int, cable: str, report: ProgressCallback):
+        self.args, self.name, self.lab, self.report = args, name, lab, report
+        self.setup = cc.Setup(cable=cable)
+        self.rig = open_rig(name, lab, self.setup)
+        size = f"{args.simulated}-{args.epochs}"
+        self.folder = args.out / f"{name}-{lab}-{cable}"
+        self.parts = Parts(self.folder / f"results-{size}")
+        self.models = self.folder / f"models-{size}"
+
+    def casts(self, count: int, first: int = 0) -> Dataset | None:
+        """Return the casts from the first one on; a larger count begins with a smaller one."""
+        if count <= first:
+            return None
+        largest = max(self.args.counts)
+        numbers = {"tune": min(largest, FIT_MAX), "real": max(largest - FIT_MAX, 0)}
+        every, chosen = CastStore(self.setup), CastStore(self.setup)
+        for purpose, number in numbers.items():
+            if number:
+                folder = self.folder / "casts" / f"{purpose}-{number}"
+                settings: dict[str, Any] = {"purpose": purpose, "sampling": "uniform"}
+                seed = 0 if purpose == "tune" else 1
+                every.add_dataset(
+                    cc.collect(
+                        self.rig,
+                        count=number,
+                        seed=seed,
+                        out=folder,
+                        progress=self.report,
+                        **settings,
+                    )
+                )
+        for cast in every.casts[first:count]:
+            chosen.add(cast)
+        return chosen.dataset()
+
+    def tuned(self, count: int, paper: bool) -> cc.Tuned | None:
+        """Return what some casts say of the cable; None without casts."""
+        few = self.casts(min(count, FIT_MAX))
+        if few is None:
+            return None
+        return cc.tune(
+            few,
+            config=cc.TuneConfig() if paper else cc.FitConfig(),
+            validation_count=1 if paper else 0,
+            out=self.folder / "fits" / f"{count}{'-paper' if paper else ''}",
+            progress=self.report,
+        )
+
+    def policy(self, count: int, paper: bool) -> ForwardSearchPolicy:
+        """Return the model of casts that were simulated with what some casts taught."""
+        folder = self.models / f"{count}{'-paper' if paper else ''}"
+        tuned = self.tuned(count, paper)
+        simulated = cc.simulate(
+            self.setup,
+            tuned,
+            count=self.args.simulated,
+            out=folder / "dataset",
+            progress=self.report,
+        )
+        return cc.train(
+            simulated,
+            epochs=self.args.epochs,
+            candidate_count=self.args.candidates,
+            out=folder / "model",
+            progress=self.report,
+        )
+
+    def policy_of_many(self, count: int) -> ForwardSearchPolicy:
+        """Return what a model of many cables knows of this one after some casts."""
+        if self.args.many_cables is None:
+            raise InputError("method many needs --many-cables: a folder of train --cables")
+        return cc.policy_for_cable(
+            cc.ManyCablesModel.load(self.args.many_cables),
+            self.tuned(count, paper=False) or self.setup.cable.params,
+            self.setup,
+            refine=REFINE_COUNT,
+            candidate_count=self.args.candidates,
+            progress=self.report,
+        )
+
+    def session(self, method: str, count: int) -> LoopSession | FixedSession:
+        """Return what casts at targets by a method."""
+        if method == MANY:
+            return LoopSession(self._known(self.policy_of_many(count), count), full_gain=False)
+        policy = self.policy(count, method == "paper")
+        if method in ("aim", "full gain"):
+            return LoopSession(self._known(policy, count), method == "full gain")
+        if method == "simulated" or (method == "paper" and count < REAL_MIN["fine-tuning"]):
+            return FixedSession(policy)
+        real = self.casts(count)
+        if real is None:
+            raise InputError(f"method {method} needs casts")
+        real = dataclasses.replace(real, info=real.info | {"kind": "real"})
+        simulated = cc.read_dataset(policy_dataset(self.models, count, method == "paper"))
+        how: Any = "correction" if method == "correction" else "fine-tuning"
+        model: Any = policy.model
+        return FixedSession(cc.train(simulated, real, method=how, start=model))
+
+    def _known(self, policy: ForwardSearchPolicy, count: int) -> cc.AimSession:
+        """Return a session that knows some casts."""
+        session = cc.AimSession(
+            policy,
+            casts=self.casts(min(count, FIT_MAX)),
+            tuned=self.tuned(count, paper=False),
+            within_pct=0.01,
+            tries=1000,
+        )
+        rest = self.casts(count, FIT_MAX)
+        if rest is not None:
+            session.add_casts(rest)
+        return session
+
+    def results(self, method: str, count: int, targets: int) -> list[dict[str, Any]]:
+        """Return the results at the targets of this place, and make those that are missing."""
+        rows, session = [], None
+        for index, target in enumerate(some_targets(targets, self.lab)):
+            name = f"{method.replace(' ', '-')}-{count}-{self.args.tries}-{index:03d}"
+            stored = self.parts.get(name)
+            if stored is None:
+                began = time.monotonic()
+                session = session or self.session(method, count)
+                luck = _Luck(self.rig, 1000 * (index + 1))
+                stored = session.misses(luck, target, self.args.tries)
+                stored["seconds"] = round(time.monotonic() - began, 2)
+                self.parts.put(name, stored)
+            rows.append(stored)
+            task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
+            self.report(Progress(task=task, done=index + 1, total=targets, unit="targets"))
+        return rows
+
+
+def policy_dataset(models: pathlib.Path, count: int, paper: bool) -> pathlib.Path:
+    """Return the folder of the simulated casts of a model."""
+    return models / f"{count}{'-paper' if paper else ''}" / "dataset"
