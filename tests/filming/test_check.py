@@ -82,3 +82,10 @@ def test_too_much_light_is_told():
 def test_two_frames_say_nothing():
     with pytest.raises(InputError, match="2 frames say nothing"):
         check(DEVICE, even(2), even(2))
+
+
+def test_a_marker_of_too_few_pixels_is_told():
+    report = check(STREAM, even(), even(start=900.0))
+    for scale, is_told in ((300.0, True), (400.0, False)):
+        advice = dataclasses.replace(report, px_per_m=scale).advice()
+        assert any("the marker is" in line for line in advice) == is_told

@@ -21,6 +21,8 @@ _EXPOSURE_CHANGE = 1.2
 _DARK, _CLIPPED_MAX = 45.0, 0.05
 _RMS_MAX, _RMS_MAX_PX = 0.003, 1.0
 """Misfit of the tags that is worth a word: above both, for small pictures are coarse [m], [px]."""
+_MARKER_WIDTH_MIN = 5.5
+"""Width from which on a marker in sight is found in every frame [px]; see test_small_marker.py."""
 _COUNTED = 1e-6
 """Largest scatter of stamps that are counted and not measured [s]."""
 _OPENING = 2.0
@@ -163,6 +165,12 @@ class CameraReport:
         if missing and self.calibration is not None:
             said.append(f"{missing} of {self.tag_count} tags are not seen: clear what covers them")
         calibration = self.calibration
+        width_px = self.px_per_m * self.settings.marker[1]
+        if width_px < _MARKER_WIDTH_MIN:
+            said.append(
+                f"the marker is {width_px:.1f} px wide, and from {_MARKER_WIDTH_MIN:g} px on it is "
+                "found in every frame: take larger pictures, a closer camera or a wider marker"
+            )
         if calibration is not None and calibration.rejected_ids:
             said.append(
                 f"tags {list(calibration.rejected_ids)} lie elsewhere than the layout says: "
