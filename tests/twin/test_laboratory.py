@@ -1,3 +1,4 @@
+import struct
 import time
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ from cablecast.rigs.ur.program import BEAT_REGISTER, motion_program
 from cablecast.twin.config import TwinConfig
 from cablecast.twin.faults import Fault
 from cablecast.twin.laboratory import PHASE_REGISTER, RIG_PHASES, TwinLaboratory
+from cablecast.twin.rtde_protocol import DATA_PACKAGE, SETUP_INPUTS, frame
 
 # Nobody connects: any free port will do.
 PORTS = {
@@ -46,20 +48,25 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
         laboratory.close()
 
 
-def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup, monkeypatch):
+def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup):
     laboratory = TwinLaboratory(twin_setup, TwinConfig(has_cable=False, has_camera=False, **PORTS))
-    controller = laboratory.controller
-
-    def write(client, phase, clients):
-        controller.inputs[f"input_int_register_{PHASE_REGISTER}"] = RIG_PHASES.index(phase)
-
-    monkeypatch.setattr(laboratory.rtde, "receive", write)
+    controller, server = laboratory.controller, laboratory.rtde
+    sent: list[bytes] = []
+    client = SimpleNamespace(kind="rtde", state={}, send=sent.append, open=True)
     try:
+        server.accept(client)
+        name = f"input_int_register_{PHASE_REGISTER}".encode()
+        server.receive(client, frame(SETUP_INPUTS, name), [client])
+        recipe = next(iter(client.state["inputs"]))
+        # Both arrive as one piece.
+        written = b"".join(
+            frame(DATA_PACKAGE, struct.pack(">Bi", recipe, RIG_PHASES.index(phase)))
+            for phase in ("readout", "idle")
+        )
         laboratory.faults.append(Fault("speed_slider", "readout"))
         laboratory.tick()
         assert controller.speed_slider == 1.0
-        for phase in ("readout", "idle"):
-            laboratory._serve(SimpleNamespace(kind="rtde"), phase)
+        server.receive(client, written, [client])
         laboratory.tick()
         assert controller.speed_slider == 0.5
         assert not laboratory.faults

@@ -69,13 +69,17 @@ class TwinLaboratory:
                 VirtualConfig(lab_seed=config.lab_seed, segment_count=config.segment_count),
                 config.seed,
             )
-        self.rtde = RtdeServer(self.controller, Reporter(self.controller, config.seed).state)
+        # Phases that were said since the last tick: a slow tick may miss a short one.
+        self._said: set[str] = set()
+        self.rtde = RtdeServer(
+            self.controller,
+            Reporter(self.controller, config.seed).state,
+            heard=lambda: self._said.add(self.phase),
+        )
         self.faults: list[Fault] = []
         self.stopping = False
         self.servers = Servers(config.address, config.ports)
         self._phase = ("idle", self.controller.time)
-        # Phases that were said since the last tick: a slow tick may miss a short one.
-        self._said: set[str] = set()
         self._held: list[tuple[Client, bytes]] = []
         self._senders: list[Client] = []
         self._silent_until = -1.0
@@ -179,7 +183,6 @@ class TwinLaboratory:
     def _serve(self, client: Client, data: bytes) -> None:
         if client.kind == "rtde":
             self.rtde.receive(client, data, self.servers.of("rtde"))
-            self._said.add(self.phase)
             return
         client.state["text"] += data
         if client.kind in ("program", "program_realtime"):

@@ -32,11 +32,18 @@ class RtdeServer:
     Args:
         controller: Controller that they talk to.
         state: Function that returns what the controller reports.
+        heard: Called after each package of inputs.
     """
 
-    def __init__(self, controller: Controller, state: Callable[[], dict[str, Any]]):
+    def __init__(
+        self,
+        controller: Controller,
+        state: Callable[[], dict[str, Any]],
+        heard: Callable[[], None],
+    ):
         self.controller = controller
         self.state = state
+        self.heard = heard
         self.lost_until = -1.0
         self.late_until = -1.0
         self._late: collections.deque[tuple[float, Client, bytes]] = collections.deque()
@@ -86,6 +93,7 @@ class RtdeServer:
             self.controller.inputs.update(values)
             self.controller.inputs["written at"] = self.controller.time
             self._move_slider(values)
+            self.heard()
 
     def _set_outputs(self, client: Client, payload: bytes) -> None:
         (frequency,) = struct.unpack_from(">d", payload)
