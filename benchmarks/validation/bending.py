@@ -13,21 +13,23 @@ LEVEL = 0.5 * np.pi  # the yaw of a cable along x
 
 
 def sagging(make: MakeEngine, segment_count: int, dt: float, cable: Cable):
-    """Return the nodes of a level clamped cable at rest under its own weight [m]."""
+    """Return the nodes of level clamped cables at rest under their own weight [m], by world."""
     state = scenes.straight(segment_count, (0, 0, HEIGHT), (1, 0, 0))
     rollout = make(segment_count, dt).rollout(
         cable, cable.params, scenes.hold((0, 0, HEIGHT), yaw=LEVEL), state, duration=4.0
     )
-    return rollout.final_state.positions[0] - [0, 0, HEIGHT]
+    return rollout.final_state.positions - [0, 0, HEIGHT]
 
 
 def cantilever(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     outcomes, curves = [], []
-    for stiffness, mass in ((0.1, 2e-3), (0.05, 1e-3)):
-        cable = scenes.make_cable(
-            bend_stiffness=stiffness, mass=mass, linear_damping=5.0, angular_damping=50.0
-        )
-        nodes = sagging(make, segment_count, dt, cable)
+    kinds = ((0.1, 2e-3), (0.05, 1e-3))
+    stiffnesses, masses = np.array(kinds).T
+    cable = scenes.make_cable(
+        bend_stiffness=stiffnesses, mass=masses, linear_damping=5.0, angular_damping=50.0
+    )
+    shapes = sagging(make, segment_count, dt, cable)
+    for (stiffness, mass), nodes in zip(kinds, shapes, strict=True):
         weight = mass * GRAVITY / LENGTH
 
         def sag(s, weight=weight, stiffness=stiffness):
@@ -83,7 +85,7 @@ def elastica(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         cable = scenes.make_cable(
             bend_stiffness=stiffness, linear_damping=5.0, angular_damping=50.0
         )
-        nodes = sagging(make, segment_count, dt, cable)
+        (nodes,) = sagging(make, segment_count, dt, cable)
         exact = heavy_elastica(stiffness, scenes.MASS * GRAVITY / LENGTH)
         label = f"EI = {stiffness:g} N·m²"
         for axis, name in ((1, "sag"), (0, "reach")):

@@ -10,7 +10,7 @@ from benchmarks.validation.case import Case, Curve, MakeEngine, Measured, Outcom
 from benchmarks.validation.scenes import LOCKED
 from cablecast.cable import load_cable
 
-CAST_COUNT = 32
+CAST_COUNT = 16
 DURATION = 1.2
 """Up to the whip [s]: after it the cast magnifies errors by an amount that is chance."""
 SEED = 3

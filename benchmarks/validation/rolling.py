@@ -208,7 +208,7 @@ def spun_rod(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         tip_force=-couple,
         torque=couple * LENGTH,
         spinning_friction=lever,
-        rate=0.5,
+        rate=0.25,
     )
 
 

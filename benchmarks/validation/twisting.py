@@ -21,14 +21,14 @@ def torsional_rate(stiffness: float, mass: float = MASS) -> float:
 
 
 def swing(make: MakeEngine, segment_count: int, dt: float, cable, mode: int):
-    """Return the roll of the last segment after release in a mode, at 48 times in 1.2 periods."""
+    """Return the roll of the last segment after release in a mode, at 24 times in 1.2 periods."""
     wave = (mode - 0.5) * np.pi / LENGTH
     speed = torsional_rate(float(cable.params.twist_stiffness), float(cable.params.mass))
     omega = wave * speed
     middles = scenes.lengthwise(segment_count)
     state = scenes.straight(segment_count, START, (0, 1, 0))
     state = dataclasses.replace(state, roll=0.3 * np.sin(wave * middles)[None])
-    times = np.round(np.linspace(0.0, 1.2 * 2 * np.pi / omega, 49)[1:] / dt) * dt
+    times = np.round(np.linspace(0.0, 1.2 * 2 * np.pi / omega, 25)[1:] / dt) * dt
     rolls = scenes.rolls_after(
         make(segment_count, dt, 0.0), cable, scenes.hold(START), state, times
     )[:, -1]
