@@ -69,8 +69,9 @@ def test_the_fast_engine_agrees_with_the_plain_rod_along_whole_casts(paths):
 def test_the_fast_engine_agrees_with_the_plain_rod_where_both_roll(
     rolling_friction, twist_stiffness
 ):
-    # Half of the casts each, so that every cast meets each of the four values.
-    paths = cast_grip_paths(ACTIONS[bool(rolling_friction) != bool(twist_stiffness) :: 2], Setup())
+    # A cast of its own for each of the four kinds of cable, so that every cast is met.
+    kind = 2 * (not rolling_friction) + (not twist_stiffness)
+    paths = cast_grip_paths(ACTIONS[kind : kind + 1], Setup())
     params = dataclasses.replace(
         ROLLING, rolling_friction=rolling_friction, twist_stiffness=twist_stiffness
     )
@@ -100,6 +101,8 @@ def test_mujocos_rod_is_the_plain_rod_with_another_bending_law_and_another_frict
 
 def test_the_fast_engine_and_mujoco_agree_to_two_per_cent_along_whole_casts(paths):
     engine = EngineWarp(segment_count=80, dt=2.5e-4, precision="double", rest_speed=0.0)
+    # The slowest cast and the one that reaches farthest.
+    paths = paths[::2]
     ours = engine.rollout(CABLE, PARAMS, paths, duration=DURATION, record_nodes=True).nodes
     theirs = shapes_in_mujoco(40, 1e-3, PARAMS, paths, DURATION)
     difference = difference_pct(ours, theirs)
