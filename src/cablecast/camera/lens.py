@@ -106,16 +106,15 @@ class Lens:
     def distort(self, normalised: ArrayLike) -> NDArray[np.float64]:
         """Return the pixels at which normalised points appear, shape [..., 2]."""
         ideal = np.asarray(normalised, dtype=float)
-        bent, _ = self._bend(ideal)
-        return bent * self.focal + self.centre
+        return self._bend(ideal) * self.focal + self.centre
 
     def undistort(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Return the normalised points that appear at some pixels, shape [..., 2]."""
         wanted = (np.asarray(pixels, dtype=float) - self.centre) / self.focal
         ideal = wanted.copy()
         for _ in range(_NEWTON_COUNT):
-            bent, jacobian = self._bend(ideal)
-            miss = wanted - bent
+            jacobian = self._jacobian(ideal)
+            miss = wanted - self._bend(ideal)
             a, b, c, d = (jacobian[..., i, j] for i in (0, 1) for j in (0, 1))
             determinant = a * d - b * c
             step = np.stack(
@@ -128,26 +127,33 @@ class Lens:
             ideal = ideal + np.clip(step, -_NEWTON_STEP_MAX, _NEWTON_STEP_MAX)
         return ideal
 
-    def _bend(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return distorted normalised points, [..., 2], and their derivative, [..., 2, 2]."""
+    def _bend(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return distorted normalised points, shape [..., 2]."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = ideal[..., 0], ideal[..., 1]
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)
-        bent = np.stack(
+        return np.stack(
             [
                 x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
                 y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
             ],
             axis=-1,
         )
+
+    def _jacobian(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative of `_bend`, shape [..., 2, 2]."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = ideal[..., 0], ideal[..., 1]
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)
         jacobian = np.empty((*x.shape, 2, 2))
         jacobian[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
         jacobian[..., 0, 1] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
         jacobian[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
         jacobian[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-        return bent, jacobian
+        return jacobian
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
