@@ -12,7 +12,7 @@ from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.sensing import make_sensor
 from cablecast.track import EndpointTrack, TrialStatus
 
-QUICK = VirtualConfig(segment_count=12, dt=1e-3, sensing="exact")
+QUICK = VirtualConfig(segment_count=10, dt=2e-3, reset_time=0.1, sensing="exact")
 ERROR_MODEL = dataclasses.replace(QUICK, sensing="error_model")
 CAMERA = dataclasses.replace(QUICK, sensing="camera")
 # What the camera is allowed to be off, in any sample [m].
