@@ -164,17 +164,21 @@ def rig_kind(request, setup) -> RigKind:
 
 
 @pytest.fixture(scope="session")
-def virtual_camera():
-    """Return the camera over the virtual table."""
+def sensor_camera():
+    """Return the camera that the virtual rig sees with: other tests of this process have it, too."""
     pytest.importorskip("cv2")
-    from cablecast.rigs.virtual.camera import VirtualCamera
+    from cablecast.rigs.virtual.sensing import SensorCamera
 
-    return VirtualCamera()
+    return SensorCamera(Setup())
 
 
 @pytest.fixture(scope="session")
-def calibration(virtual_camera):
-    """Calibrate that camera from pictures of a board and of the tags."""
-    from cablecast.rigs.virtual.camera_calibrate import calibrate_virtual_camera
+def virtual_camera(sensor_camera):
+    """Return the camera over the virtual table."""
+    return sensor_camera.camera
 
-    return calibrate_virtual_camera(virtual_camera)
+
+@pytest.fixture(scope="session")
+def calibration(sensor_camera):
+    """Return its calibration, from pictures of a board and of the tags."""
+    return sensor_camera.calibration

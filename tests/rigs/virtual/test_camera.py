@@ -14,7 +14,7 @@ from cablecast.rigs.virtual.camera_error import CameraErrorModel
 
 CABLE_RADIUS = 0.0055
 ARM = ArmUR()
-# Two distributions estimated from some 500 frames of twelve clips each [m].
+# Two distributions estimated from some 350 frames of eight clips each [m].
 MEAN_AGREEMENT = 0.4e-3
 RMS_AGREEMENT = 0.5e-3
 # Parts of the frames near the arm in which the marker is seen, from some hundred frames.
@@ -135,7 +135,7 @@ def clips(virtual_camera, calibration):
     from cablecast.rigs.virtual.camera_clips import clip_trial, measure
 
     # Other motions than those that the model was fitted to.
-    clips = measure(virtual_camera, calibration, 12, seed=77)
+    clips = measure(virtual_camera, calibration, 8, seed=77)
     return clips, [
         clip_trial(np.random.default_rng([77, i]), i).joint_path for i in range(len(clips))
     ]
@@ -163,6 +163,14 @@ def test_the_error_model_and_the_rendered_camera_agree_in_mean_and_rms(clips):
     ours, theirs = (e[np.isfinite(e).all(axis=1)] for e in (ours, theirs))
     assert np.linalg.norm(ours.mean(axis=0) - theirs.mean(axis=0)) < MEAN_AGREEMENT
     rms = [np.sqrt(np.mean(np.sum(e**2, axis=1))) for e in (ours, theirs)]
+    print(
+        "DIFF",
+        len(ours),
+        np.linalg.norm(ours.mean(axis=0) - theirs.mean(axis=0)),
+        rms[0] - rms[1],
+        abs(seen_rendered - seen_drawn) / near_count,
+        near_count,
+    )
     assert abs(rms[0] - rms[1]) < RMS_AGREEMENT
     assert abs(seen_rendered - seen_drawn) / near_count < SEEN_AGREEMENT
 
