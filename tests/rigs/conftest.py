@@ -165,7 +165,7 @@ def rig_kind(request, setup) -> RigKind:
 
 @pytest.fixture(scope="session")
 def sensor_camera():
-    """Return the camera that the virtual rig sees with: other tests of this process have it, too."""
+    """Return the camera that the virtual rig sees with, which is made once in a process."""
     pytest.importorskip("cv2")
     from cablecast.rigs.virtual.sensing import SensorCamera
 

@@ -163,14 +163,6 @@ def test_the_error_model_and_the_rendered_camera_agree_in_mean_and_rms(clips):
     ours, theirs = (e[np.isfinite(e).all(axis=1)] for e in (ours, theirs))
     assert np.linalg.norm(ours.mean(axis=0) - theirs.mean(axis=0)) < MEAN_AGREEMENT
     rms = [np.sqrt(np.mean(np.sum(e**2, axis=1))) for e in (ours, theirs)]
-    print(
-        "DIFF",
-        len(ours),
-        np.linalg.norm(ours.mean(axis=0) - theirs.mean(axis=0)),
-        rms[0] - rms[1],
-        abs(seen_rendered - seen_drawn) / near_count,
-        near_count,
-    )
     assert abs(rms[0] - rms[1]) < RMS_AGREEMENT
     assert abs(seen_rendered - seen_drawn) / near_count < SEEN_AGREEMENT
 

@@ -1,8 +1,12 @@
 """Warp's devices: start Warp quietly, find a device, and launch the kernel on all cores."""
 
 import concurrent.futures
+import contextlib
 import functools
 import os
+import pathlib
+from collections.abc import Iterator
+from typing import Any
 
 import warp as wp
 
@@ -44,6 +48,43 @@ def find_device(name: str):
         raise InputError(f"device {name!r} is not available here: one of {known}") from error
 
 
+_loaded: set[Any] = set()
+"""Kernels that this process has loaded for the CPU."""
+
+
+def load(kernel: Any) -> None:
+    """Load a kernel for the CPU; of several processes one compiles it, and the others wait for it.
+
+    To compile the rollout takes a core ten seconds, which processes that start side by side, and
+    threads that launch it first, would each spend on the same file.
+
+    Args:
+        kernel: Kernel in a module of its own.
+    """
+    if kernel not in _loaded:
+        with _turn(kernel.module.name):
+            wp.load_module(kernel.module, device="cpu")
+        _loaded.add(kernel)
+
+
+@contextlib.contextmanager
+def _turn(name: str) -> Iterator[None]:
+    """Hold a lock in the folder of compiled kernels, where there are locks."""
+    handle = None
+    try:
+        # Whatever is wrong with the folder, Warp says it.
+        with contextlib.suppress(ImportError, OSError):
+            import fcntl
+
+            path = pathlib.Path(wp.config.kernel_cache_dir or "") / f"cablecast-{name}.lock"
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
 def launch(kernel, device, group_count: int, thread_count: int, inputs: list) -> None:
     """Run the rollout kernel on every group, and wait until it is done.
 
@@ -58,8 +99,8 @@ def launch(kernel, device, group_count: int, thread_count: int, inputs: list) ->
         wp.launch(kernel, dim=group_count, inputs=[0, *inputs], device=device)
         wp.synchronize_device(device)
         return
-    # Load the kernel before threads ask for it.
-    wp.launch(kernel, dim=0, inputs=[0, *inputs], device=device)
+    # Before threads ask for it.
+    load(kernel)
     # Warp runs a CPU launch serially but releases the interpreter lock, so that threads with a
     # share of the groups each use all cores. Shares are small, for an even finish.
     share = max(1, -(-group_count // (8 * thread_count)))
