@@ -47,8 +47,7 @@ def draw_background(
     cv2 = load_cv2()
     rng = np.random.default_rng([seed, 17])
     texture, origin = _table_texture(workspace, layout, config, rng)
-    v, u = np.mgrid[0 : config.height, 0 : config.width].astype(np.float64)
-    pixels = np.stack([u, v], axis=-1)
+    v, u = np.ogrid[0.0 : config.height, 0.0 : config.width]
     # Undistorting two million pixels is slow; the maps are smooth, so a coarse grid will do.
     table_xy = _smooth_map(view, 0.0, config)
     floor_xy = _smooth_map(view, _FLOOR_Z, config)
@@ -62,16 +61,17 @@ def draw_background(
         borderMode=cv2.BORDER_REPLICATE,
     )
     on_table = workspace.on_table(table_xy)
-    floor = _floor(floor_xy, rng)
-    image = np.where(on_table[..., None], table, floor)
+    image = table
+    image[~on_table] = _floor(floor_xy, ~on_table, rng)
     centre = np.array([config.width, config.height]) / 2
-    far2 = np.sum(((pixels - centre) / np.linalg.norm(centre)) ** 2, axis=-1)
+    radius = np.linalg.norm(centre)
+    far2 = ((u - centre[0]) / radius) ** 2 + ((v - centre[1]) / radius) ** 2
     # A lamp above the left half of the table, and the lens's own vignetting.
     lamp = (u / config.width - 0.35) ** 2 + (v / config.height - 0.45) ** 2
     shade = 1.0 - config.light.falloff * (0.55 * far2 + 0.75 * lamp)
     shade = shade.astype(np.float32)
-    shaded = np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
-    return shaded, on_table, shade
+    shaded = image * shade[..., None]
+    return np.clip(shaded, 0, 255, out=shaded).astype(np.uint8), on_table, shade
 
 
 def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.float64]:
@@ -87,23 +87,31 @@ def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.
     )
 
 
-def _floor(xy: NDArray[np.float64], rng: np.random.Generator) -> Image:
-    """Draw grey floor tiles.
+def _floor(
+    xy: NDArray[np.float64], seen: NDArray[np.bool_], rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Draw grey floor tiles where the floor is seen.
 
     Args:
         xy: Points of the floor under every pixel [m], shape [v, u, 2].
+        seen: Pixels that show the floor, shape [v, u].
         rng: Draws the stains.
+
+    Returns:
+        Colours of these pixels, BGR, shape [pixel, 3].
     """
     cv2 = load_cv2()
-    tile = np.floor(xy / 0.5).astype(int)
-    checker = ((tile[..., 0] * 7 + tile[..., 1] * 13) % 5) * 2.5
-    grout = np.any(np.abs(xy / 0.5 - np.round(xy / 0.5)) < 0.012, axis=-1)
+    place = xy[seen] / 0.5
+    tile = np.floor(place).astype(int)
+    checker = ((tile[:, 0] * 7 + tile[:, 1] * 13) % 5) * 2.5
+    near = np.abs(place - np.round(place)) < 0.012
+    grout = near[:, 0] | near[:, 1]
     stains = cv2.resize(
         rng.normal(0, 4, (9, 16)).astype(np.float32),
         (xy.shape[1], xy.shape[0]),
         interpolation=cv2.INTER_CUBIC,
-    )
-    image = np.array(_FLOOR_BGR) + (checker + stains - 22.0 * grout)[..., None]
+    )[seen]
+    image = np.array(_FLOOR_BGR) + (checker + stains - 22.0 * grout)[:, None]
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
@@ -148,7 +156,8 @@ def _foam(columns: int, rows: int, rng: np.random.Generator) -> Image:
             texture[top : top + step_y, left : left + step_x] = np.clip(tint, 0, 255)
     grain = rng.normal(0, 1.5, (rows // 4 + 1, columns // 4 + 1)).astype(np.float32)
     grain = cv2.resize(grain, (columns, rows), interpolation=cv2.INTER_CUBIC)
-    texture = np.clip(texture + grain[..., None], 0, 255).astype(np.uint8)
+    grained = texture + grain[..., None]
+    texture = np.clip(grained, 0, 255, out=grained).astype(np.uint8)
     for _ in range(40):
         start = rng.uniform([0, 0], [columns, rows])
         end = start + rng.normal(0, 120, 2)
