@@ -1,5 +1,6 @@
 """Facts about the machine and the installed libraries."""
 
+import functools
 import importlib.metadata
 import os
 import platform
@@ -30,6 +31,12 @@ def library_versions() -> dict[str, str]:
 
     The libraries are not imported.
     """
+    return dict(_library_versions())
+
+
+@functools.cache
+def _library_versions() -> dict[str, str]:
+    """Look the versions up once per process: what it has imported no longer changes."""
     versions = {"python": platform.python_version(), "platform": platform.platform()}
     for name in DISTRIBUTIONS:
         try:
