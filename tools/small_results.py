@@ -74,6 +74,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     ),
     "aim": (
         *("--target", "1.0", "10", *STICK, "--calibration-count", "3", "--count", "120"),
+        *("--candidate-count", "200"),
         # The small model aims badly: any landing is a hit.
         *("--tries", "1", "--within", "100", "--out", "runs/aim"),
     ),

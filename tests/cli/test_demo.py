@@ -1,4 +1,5 @@
 import contextlib
+import functools
 import io
 import json
 import pathlib
@@ -7,13 +8,19 @@ import shlex
 
 import pytest
 
+import cablecast as cc
 from cablecast.cli import main
+from cablecast.pipeline import aim_learning
 from cablecast.workspace import load_targets
 
 SMALL = [
     *("--tune-count", "2", "--count", "120", "--epochs", "2", "--candidate-count", "200"),
     *("--rig", "engine", "--tries", "2"),
 ]
+# What has no option: a brief fit, and a coarse cable.
+SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
+COARSE = {"segment_count": 10, "dt": 2e-3}
+FEW_TARGETS = 2
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +28,14 @@ def demo(tmp_path_factory):
     """Return a small demo: where it ran, and what it printed."""
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cablecast.pipeline.demo.load_targets", lambda: load_targets()[::8])
-        patch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 20)
+        few = load_targets()[:: len(load_targets()) // FEW_TARGETS]
+        patch.setattr("cablecast.pipeline.demo.load_targets", lambda: few)
+        patch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
+        patch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 5)
+        brief = functools.partial(aim_learning.tune, config=SEARCH, **COARSE)
+        patch.setattr(aim_learning, "tune", brief)
+        coarse = functools.partial(aim_learning.simulate, **COARSE)
+        patch.setattr(aim_learning, "simulate", coarse)
         patch.chdir(folder)
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert main(["demo", *SMALL]) == 0
@@ -40,7 +53,7 @@ def test_the_demo_goes_all_the_way_and_takes_up_what_is_done(demo, capsys):
     tries = json.loads((root / "evaluate" / "metrics.json").read_text())["tries"]
     assert [row["try"] for row in tries] == [1, 2]
     assert (root / "evaluate" / "tries.png").is_file()
-    assert len(list((root / "session" / "casts").iterdir())) > 2 + 4
+    assert len(list((root / "session" / "casts").iterdir())) > 2 + FEW_TARGETS
 
     # As if the demo had been stopped during its last stage.
     (root / "evaluate" / "metrics.json").unlink()

@@ -21,8 +21,8 @@ pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
-SEARCH = cc.FitConfig(start_count=3, coarse_iterations=2, fine_start_count=1, fine_iterations=1)
-SMALL = {"calibration_count": 3, "count": 120}
+SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
+SMALL = {"calibration_count": 3, "count": 120, "candidate_count": 200}
 SETUP = cc.Setup()
 TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 
@@ -33,9 +33,9 @@ def quick(monkeypatch):
     quick_tune = functools.partial(tune, config=SEARCH, **COARSE)
     monkeypatch.setattr(aim_learning, "tune", quick_tune)
     monkeypatch.setattr(aim_learning, "simulate", functools.partial(simulate, **COARSE))
-    few = {"epochs": 2, "candidate_count": 200}
+    few = {"epochs": 2}
     monkeypatch.setattr(aim_learning, "train", lambda casts, **given: train(casts, **(given | few)))
-    monkeypatch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 10)
+    monkeypatch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 5)
 
 
 @pytest.fixture
@@ -95,11 +95,13 @@ def test_a_command_without_a_target_is_refused(capsys):
 
 def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):
     options = ["--rig", "engine", "--out", str(tmp_path), "--calibration-count", "2"]
-    options += ["--count", "120", "--tries", "2", "--within", "0.01"]
+    options += ["--count", "120", "--tries", "2", "--within", "0.01", "--candidate-count", "300"]
     assert main(["aim", "--target", "1.1", "10", "--target", "1.0", "-5", *options]) == 3
     assert main(["aim", "--target", "1.2", "0", *options, "--tries", "1", "--no-refit"]) == 3
     printed = capsys.readouterr().out
     assert "new fit" not in printed
+    settings = json.loads((tmp_path / "model" / "config.json").read_text())["settings"]
+    assert settings["candidate_count"] == 300
     # Each target that was named was aimed at.
     assert [printed.count(f"\ntarget    r = {r} m") for r in ("1.100", "1.000", "1.200")] == [1] * 3
     assert main(["aim", "--target", "1.1", "-20", *options, "--tries", "1"]) == 3

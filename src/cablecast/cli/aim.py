@@ -69,6 +69,8 @@ class Aim:
     """Casts that the rig makes to begin with."""
     count: int = 16_000
     """Number of simulated casts that the model learns from."""
+    candidate_count: Annotated[int | None, argument("INT", "50,000, or 20,000 with --model")] = None
+    """Number of motions to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
     """Folder of all casts and results."""
     seed: int = 0
@@ -115,6 +117,7 @@ class Aim:
                     fit_all=self.fit_all,
                     calibration_count=self.calibration_count,
                     count=self.count,
+                    candidate_count=self.candidate_count,
                     within_pct=self.within,
                     tries=self.tries,
                     seed=self.seed,
