@@ -29,3 +29,12 @@ def interrupts():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def coarse_engine(monkeypatch):
+    """Let engines that are told nothing simulate a coarse cable, at a twentieth of the cost."""
+    from cablecast.engines.warp_.engine import EngineWarp
+
+    others = EngineWarp.__init__.__defaults__[2:]
+    monkeypatch.setattr(EngineWarp.__init__, "__defaults__", (10, 2e-3, *others))

@@ -47,8 +47,10 @@ SCRIPT_LINES_MAX = 12
 SCRIPT = "01_cast_at_targets.py"
 SCRIPT_BUDGET = {
     '"virtual"': '"engine"',
-    "cc.tune(casts)": "cc.tune(casts, segment_count=12, dt=0.002)",
-    "count=4000": "count=400",
+    "cc.tune(casts)": (
+        "cc.tune(casts, config=cc.FitConfig(start_count=2, coarse_iterations=1, fine_iterations=1))"
+    ),
+    "count=4000": "count=100",
     "epochs=30": "epochs=5, candidate_count=300",
 }
 
@@ -74,8 +76,13 @@ def run_example(name, out):
         if hasattr(module, "main"):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
-                film_by_hand([str(out / "films"), "--count", "2", "--rate", "30"])
-                search = TuneConfig(coarse_generations=1, fine_generations=1)
+                film_by_hand([str(out / "films"), "--count", "2", "--rate", "20"])
+                search = TuneConfig(
+                    population_size=6,
+                    fine_population_size=6,
+                    coarse_generations=1,
+                    fine_generations=1,
+                )
                 budget = {"films": out / "films", "config": search}
             takes_out = "out" in inspect.signature(module.main).parameters
             module.main(**({"out": out} if takes_out else {}), **budget)
@@ -83,6 +90,7 @@ def run_example(name, out):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_engine")
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_runs_to_its_end(name, tmp_path):
     if name == LEARNER:

@@ -9,6 +9,7 @@ import pytest
 from cablecast.models.adaptation import REAL_ONLY, FineTuningConfig
 from cablecast.pipeline.reproduce import reproduce
 from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
+from cablecast.tuning.tune import TuneConfig
 from cablecast.workspace import load_targets
 
 pytest.importorskip("matplotlib")
@@ -18,13 +19,13 @@ TINY = Budget(
     cables=("cable_1", "cable_2"),
     tune_trials=6,
     real_trials=24,
-    grid=4,
+    grid=3,
     grid_psi=3,
     coarse_generations=1,
     fine_generations=1,
     repeat_actions=2,
     repeat_casts=2,
-    casts=120,
+    casts=60,
     epochs=2,
     candidates=200,
     repeats=1,
@@ -41,12 +42,18 @@ def test_methods_are_compared_at_all_targets_of_the_paper():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_engine")
 def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
     few = load_targets()[:: TARGET_COUNT // FEW_TARGETS]
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
-    brief = dataclasses.replace(REAL_ONLY, epochs=30, patience=30)
+    monkeypatch.setattr("cablecast.pipeline.reproduce.load_targets", lambda: few)
+    search = functools.partial(TuneConfig, population_size=6, fine_population_size=6)
+    monkeypatch.setattr("cablecast.pipeline.reproduce_stages.TuneConfig", search)
+    # The pages of the single evaluations are made, but their figures are not rendered.
+    monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
+    brief = dataclasses.replace(REAL_ONLY, epochs=10, patience=10)
     monkeypatch.setattr("cablecast.models.adaptation.REAL_ONLY", brief)
-    tuning = functools.partial(FineTuningConfig, epochs=30)
+    tuning = functools.partial(FineTuningConfig, epochs=10)
     monkeypatch.setattr("cablecast.models.adaptation.FineTuningConfig", tuning)
     begun = []
 
@@ -80,6 +87,7 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
         assert info["settings"]["motion"]["v_max"] == chosen["v_max"]
         assert info["settings"]["cable"]["name"] == cable
     page = reproduced.report.read_text()
+    assert "data:image/svg+xml" in page
     tables = reproduced.tables.read_text()
     for words in ("polar casting", "Gaussian process", "cable_2"):
         assert words in page
@@ -97,6 +105,6 @@ def test_another_budget_in_the_same_folder_is_refused(tmp_path):
         reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
     (tmp_path / "cable_1").mkdir()
     (tmp_path / "cable_1/result").write_text("")
-    other = dataclasses.replace(TINY, casts=121)
-    with pytest.raises(ValueError, match=r"budget\.casts is 120 there and 121 here"):
+    other = dataclasses.replace(TINY, casts=61)
+    with pytest.raises(ValueError, match=r"budget\.casts is 60 there and 61 here"):
         reproduce(tmp_path, budget=other, rig="engine")

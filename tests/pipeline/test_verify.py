@@ -21,6 +21,7 @@ TINY = VerifyBudget(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_engine")
 def test_a_run_is_compared_with_the_headline(tmp_path):
     # The virtual rig takes a second and more for each cast.
     result = verify(budget=TINY, rig="engine", out=tmp_path / "run")
