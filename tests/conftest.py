@@ -38,3 +38,25 @@ def coarse_engine(monkeypatch):
 
     others = EngineWarp.__init__.__defaults__[2:]
     monkeypatch.setattr(EngineWarp.__init__, "__defaults__", (10, 2e-3, *others))
+
+
+@pytest.fixture(scope="session")
+def leave_figures_blank():
+    """Return what leaves figures blank, once made, while a patch lasts: drawing is half of them."""
+    pytest.importorskip("matplotlib")
+
+    def savefig(figure, file, *, format, **_):
+        from PIL import Image
+
+        if format == "svg":
+            file.write(b'<svg xmlns="http://www.w3.org/2000/svg"/>')
+        else:
+            Image.new("RGB", (1, 1)).save(file, format=format)
+
+    return lambda patch: patch.setattr("matplotlib.figure.Figure.savefig", savefig)
+
+
+@pytest.fixture
+def blank_figures(leave_figures_blank, monkeypatch):
+    """Leave figures blank where nothing is said about their looks."""
+    leave_figures_blank(monkeypatch)

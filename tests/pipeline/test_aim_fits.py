@@ -28,7 +28,7 @@ TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch):
+def quick(monkeypatch, blank_figures):
     tune, simulate, train = aim_learning.tune, aim_learning.simulate, aim_learning.train
     quick_tune = functools.partial(tune, config=SEARCH, **COARSE)
     monkeypatch.setattr(aim_learning, "tune", quick_tune)

@@ -1,5 +1,6 @@
 """Verifying goes the way of the headline on small data, and compares with it."""
 
+import functools
 import pathlib
 import re
 
@@ -8,6 +9,8 @@ import pytest
 from cablecast.cli import main
 from cablecast.errors import InputError
 from cablecast.pipeline.verify import Verification, VerifyBudget, read_headline, verify
+from cablecast.tuning.tune import TuneConfig
+from cablecast.workspace import load_targets
 
 TINY = VerifyBudget(
     tune_count=4,
@@ -21,8 +24,12 @@ TINY = VerifyBudget(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine")
-def test_a_run_is_compared_with_the_headline(tmp_path):
+@pytest.mark.usefixtures("coarse_engine", "blank_figures")
+def test_a_run_is_compared_with_the_headline(tmp_path, monkeypatch):
+    few = load_targets()[::8]
+    monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
+    search = functools.partial(TuneConfig, population_size=6, fine_population_size=6)
+    monkeypatch.setattr("cablecast.pipeline.verify.TuneConfig", search)
     # The virtual rig takes a second and more for each cast.
     result = verify(budget=TINY, rig="engine", out=tmp_path / "run")
     headline = read_headline()["figures"]
