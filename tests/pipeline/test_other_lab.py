@@ -13,7 +13,7 @@ pytest.importorskip("mujoco")
 
 LAB = pathlib.Path(__file__).parents[2] / "examples/lab_ur5e.yaml"
 SEARCH = cc.TuneConfig(
-    population_size=8, fine_population_size=4, coarse_generations=3, fine_generations=1
+    population_size=6, fine_population_size=4, coarse_generations=1, fine_generations=1
 )
 # The servo of the virtual arm trails its set points by some 50 ms; the reported pose of the
 # gripper then lies some centimetres behind the commanded one [m].
@@ -26,12 +26,12 @@ MEDIAN_PCT_MAX = 100.0
 def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     setup = cc.load_setup(LAB)
     assert (setup.workspace.half_width, setup.workspace.y_max) == (0.6, 1.8)
-    targets = np.array([[0.2, 1.0], [-0.2, 1.0], [0.0, 1.3]])
+    targets = np.array([[0.2, 1.0], [-0.2, 1.0]])
     with cc.make_rig("virtual", setup) as rig:
-        casts = cc.collect(rig, count=8, out=tmp_path / "casts")
-        tuned = cc.tune(casts, config=SEARCH, segment_count=20, dt=0.001)
-        simulated = cc.simulate(setup, tuned, count=600, segment_count=20, dt=0.001)
-        policy = cc.train(simulated, epochs=20, candidate_count=3000)
+        casts = cc.collect(rig, count=5, out=tmp_path / "casts")
+        tuned = cc.tune(casts, config=SEARCH, segment_count=10, dt=0.002)
+        simulated = cc.simulate(setup, tuned, count=600, segment_count=10, dt=0.002)
+        policy = cc.train(simulated, epochs=20, candidate_count=1000)
         evaluation = cc.evaluate(policy, rig, targets)
     assert casts.setup == setup
     assert casts.ok.any()

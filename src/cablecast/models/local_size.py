@@ -46,17 +46,21 @@ class LocalSize:
         """
         # Beyond the landings that are known the map would grow without bounds.
         found = self._map((landing_xy - self._middle) / self._scale)
-        return np.asarray(np.clip(found, self._logs.min(), self._logs.max()), dtype=float)
+        return np.asarray(np.clip(found, *self._bounds), dtype=float)
 
     @functools.cached_property
     def _logs(self) -> NDArray[np.float64]:
         return np.log(np.maximum(self.values / self.usual, _SHARE_MIN))
 
-    @property
+    @functools.cached_property
+    def _bounds(self) -> tuple[float, float]:
+        return float(self._logs.min()), float(self._logs.max())
+
+    @functools.cached_property
     def _middle(self) -> NDArray[np.float64]:
         return self.landing_xy.mean(axis=0)
 
-    @property
+    @functools.cached_property
     def _scale(self) -> float:
         return max(float(self.landing_xy.std(axis=0).mean()), 1e-6)
 
