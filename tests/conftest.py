@@ -31,13 +31,22 @@ def interrupts():
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.fixture
-def coarse_engine(monkeypatch):
-    """Let engines that are told nothing simulate a coarse cable, at a twentieth of the cost."""
+@pytest.fixture(scope="session")
+def make_engines_coarse():
+    """Return what lets engines simulate a coarse cable, if not told otherwise, in a patch.
+
+    That costs a twentieth.
+    """
     from cablecast.engines.warp_.engine import EngineWarp
 
-    others = EngineWarp.__init__.__defaults__[2:]
-    monkeypatch.setattr(EngineWarp.__init__, "__defaults__", (10, 2e-3, *others))
+    coarse = (10, 2e-3, *EngineWarp.__init__.__defaults__[2:])
+    return lambda patch: patch.setattr(EngineWarp.__init__, "__defaults__", coarse)
+
+
+@pytest.fixture
+def coarse_engine(make_engines_coarse, monkeypatch):
+    """Let engines simulate a coarse cable where they are not told otherwise."""
+    make_engines_coarse(monkeypatch)
 
 
 @pytest.fixture(scope="session")

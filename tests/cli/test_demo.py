@@ -17,14 +17,13 @@ SMALL = [
     *("--tune-count", "2", "--count", "120", "--epochs", "2", "--candidate-count", "200"),
     *("--rig", "engine", "--tries", "2"),
 ]
-# What has no option: a brief fit, and a coarse cable.
+# What has no option: a brief fit.
 SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
-COARSE = {"segment_count": 10, "dt": 2e-3}
 FEW_TARGETS = 2
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
+def demo(tmp_path_factory, make_engines_coarse):
     """Return a small demo: where it ran, and what it printed."""
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
@@ -32,10 +31,9 @@ def demo(tmp_path_factory):
         patch.setattr("cablecast.pipeline.demo.load_targets", lambda: few)
         patch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
         patch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 5)
-        brief = functools.partial(aim_learning.tune, config=SEARCH, **COARSE)
+        brief = functools.partial(aim_learning.tune, config=SEARCH)
         patch.setattr(aim_learning, "tune", brief)
-        coarse = functools.partial(aim_learning.simulate, **COARSE)
-        patch.setattr(aim_learning, "simulate", coarse)
+        make_engines_coarse(patch)
         patch.chdir(folder)
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert main(["demo", *SMALL]) == 0

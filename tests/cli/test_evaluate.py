@@ -90,6 +90,7 @@ def test_an_evaluation_of_other_settings_is_not_written_over_it(evaluated, capsy
     assert (folder / "metrics.json").read_bytes() == before
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_rig_of_ones_own_is_found_in_the_working_folder(model_folder, capsys, in_new_folder):
     (in_new_folder / "my_lab_rig.py").write_text(RIG_MODULE)
     arguments = ["--model", str(model_folder), "--rig", "my_lab_rig:make", "--out", "result"]
@@ -102,6 +103,7 @@ def test_a_rig_of_ones_own_is_found_in_the_working_folder(model_folder, capsys, 
     assert metrics["status_counts"] == {"ok": 31, "off_table": 1}
 
 
+@pytest.mark.usefixtures("coarse_engine")
 def test_polar_casting_is_evaluated_without_a_model(in_new_folder, capsys):
     assert main(["evaluate", "--policy", "polar", "--rig", "engine"]) == 0
     folder = in_new_folder / "runs" / "cable_1" / "evaluate-polar-engine"

@@ -6,7 +6,14 @@ from cablecast.cli import main
 from cablecast.runs.folder import RunFolder
 from cablecast.setup import Setup
 
-SMALL = ["--grid", "4", "--grid-psi", "4"]
+SMALL = ["--grid", "4", "--grid-psi", "3"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse(make_engines_coarse):
+    with pytest.MonkeyPatch.context() as patch:
+        make_engines_coarse(patch)
+        yield
 
 
 def write_repeatability(folder, scatters_pct, cable="cable_1"):

@@ -210,6 +210,7 @@ def test_repeats_measure_the_scatter_of_a_rig_that_has_none(tmp_path):
     assert repeated.metrics["combinations"][0]["cast_count"] == 4
 
 
+@pytest.mark.usefixtures("coarse_engine")
 def test_a_selection_returns_the_chosen_set_up():
     pytest.importorskip("shapely")
     selection = cc.select(SETUP, grid=3, grid_psi=3)

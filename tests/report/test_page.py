@@ -81,6 +81,7 @@ def test_the_page_says_what_was_measured_and_that_no_robot_moved(page, make_eval
     assert "paper, table II: polar casting" in page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_the_page_of_a_real_rig_does_not_call_it_virtual(make_evaluation):
     evaluation = make_evaluation(rig={"serial": "UR5 no. 7"})
     settings = CONFIG["settings"] | {"rig": "my_lab:make_rig"}
@@ -90,6 +91,7 @@ def test_the_page_of_a_real_rig_does_not_call_it_virtual(make_evaluation):
     assert "my_lab:make_rig" in page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_names_from_a_users_file_cannot_break_out_of_the_page(make_evaluation):
     name = "</script><script>alert(1)</script>"
     setup = Setup(cable=dataclasses.replace(load_cable("cable_1"), name=name))
@@ -118,6 +120,7 @@ def test_the_player_gets_the_corners_of_a_turned_table(make_evaluation):
     assert Workspace.from_dict(player["workspace"]) == turned
 
 
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize(
     ("counts", "phrase"),
     [
@@ -135,6 +138,7 @@ def test_the_page_names_all_casts_that_the_model_learned_from(make_evaluation, c
     assert phrase in page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_without_cable_shapes_the_page_has_no_player(make_evaluation):
     page = page_of(make_evaluation(with_nodes=False))
     assert 'id="player"' not in page
