@@ -11,7 +11,12 @@ from tools.make_notebook import NOTEBOOK, content
 TINY = (
     "TUNE_CASTS, REAL_CASTS, SIMULATED_CASTS, TARGETS = 4, 32, 100, 1\n"
     "GENERATIONS, EPOCHS, CANDIDATES = (1, 1), 2, 200\n"
+    # A coarse cable, if not told otherwise.
+    "import cablecast as cc\n"
+    "build = cc.EngineWarp.__init__\n"
+    "build.__defaults__ = (10, 2e-3, *build.__defaults__[2:])\n"
 )
+FEW = "cc.TuneConfig(population_size=6, fine_population_size=6, "
 
 
 def test_the_notebook_is_made_of_the_pages_as_they_are():
@@ -32,6 +37,8 @@ def test_every_cell_runs(tmp_path, monkeypatch):
     # The virtual rig takes a second and more for each cast.
     cells[1].source = cells[1].source.replace('make_rig("virtual"', 'make_rig("engine"')
     assert '"engine"' in cells[1].source
+    (search,) = [cell for cell in cells if "cc.TuneConfig(" in cell.source]
+    search.source = search.source.replace("cc.TuneConfig(", FEW)
     resources = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(notebook, timeout=300, resources=resources).execute()
     said = [output.text for cell in cells for output in cell.outputs if "text" in output]

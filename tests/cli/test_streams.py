@@ -17,6 +17,7 @@ from cablecast.cli import main
 NAMES = ["[bold]x[/bold]", "[/]", "線 weiß", ":smile: 100%", "a'b\"c\\d", "- x: y # z", "../.."]
 
 
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_cable_and_a_rig_may_have_any_printable_name(name, lab, capsys):
     pytest.importorskip("matplotlib")
@@ -76,6 +77,7 @@ def test_a_home_that_cannot_be_written_names_the_variable_of_the_cache(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_table_keeps_its_numbers_on_a_narrow_terminal_and_in_ascii(
     lab, capsys, monkeypatch, model_folder
 ):
