@@ -31,6 +31,7 @@ from cablecast.pipeline.many_cables import CABLE_COUNT, DT, REFINE_COUNT, SEGMEN
 from cablecast.pipeline.simulate import make_engine
 from cablecast.runs.parts import Parts
 from cablecast.runs.progress import Progress, ProgressCallback
+from cablecast.runs.workers import LOCAL
 from cablecast.tuning.cables import draw_cables
 
 TEST_SEED = 1
@@ -73,6 +74,8 @@ class Args:
     """Segments of the cables tested; what the convergence study chose where None."""
     dt: float | None = None
     """Time step of their simulation [s]."""
+    workers: str = LOCAL
+    """Who simulates: local, ray, or ray:ADDRESS."""
     quick: bool = False
     """Test three cables with small models only."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/cables")
@@ -123,6 +126,7 @@ class Tested:
         simulated = cc.simulate(
             setup,
             count=args.simulated,
+            workers=args.workers,
             out=self.own_folder / "dataset",
             progress=self.report,
             **engine,
@@ -240,7 +244,12 @@ def main(args: Args) -> int:
         if args.model is None:
             setup, folder = cc.Setup(cable=args.cable), args.out / f"model-{args.cables}"
             model = cc.train_cables(
-                setup, cables=args.cables, epochs=args.epochs_many, out=folder, progress=progress
+                setup,
+                cables=args.cables,
+                epochs=args.epochs_many,
+                workers=args.workers,
+                out=folder,
+                progress=progress,
             )
         else:
             model = cc.ManyCablesModel.load(args.model)

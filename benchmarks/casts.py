@@ -21,6 +21,7 @@ from benchmarks.places import MANY, METHODS, MISSED_PCT, REAL_MIN, Place
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.runs.progress import ProgressCallback
+from cablecast.runs.workers import LOCAL
 
 DRAW_COUNT = 2000
 
@@ -54,6 +55,8 @@ class Args:
     """Motions that planning chooses from."""
     many_cables: pathlib.Path | None = None
     """Model of many cables for the method many, which `cablecast train --cables` made."""
+    workers: str = LOCAL
+    """Who simulates for fits and models: local, ray, or ray:ADDRESS."""
     quick: bool = False
     """Use the strange rig, one laboratory, one cable, 8 targets, and small models only."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")

@@ -16,6 +16,7 @@ from cablecast.pipeline.collect import collect
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.make import make_rig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+from cablecast.runs.workers import LOCAL
 from cablecast.setup import Setup
 from cablecast.tuning.least_squares import FitConfig
 
@@ -42,6 +43,7 @@ class Args:
         fitted: Casts to fit.
         others: Casts to measure the fit with.
         seed: Seed of the casts.
+        workers: Who simulates for the fits: local, ray, or ray:ADDRESS.
         out: Folder that keeps the casts and lets a stopped run go on.
         json: File that gets the figures, too.
     """
@@ -51,6 +53,7 @@ class Args:
     fitted: int = 20
     others: int = 40
     seed: int = 0
+    workers: str = LOCAL
     out: pathlib.Path | None = None
     json: pathlib.Path | None = None
 
@@ -86,7 +89,13 @@ def collected(cable: str, lab: int, args: Args, out: pathlib.Path) -> Dataset:
 def fitted(casts: Dataset, lab: int, times: tuple[float, ...], args: Args) -> tuple:
     config = FitConfig(damping_times=times, seed=args.seed)
     with console_progress() as progress:
-        tuned = tune(casts, config=config, validation_count=args.others, progress=progress)
+        tuned = tune(
+            casts,
+            config=config,
+            validation_count=args.others,
+            workers=args.workers,
+            progress=progress,
+        )
     row, material = tuned.metrics["validation"]["tuned"], tuned.dynamics.material
     evidence = max((tried["evidence"] for tried in tuned.metrics["damping_evidence"]), default=None)
     names = ("mean", "final_median", "final_first_quartile", "final_third_quartile")

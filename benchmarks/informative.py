@@ -28,6 +28,7 @@ from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import make_engine
 from cablecast.runs.progress import Progress, ProgressCallback
+from cablecast.runs.workers import LOCAL
 from cablecast.tuning.least_squares import MISFIT_START, TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.prior import ParamPrior
@@ -66,6 +67,8 @@ class Args:
     """Actions to choose from."""
     draws: int = 6
     """Cables drawn from what is believed."""
+    workers: str = LOCAL
+    """Who simulates for the fits: local, ray, or ray:ADDRESS."""
     out: pathlib.Path | None = None
     """Folder that keeps casts and fits and lets a stopped run go on."""
 
@@ -186,7 +189,10 @@ def compare(
         for number, (kind, casts) in enumerate(sets):
             report(Progress(task=f"{cable}, laboratory {lab}: fit to {count} {kind} casts"))
             tuned = cc.tune(
-                first(casts, count), validation_count=0, out=place / f"fit-{count}-{number}"
+                first(casts, count),
+                validation_count=0,
+                workers=args.workers,
+                out=place / f"fit-{count}-{number}",
             )
             objective = TrackObjective(make_engine(), setup.cable, tracks)
             final = objective.distances(tuned.params).final[0] / setup.cable.length

@@ -178,6 +178,7 @@ class Place:
             config=cc.TuneConfig() if paper else cc.FitConfig(),
             validation_count=1 if paper else 0,
             out=self.folder / "fits" / f"{count}{'-paper' if paper else ''}",
+            workers=self.args.workers,
             progress=self.report,
         )
 
@@ -189,6 +190,7 @@ class Place:
             self.setup,
             tuned,
             count=self.args.simulated,
+            workers=self.args.workers,
             out=folder / "dataset",
             progress=self.report,
         )
