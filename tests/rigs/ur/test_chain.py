@@ -19,7 +19,7 @@ pytest.importorskip("torch")
 CAMERA = {"width": 960, "height": 540, "rate": 15.0, "exposure": 0.002}
 LANDING_ERROR_MAX = 0.01
 # As fast as this computer simulates; the clock waits for the client.
-TWIN = {"segment_count": 10, "rate": 20.0}
+TWIN = {"segment_count": 10, "rate": 10.0}
 
 
 @pytest.fixture(scope="module")

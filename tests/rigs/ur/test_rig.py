@@ -29,7 +29,7 @@ from cablecast.track import TrialStatus
 from cablecast.twin.truth import TruthCamera
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
-RATE = 12.0
+RATE = 6.0
 
 
 class RigQuick(RigUR):
