@@ -77,7 +77,7 @@ class LoopSession:
 
     Args:
         session: Session that knows the casts.
-        full_gain: Whether every miss is taken at face value.
+        full_gain: True to take every miss at face value.
     """
 
     def __init__(self, session: cc.AimSession, full_gain: bool):
@@ -203,7 +203,7 @@ class Place:
         )
 
     def policy_of_many(self, count: int) -> ForwardSearchPolicy:
-        """Return what a model of many cables knows of this one after some casts."""
+        """Return the policy of this cable from a model of many, after some casts."""
         if self.args.many_cables is None:
             raise InputError("method many needs --many-cables: a folder of train --cables")
         return cc.policy_for_cable(

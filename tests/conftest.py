@@ -33,9 +33,9 @@ def interrupts():
 
 @pytest.fixture(scope="session")
 def make_engines_coarse():
-    """Return what lets engines simulate a coarse cable, if not told otherwise, in a patch.
+    """Return a function that makes engines coarse by default while a patch lasts.
 
-    That costs a twentieth.
+    A coarse cable takes a twentieth of the time.
     """
     from cablecast.engines.warp_.engine import EngineWarp
 
@@ -51,7 +51,7 @@ def coarse_engine(make_engines_coarse, monkeypatch):
 
 @pytest.fixture(scope="session")
 def leave_figures_blank():
-    """Return what leaves figures blank, once made, while a patch lasts: drawing is half of them."""
+    """Return a function that replaces drawing by blank pictures while a patch lasts."""
     pytest.importorskip("matplotlib")
 
     def savefig(figure, file, *, format, **_):
@@ -69,3 +69,25 @@ def leave_figures_blank():
 def blank_figures(leave_figures_blank, monkeypatch):
     """Leave figures blank where nothing is said about their looks."""
     leave_figures_blank(monkeypatch)
+
+
+@pytest.fixture(scope="session")
+def sensor_camera():
+    """Return the camera that the virtual rig sees with, which is made once in a process."""
+    pytest.importorskip("cv2")
+    from cablecast.rigs.virtual.sensing import SensorCamera
+    from cablecast.setup import Setup
+
+    return SensorCamera(Setup())
+
+
+@pytest.fixture(scope="session")
+def virtual_camera(sensor_camera):
+    """Return the camera over the virtual table."""
+    return sensor_camera.camera
+
+
+@pytest.fixture(scope="session")
+def calibration(sensor_camera):
+    """Return its calibration, from pictures of a board and of the tags."""
+    return sensor_camera.calibration

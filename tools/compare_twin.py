@@ -93,14 +93,14 @@ def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address:
 
 
 def misses_of(tuned: Tuned, casts: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far simulated casts are from real ones: on the way and at rest, in % of length."""
+    """Return the distances of simulated casts from real ones [% of length]: mean, and at rest."""
     tracks = MeasuredTracks.from_dataset(casts)
     cable = casts.cable.with_material(tuned.dynamics.material)
     distances = TrackObjective(EngineWarp(), cable, tracks).distances(tuned.dynamics.params)
     return 100 * distances.mean[0] / cable.length, 100 * distances.final[0] / cable.length
 
 
-def with_interval(of_twin: np.ndarray, of_virtual: np.ndarray) -> str:
+def compared(of_twin: np.ndarray, of_virtual: np.ndarray) -> str:
     """Return the medians of two fits over the same casts, and their difference."""
     known = np.isfinite(of_twin) & np.isfinite(of_virtual)
     both = np.stack([of_twin[known], of_virtual[known]])
@@ -143,11 +143,9 @@ def main() -> None:
     frictions = ", ".join(f"{fit.params.friction:.3f}" for fit in fits)
     print(f"fits to {args.casts} casts of the twin and of the virtual rig: friction {frictions}")
     for name, casts in (("twin, fitted ones too", twin), ("virtual rig", others)):
-        misses_of_fits = [misses_of(fit, casts) for fit in fits]
-        for what, (first, second) in zip(
-            ("on the way", "at rest"), zip(*misses_of_fits, strict=True), strict=True
-        ):
-            print(f"casts of the {name}, {what}, medians: {with_interval(first, second)}")
+        (twin_way, twin_rest), (virtual_way, virtual_rest) = (misses_of(fit, casts) for fit in fits)
+        print(f"casts of the {name}, on the way, medians: {compared(twin_way, virtual_way)}")
+        print(f"casts of the {name}, at rest, medians: {compared(twin_rest, virtual_rest)}")
 
 
 if __name__ == "__main__":

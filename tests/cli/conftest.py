@@ -119,7 +119,7 @@ def lab(in_new_folder):
 
 @pytest.fixture(scope="session")
 def keep_small(leave_figures_blank):
-    """Return what makes the small results still smaller while a patch lasts."""
+    """Return a function that cuts targets and drawing while a patch lasts."""
     targets = load_targets()[::4]
 
     def apply(patch):

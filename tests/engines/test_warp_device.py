@@ -1,4 +1,4 @@
-"""How kernels are loaded: processes that start side by side compile each of them once."""
+"""Loading of kernels: processes that start side by side compile each of them once."""
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false

@@ -161,24 +161,3 @@ def rig_kind(request, setup) -> RigKind:
             return make_rig(USER_RIG, setup)
 
     return RigKind("user", make_user)
-
-
-@pytest.fixture(scope="session")
-def sensor_camera():
-    """Return the camera that the virtual rig sees with, which is made once in a process."""
-    pytest.importorskip("cv2")
-    from cablecast.rigs.virtual.sensing import SensorCamera
-
-    return SensorCamera(Setup())
-
-
-@pytest.fixture(scope="session")
-def virtual_camera(sensor_camera):
-    """Return the camera over the virtual table."""
-    return sensor_camera.camera
-
-
-@pytest.fixture(scope="session")
-def calibration(sensor_camera):
-    """Return its calibration, from pictures of a board and of the tags."""
-    return sensor_camera.calibration

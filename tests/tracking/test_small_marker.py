@@ -31,7 +31,7 @@ def small_camera(workspace):
 
 
 def follow(camera, start):
-    """Track a marker that creeps away from a place; how far off each frame is [m], or NaN."""
+    """Return the error of each frame of a marker that creeps away [m]; NaN where it is lost."""
     times = np.arange(FRAME_COUNT) / camera.config.frame_rate
     end = np.asarray(start) + np.outer(times / times[-1], WAY)
     share = np.linspace(0, 1, 12)[None, :, None]

@@ -129,10 +129,8 @@ class Lens:
 
     def _bend(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return distorted normalised points, shape [..., 2]."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = ideal[..., 0], ideal[..., 1]
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        _, _, p1, p2, _ = self.distortion
+        x, y, r2, radial = self._radial(ideal)
         return np.stack(
             [
                 x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
@@ -141,12 +139,17 @@ class Lens:
             axis=-1,
         )
 
+    def _radial(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return x, y, their squared radius and the factor of radial distortion, shape [...]."""
+        k1, k2, _, _, k3 = self.distortion
+        x, y = ideal[..., 0], ideal[..., 1]
+        r2 = x * x + y * y
+        return x, y, r2, 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+
     def _jacobian(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivative of `_bend`, shape [..., 2, 2]."""
         k1, k2, p1, p2, k3 = self.distortion
-        x, y = ideal[..., 0], ideal[..., 1]
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        x, y, r2, radial = self._radial(ideal)
         slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)
         jacobian = np.empty((*x.shape, 2, 2))
         jacobian[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
