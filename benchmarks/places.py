@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+import runpy
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -9,13 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.strange_rig import Scatter, StrangeRig
+from benchmarks.strange_rig import (
+    SAMPLE_DT,
+    Scatter,
+    StrangeRig,
+    other_params,
+    world_draws,
+)
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
 from cablecast.errors import InputError
 from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.parts import Parts
 from cablecast.runs.progress import Progress, ProgressCallback
@@ -29,6 +37,12 @@ model of the fit, no casts in landing space. correction, fine-tuning: `train` wi
 paper: Differential Evolution, then fine-tuning where there are enough casts."""
 MANY = "many"
 """Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
+
+RIGS = ("virtual", "strange", "scattering", "engine", "example")
+"""virtual: the package's laboratory. strange: another rod, friction law, curl, servo, and scatter.
+scattering: strange with three times the scatter. engine: the engine that the learner simulates
+with, set to other parameters. example: the rig of the documentation's example."""
+EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.py"
 
 MISSED_PCT = 100.0
 """Miss of a cast without a landing [% of cable length]."""
@@ -108,12 +122,18 @@ def _miss(xy: NDArray[np.float64], target: NDArray[np.float64], length: float) -
 
 
 def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
-    """Return a rig of a laboratory."""
+    """Return a rig of a laboratory; that of the example is the same in all of them."""
     if name == "virtual":
         return cc.make_rig(RigVirtual(setup, 0, VirtualConfig(lab_seed=lab)), setup)
+    if name == "engine":
+        params = cc.CableParams(**other_params(setup, world_draws(setup, lab)))
+        return cc.make_rig(RigEngine(cc.EngineWarp(), setup, params, sample_dt=SAMPLE_DT), setup)
+    if name == "example":
+        example = runpy.run_path(str(EXAMPLE_RIG))
+        return cc.make_rig(example["make_rig"](setup, lab), setup)
     scatter = {"strange": 1.0, "scattering": 3.0}
     if name not in scatter:
-        raise InputError(f"unknown rig {name[:40]!r}: one of virtual, strange, scattering")
+        raise InputError(f"unknown rig {name[:40]!r}: one of {', '.join(RIGS)}")
     return cc.make_rig(StrangeRig(setup, 0, lab, Scatter().times(scatter[name])), setup)
 
 

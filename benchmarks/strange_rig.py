@@ -43,6 +43,20 @@ BELIEF_SPREAD = {
 """Standard deviations of the logarithm of the truth over what is believed."""
 
 
+def world_draws(setup: Setup, lab_seed: int) -> np.random.Generator:
+    """Return what draws the properties of a world."""
+    return np.random.default_rng([lab_seed, zlib.crc32(setup.cable.name.encode()), 3])
+
+
+def other_params(setup: Setup, rng: np.random.Generator) -> dict[str, float]:
+    """Return parameters as far from what is believed of a cable as they often are."""
+    believed = setup.cable.params.to_dict()
+    return {
+        name: believed[name] * float(np.exp(BELIEF_SPREAD.get(name, 0.0) * rng.normal()))
+        for name in believed
+    }
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scatter:
     """Standard deviations of what differs between equal casts.
@@ -81,12 +95,8 @@ class StrangeRig(RigLifecycle):
         self.setup, self.seed, self.lab_seed = setup, seed, lab_seed
         self.scatter = scatter or Scatter()
         self._draw = (seed, 0)
-        rng = np.random.default_rng([lab_seed, zlib.crc32(setup.cable.name.encode()), 3])
-        believed = setup.cable.params.to_dict()
-        self.params = {
-            name: believed[name] * float(np.exp(BELIEF_SPREAD.get(name, 0.0) * rng.normal()))
-            for name in believed
-        }
+        rng = world_draws(setup, lab_seed)
+        self.params = other_params(setup, rng)
         self.curl = 0.25 * float(rng.choice([-1.0, 1.0])) * float(rng.uniform(0.5, 1.5))
         self.waves = rng.normal(scale=8.0, size=(12, 2))
         self.phases = rng.uniform(0.0, 2 * np.pi, 12)
