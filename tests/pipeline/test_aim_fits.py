@@ -35,7 +35,7 @@ def quick(monkeypatch, blank_figures):
     monkeypatch.setattr(aim_learning, "simulate", functools.partial(simulate, **COARSE))
     few = {"epochs": 2}
     monkeypatch.setattr(aim_learning, "train", lambda casts, **given: train(casts, **(given | few)))
-    monkeypatch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 5)
+    monkeypatch.setattr("cablecast.pipeline.aim_beliefs._ACTION_COUNT", 5)
 
 
 @pytest.fixture

@@ -113,7 +113,7 @@ class AimSession:
         beliefs = make_beliefs(tuned)
         self._fit_count = learned.fitted_count
         self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
-        self.aimer = Aimer(policy, beliefs.scales, beliefs.size)
+        self.aimer = Aimer(policy, beliefs.scales, beliefs.size, beliefs.ensemble)
         self.relearn(self._left_out)
 
     def refit(self, progress: ProgressCallback | None = None) -> None:

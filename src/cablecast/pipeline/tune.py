@@ -182,6 +182,7 @@ def _search(
             material=result.material,
             servo=None if servo is None else servo.model,
         ),
+        ensemble=result.ensemble,
         posterior=result.posterior,
         metrics=metrics,
         path=pathlib.Path(run.path) if keep else None,

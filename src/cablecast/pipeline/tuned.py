@@ -8,6 +8,7 @@ from cablecast.cable import CableParams
 from cablecast.dynamics import Dynamics
 from cablecast.errors import InputError
 from cablecast.setup import Setup
+from cablecast.tuning.ensemble import Ensemble
 from cablecast.tuning.posterior import ParamPosterior
 
 
@@ -19,6 +20,8 @@ class Tuned:
         setup: Set-up of the casts that it was tuned to.
         dynamics: Parameters of the cable, material that the casts asked for, and servo of the arm;
             the latter is None where no joints were reported.
+        ensemble: Simulators with other physics that follow the casts as well, without servo; None
+            for a search, which makes none.
         posterior: What is known of the parameters; None for a search, which does not tell.
         metrics: Distances before and after, search history and the like, as metrics.json holds
             them; nothing but the fingerprint of the casts where a folder was read, and empty where
@@ -28,6 +31,7 @@ class Tuned:
 
     setup: Setup
     dynamics: Dynamics
+    ensemble: Ensemble | None = None
     posterior: ParamPosterior | None = None
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     path: pathlib.Path | None = None
@@ -67,12 +71,18 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import read_casts_fingerprint, read_dynamics, read_posterior
+    from cablecast.tuning.result import (
+        read_casts_fingerprint,
+        read_dynamics,
+        read_ensemble,
+        read_posterior,
+    )
 
     fingerprint = read_casts_fingerprint(path)
     return Tuned(
         setup=setup,
         dynamics=read_dynamics(path, setup.cable),
+        ensemble=read_ensemble(path),
         posterior=read_posterior(path),
         metrics={"dataset_fingerprint": fingerprint} if fingerprint else {},
         path=pathlib.Path(path),

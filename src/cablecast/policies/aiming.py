@@ -1,8 +1,9 @@
 """Aimer: chooses casts under uncertainty, and learns from every one of them.
 
-The landings of a policy's candidates are known from the simulator. A Gaussian process adds what
-real casts showed (`Experience`), and says how surely. For a target the aimer takes the action
-with the least expected loss, from the distance left, the uncertainty of the prediction, the scatter
+The landings of a policy's candidates are known from the simulator. Others of different physics that
+follow the same casts (`EnsembleLandings`) tell which of them to trust. A Gaussian process adds what
+real casts showed (`Experience`), and says how surely. For a target the aimer takes the action with
+the least expected loss, from the distance left, the uncertainty of the prediction, the scatter
 of the action, and the chance of a cast that ends out of sight. After a cast near a target the
 process is almost certain there, so the next action is a small step from the last one, damped by the
 scatter as in a Kalman filter. An action that scatters more than expected, or stays far off, loses
@@ -16,26 +17,28 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.models.features import deviations
 from cablecast.models.few_casts import Places, ResidualScales
 from cablecast.models.landing import central_shifts
 from cablecast.models.local_size import LocalSize
-from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_actions
 from cablecast.policies.base import check_targets
+from cablecast.policies.candidates import Candidates
+from cablecast.policies.ensemble import EnsembleLandings
 from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
+from cablecast.policies.mirrored import played, rightward, to_right
 from cablecast.policies.refinement import refine_actions, within_ranges
 from cablecast.policies.sight import lost_chance
 
 NEAR = 0.08
 """Miss beyond which it hardly matters how large a miss is [cable lengths]."""
 # Candidates whose simulated landings are nearest: at least so many, and so many pairs of one and
-# a cast. Of these, those whose expected landings are nearest: more would find actions that the
-# simulator is too sure of (`LocalSize`).
-_NEIGHBOR_COUNT, _PAIR_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 16
+# a cast. Of these, those whose expected landings are nearest, which the ensemble judges; and of
+# these, those with the least expected miss. Without an ensemble more than these would find actions
+# that the simulator is too sure of (`LocalSize`).
+_NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 128, 16
 # Candidates that tell the local size, and the least sensitivity over the usual one.
 _SIZE_COUNT, _SHIFT_MIN = 400, 1e-6
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
@@ -100,6 +103,7 @@ class Aimer:
         believed: Scales of the residual that are expected before any cast; the defaults where None.
         size: By how much more casts to one place may miss than to another; from the sensitivity of
             the policy's candidates where None.
+        ensemble: Tells how far single casts may be off; only their places do where None.
 
     Attributes:
         experience: What real casts added to the simulated landings.
@@ -111,12 +115,14 @@ class Aimer:
         policy: ForwardSearchPolicy,
         believed: ResidualScales | None = None,
         size: LocalSize | None = None,
+        ensemble: EnsembleLandings | None = None,
     ):
         self.policy = policy
         self.model = policy.model
         self.length = policy.setup.cable.length
         self.experience = Experience(believed)
         self.casts: list[AimedCast] = []
+        self._ensemble = ensemble
         self._changes = deviations(policy.actions)
         self._usual = float(np.median(policy.sensitivity))
         some = slice(None, None, max(1, len(policy.actions) // _SIZE_COUNT))
@@ -143,6 +149,9 @@ class Aimer:
             casts: Casts with or without a landing.
             refit: Whether the scales of the process are fitted anew.
         """
+        if casts:
+            # All at once takes hardly longer than one.
+            self._judge(*rightward(np.array([cast.action for cast in casts])))
         for cast in casts:
             place, simulated_xy, hand = self._place(cast.action)
             landing = cast.endpoint_xy * np.array([hand, 1.0])
@@ -154,30 +163,47 @@ class Aimer:
 
     def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:
         """Return the place of a cast, its simulated landing to the right [m], and its hand."""
-        (rightward,), (hand,) = _rightward(action[None])
-        simulated_xy = self.model.predict(rightward[None])
-        sensitivity = self.model.sensitivity(rightward[None], self._changes)
-        places = self._places(rightward[None], simulated_xy, sensitivity, np.array([hand]))
-        return places, simulated_xy[0], float(hand)
+        cast = self._judge(*rightward(action[None]))
+        simulated_xy = self._simulated(cast)
+        sensitivity = self.model.sensitivity(cast.actions, self._changes)
+        return self._places(cast, simulated_xy, sensitivity), simulated_xy[0], float(cast.hands[0])
+
+    def _judge(self, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> Candidates:
+        """Return actions to the right with what the ensemble says of them, if there is one."""
+        if self._ensemble is None:
+            return Candidates.unjudged(actions, hands)
+        shifts, sizes = self._ensemble.judge(actions)
+        logs = np.log(sizes / self.size.usual)
+        return Candidates(actions=actions, hands=hands, shifts=shifts, log_sizes=logs)
+
+    def _simulated(self, some: Candidates) -> NDArray[np.float64]:
+        """Return the simulated landings of candidates [m], shape [action, 2]."""
+        return self.model.predict(some.actions) + self.length * some.shifts
 
     def _places(
         self,
-        actions: NDArray[np.float64],
+        some: Candidates,
         simulated_xy: NDArray[np.float64],
         sensitivity: NDArray[np.float64],
-        hands: NDArray[np.float64],
     ) -> Places:
-        """Return the places of actions to the right that are played with a hand (+1 or -1)."""
+        """Return the places of candidates.
+
+        Of two actions that land at one place the ensemble may trust one more. It is right by half:
+        the action that it trusts most is trusted too much (docs/aim.md).
+        """
+        log_sizes = self.size.log_sizes(simulated_xy)
+        if some.log_sizes is not None:
+            log_sizes = 0.5 * (log_sizes + some.log_sizes)
         inputs = np.hstack(
             [
-                self.model.normalize(actions).astype(float),
+                self.model.normalize(some.actions).astype(float),
                 self.model.normalize_endpoints(simulated_xy),
-                hands[:, None],
+                some.hands[:, None],
             ]
         )
         return Places(
             inputs=inputs,
-            log_sizes=self.size.log_sizes(simulated_xy),
+            log_sizes=log_sizes,
             log_shakes=np.log(np.maximum(sensitivity / self._usual, _SHIFT_MIN)),
         )
 
@@ -203,8 +229,8 @@ class Aimer:
         place, simulated_xy, hand = self._place(action)
         mean, variance = self.experience.residual.predict(place)
         scatter = self.experience.scatter(place)
-        rightward, _ = _rightward(action[None])
-        shifts = self.model.landing_shifts(rightward, self._changes)[0]
+        actions, _ = rightward(action[None])
+        shifts = self.model.landing_shifts(actions, self._changes)[0]
         along = shifts @ shifts.T / max(float(np.sum(shifts**2)), 1e-12)
         shape = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
         covariance = (variance[0] + scatter[0]) * self.length**2 * shape
@@ -222,29 +248,21 @@ class Aimer:
             TargetError: The target is not finite, out of reach, or off the table.
         """
         target = check_targets(self.policy.setup, target_xy)[0]
-        actions, hands = self._candidates(target)
-        simulated_xy = self.model.predict(actions)
-        sensitivity = self.model.sensitivity(actions, self._changes)
-        places = self._places(actions, simulated_xy, sensitivity, hands)
-        mean, variance = self.experience.residual.predict(places)
-        variance = variance + self.experience.scatter(places)
-        landing_xy = simulated_xy + self.length * mean
-        distance = np.linalg.norm(landing_xy - _to_right(target, hands), axis=1) / self.length
-        played = _played(actions, hands)
-        deviation = self.length * np.sqrt(variance)
-        lost = lost_chance(played, _to_right(landing_xy, hands), deviation, self.policy.setup)
-        failure = 1.0 - (1.0 - lost) * (1.0 - self.experience.failure_chance(places))
-        risk = _expected_loss(distance, variance, failure)
-        stays = self.model.predict_margin(actions) >= self._table_margin
-        # A candidate that somebody else chose may be beyond the arm's limits.
-        risk[~(stays & check_actions(actions, self.policy.setup).mask)] = np.inf
+        some = self._candidates(target)
+        risk, failure = self._risks(some, target)
+        if self._ensemble is not None:
+            # Of actions that were moved it said what is true of those nearby.
+            few = np.argsort(risk)[:_SHORTLIST_COUNT]
+            some = self._judge(some.actions[few], some.hands[few])
+            risk, failure = self._risks(some, target)
         best = int(np.argmin(risk))
         if not np.isfinite(risk[best]):
             raise InputError("the arm can follow none of the policy's actions near this target")
-        xy, covariance, scatter = self.predict(played[best])
+        action = played(some.actions, some.hands)[best]
+        xy, covariance, scatter = self.predict(action)
         return AimChoice(
             target_xy=target,
-            action=played[best],
+            action=action,
             expected_xy=xy[0],
             covariance=covariance[0],
             scatter=float(scatter[0]),
@@ -252,51 +270,71 @@ class Aimer:
             inside_coverage=bool(self.policy.inside_coverage(target)),
         )
 
-    def _candidates(
-        self, target: NDArray[np.float64]
+    def _risks(
+        self, some: Candidates, target: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the expected loss of candidates, and their chance of no landing, [action].
+
+        The loss of one that the arm cannot follow, or that leaves the table, is infinite.
+        """
+        simulated_xy = self._simulated(some)
+        sensitivity = self.model.sensitivity(some.actions, self._changes)
+        places = self._places(some, simulated_xy, sensitivity)
+        mean, variance = self.experience.residual.predict(places)
+        variance = variance + self.experience.scatter(places)
+        landing_xy = simulated_xy + self.length * mean
+        distance = np.linalg.norm(landing_xy - to_right(target, some.hands), axis=1) / self.length
+        motions = played(some.actions, some.hands)
+        deviation = self.length * np.sqrt(variance)
+        setup = self.policy.setup
+        lost = lost_chance(motions, to_right(landing_xy, some.hands), deviation, setup)
+        failure = 1.0 - (1.0 - lost) * (1.0 - self.experience.failure_chance(places))
+        risk = _expected_loss(distance, variance, failure)
+        stays = self.model.predict_margin(some.actions) >= self._table_margin
+        # A candidate that somebody else chose may be beyond the arm's limits.
+        risk[~(stays & check_actions(some.actions, setup).mask)] = np.inf
+        return risk, failure
+
+    def _candidates(self, target: NDArray[np.float64]) -> Candidates:
         """Return promising actions, those that are expected on the target, and some in between.
 
         What is known of an action holds the less, the farther it is changed: a part of the way to
         the target may miss by less than all of it.
-
-        Returns:
-            Actions to the right, shape [action, 4], and the hands to play them with, [action].
         """
-        starts, hands = self._shortlist(target)
+        starts = self._shortlist(target)
+        ends = self._moved(starts, target)
+        if self._ensemble is not None:
+            # It says something else of an action that was moved far.
+            ends = self._moved(self._judge(ends.actions, ends.hands), target)
+        some = Candidates.join([starts.towards(ends, part) for part in _PARTS])
+        return some.at(within_ranges(some.actions))
+
+    def _moved(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
+        """Return candidates near others that are expected to land on the target."""
+        sensitivity = self.model.sensitivity(some.actions, self._changes)
         moved, _ = refine_actions(
-            starts,
-            _to_right(target, hands),
+            some.actions,
+            to_right(target, some.hands),
             self._changes,
-            model=_CorrectedLandings(self, hands, self.model.sensitivity(starts, self._changes)),
+            model=_CorrectedLandings(self, some, sensitivity),
             table_margin=self._table_margin,
             iterations=_NEWTON_STEPS,
             fractions=_FRACTIONS,
         )
-        ways = [within_ranges(starts + part * (moved - starts)) for part in _PARTS]
-        return np.concatenate(ways), np.tile(hands, len(_PARTS))
+        return some.at(moved)
 
     @property
     def _table_margin(self) -> float:
         """Distance that the free end must keep within the table's edges [m]."""
         return float(self.policy.info.get("table_margin", TABLE_MARGIN))
 
-    def _shortlist(
-        self, target: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the most promising candidates and earlier actions for a target.
-
-        Args:
-            target: Target [m], shape [2].
-
-        Returns:
-            Actions to the right, shape [action, 4], and the hands to play them with, [action].
-        """
+    def _shortlist(self, target: NDArray[np.float64]) -> Candidates:
+        """Return the most promising candidates of the policy, and earlier actions, for a target."""
         side = -1.0 if target[0] < 0 else 1.0
         places, actions, simulated_xy, turns = self._known_candidates
         # The candidates land on the right: for a target on the left all are mirrored.
         hands = side * turns
-        goals = _to_right(target, hands)
+        goals = to_right(target, hands)
         distance = np.linalg.norm(simulated_xy - goals, axis=1)
         count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(self.casts)))
         near = np.argsort(distance)[:count]
@@ -304,21 +342,34 @@ class Aimer:
         some.inputs[:, -1] = hands[near]
         mean = self.experience.residual.means(some)
         distance = np.linalg.norm(simulated_xy[near] + self.length * mean - goals[near], axis=1)
-        short = near[np.argsort(distance)[:_SHORTLIST_COUNT]]
-        earlier, earlier_hands = _rightward(self._earlier(target))
-        return (
-            np.concatenate([actions[short], earlier]),
-            np.concatenate([hands[short], earlier_hands]),
-        )
+        kept = _SHORTLIST_COUNT if self._ensemble is None else _JUDGED_COUNT
+        short = near[np.argsort(distance)[:kept]]
+        chosen = self._least_missing(self._judge(actions[short], hands[short]), target)
+        return Candidates.join([chosen, self._judge(*rightward(self._earlier(target)))])
+
+    def _least_missing(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
+        """Return the candidates with the least expected miss as they are."""
+        simulated_xy = self._simulated(some)
+        sensitivity = self.model.sensitivity(some.actions, self._changes)
+        places = self._places(some, simulated_xy, sensitivity)
+        mean, variance = self.experience.residual.predict(places)
+        offset = (simulated_xy - to_right(target, some.hands)) / self.length + mean
+        square = np.sum(offset**2, axis=1) + 2.0 * variance
+        return some[np.argsort(square)[:_SHORTLIST_COUNT]]
 
     @functools.cached_property
     def _known_candidates(self) -> tuple[Places, NDArray, NDArray, NDArray]:
         """Places of the policy's candidates, actions and landings to the right [m], and hands."""
         policy = self.policy
-        actions, turns = _rightward(policy.actions)
-        simulated_xy = _to_right(policy.predicted_xy, turns)
-        places = self._places(actions, simulated_xy, policy.sensitivity, turns)
-        return places, actions, simulated_xy, turns
+        actions, turns = rightward(policy.actions)
+        simulated_xy = to_right(policy.predicted_xy, turns)
+        unjudged = Candidates.unjudged(actions, turns)
+        return (
+            self._places(unjudged, simulated_xy, policy.sensitivity),
+            actions,
+            simulated_xy,
+            turns,
+        )
 
     def _earlier(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the actions that landed nearest to a target, shape [action, 4]."""
@@ -353,9 +404,9 @@ def _expected_loss(
 class _CorrectedLandings:
     """Landings of given actions with what real casts added, for `refine_actions`."""
 
-    def __init__(self, aimer: Aimer, hands: NDArray[np.float64], sensitivity: NDArray[np.float64]):
+    def __init__(self, aimer: Aimer, some: Candidates, sensitivity: NDArray[np.float64]):
         self.aimer = aimer
-        self.hands = hands
+        self.some = some
         self.sensitivity = sensitivity
         self.setup = aimer.policy.setup
 
@@ -363,10 +414,10 @@ class _CorrectedLandings:
         """Return the expected landings [m], shape [action, 2]."""
         aimer = self.aimer
         # Shifts are asked for by several changes of all actions in turn.
-        times = len(actions) // len(self.hands)
-        hands, sensitivity = np.tile(self.hands, times), np.tile(self.sensitivity, times)
-        simulated_xy = aimer.model.predict(actions)
-        places = aimer._places(actions, simulated_xy, sensitivity, hands)
+        rows = np.tile(np.arange(len(self.some)), len(actions) // len(self.some))
+        some = self.some[rows].at(actions)
+        simulated_xy = aimer._simulated(some)
+        places = aimer._places(some, simulated_xy, self.sensitivity[rows])
         return simulated_xy + aimer.length * aimer.experience.residual.means(places)
 
     def landing_shifts(
@@ -378,23 +429,3 @@ class _CorrectedLandings:
     def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distance that the free end keeps from the table's edges [m]."""
         return self.aimer.model.predict_margin(actions)
-
-
-def _rightward(actions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return actions as the model knows them, with theta2 > 0, and the hands they are played with.
-
-    Returns:
-        Actions, shape [action, 4], and +1, or -1 for those that were mirrored, shape [action].
-    """
-    hands = np.where(actions[:, 1] < 0, -1.0, 1.0)
-    return _played(actions, hands), hands
-
-
-def _played(actions: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return actions to the right as they are played with given hands, shape [action, 4]."""
-    return np.where(hands[:, None] < 0, mirror_actions(actions), actions)
-
-
-def _to_right(xy: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one point or one for each action as the model sees it, shape [action, 2]."""
-    return np.where(hands[:, None] < 0, mirror_xy(xy), xy)

@@ -10,6 +10,7 @@ import numpy as np
 from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.engines.base import Engine
 from cablecast.tuning.damping import ITERATIONS, choose_damping
+from cablecast.tuning.ensemble import fit_ensemble
 from cablecast.tuning.least_squares import (
     MISFIT_START,
     FitConfig,
@@ -22,7 +23,7 @@ from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
 from cablecast.tuning.prior import ParamPrior
 from cablecast.tuning.search_space import SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.tuning.tune import COARSE, FINE, TuneProgress, TuneResult
+from cablecast.tuning.tune import COARSE, ENSEMBLE, FINE, TuneProgress, TuneResult
 
 WIDEN_MAX = 2
 """Times that ranges are widened at most."""
@@ -85,6 +86,13 @@ def fit_params(
         report.extend(config.fine_iterations)
     best = state.best(len(state.points))
     params = posterior.params
+    ensemble = fit_ensemble(
+        TrackFit(TrackObjective(coarse_engine, fitted, training), space, prior),
+        params,
+        state.misfit,
+        config.ensemble_iterations,
+        functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations),
+    )
 
     def distances(tracks: MeasuredTracks) -> TrackDistances:
         believed = TrackObjective(engine, cable, tracks).distances(cable.params)
@@ -95,6 +103,7 @@ def fit_params(
         params=params,
         material=damping.material,
         damping_evidence=damping.evidence,
+        ensemble=ensemble,
         population=space.to_params(best.points),
         population_losses=fine.distances(space.to_params(best.points)).loss,
         space=space,

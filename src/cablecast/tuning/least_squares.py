@@ -64,6 +64,8 @@ class FitConfig:
         coarse_dt: Step of the coarse simulation [s].
         damping_times: Damping times of the material that are tried where there are enough casts
             [s]; none where empty. Casts tell factors of three apart, and hardly less.
+        ensemble_iterations: Steps with each of some other materials, at the coarse resolution
+            (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
     """
 
@@ -74,6 +76,7 @@ class FitConfig:
     coarse_segment_count: int = 30
     coarse_dt: float = 1e-3
     damping_times: tuple[float, ...] = (0.003, 0.01, 0.03)
+    ensemble_iterations: int = 5
     seed: int = 0
 
     def __post_init__(self):
@@ -84,6 +87,7 @@ class FitConfig:
             ("coarse_iterations", 0, 1000),
             ("fine_start_count", 1, 1000),
             ("fine_iterations", 1, 1000),
+            ("ensemble_iterations", 0, 1000),
             ("coarse_segment_count", 2, 1000),
         ):
             check_count(name, getattr(self, name), low, high)

@@ -16,6 +16,7 @@ from cablecast.files import write_json
 from cablecast.material import Material
 from cablecast.motion.servo import ServoModel
 from cablecast.reading import CHECKSUM_KEY, read_json, read_sealed, seal
+from cablecast.tuning.ensemble import Ensemble
 from cablecast.tuning.objective import TrackDistances
 from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tune import TuneResult
@@ -64,6 +65,7 @@ def params_file(
             {"damping_time": time, "evidence": evidence}
             for time, evidence in result.damping_evidence.items()
         ],
+        "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
         "posterior": None if result.posterior is None else result.posterior.to_dict(),
         "open": [] if result.posterior is None else result.posterior.sentences(),
         "search_range": result.space.to_dict(),
@@ -183,6 +185,19 @@ def read_dynamics(path: str | pathlib.Path, cable: Cable | None = None) -> Dynam
         material=_read_part(path, "material", lambda stored, _: Material.from_dict(stored)),
         servo=_read_part(path, "servo", lambda stored, _: ServoModel.from_dict(stored)),
     )
+
+
+def read_ensemble(path: str | pathlib.Path) -> Ensemble | None:
+    """Read the simulators with other physics; None for the result of a search.
+
+    Args:
+        path: params.json, or its folder.
+
+    Raises:
+        InputError: There is no such file, or it is damaged.
+        UnreadableFileError: The system refuses to read it.
+    """
+    return _read_part(path, "ensemble", lambda stored, _: Ensemble.from_dict(stored))
 
 
 def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:

@@ -14,13 +14,14 @@ from cablecast.errors import InputError
 from cablecast.material import Material
 from cablecast.runs.parts import Parts
 from cablecast.tuning.checkpoint import Checkpoint
+from cablecast.tuning.ensemble import Ensemble
 from cablecast.tuning.objective import TrackDistances, TrackObjective
 from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, make_search
 from cablecast.tuning.search_space import SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks
 
-COARSE, FINE = "coarse", "fine"
+COARSE, FINE, ENSEMBLE = "coarse", "fine", "other physics"
 
 GENERATION_MAX = 20_000
 CANDIDATE_MAX = 100_000
@@ -136,6 +137,7 @@ class TuneResult:
         posterior: What is known of the parameters; None for a search, which does not tell.
         material: Material that the casts ask for; None for that of the cable.
         damping_evidence: Evidence for each damping time that was tried, see `Damping`.
+        ensemble: Simulators with other physics that follow the same tracks; None for a search.
     """
 
     params: CableParams
@@ -153,6 +155,7 @@ class TuneResult:
     posterior: ParamPosterior | None = None
     material: Material | None = None
     damping_evidence: Mapping[float, float] = dataclasses.field(default_factory=dict)
+    ensemble: Ensemble | None = None
 
 
 def split_tracks(

@@ -1,0 +1,131 @@
+"""An ensemble of simulators tells which casts to trust, and the aimer follows it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from formula_rig import LENGTH, SETUP, make_policy
+
+from cablecast.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.material import Material
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.policies.aiming import AimedCast, Aimer
+from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR, EnsembleLandings, judged
+
+ACTIONS = feasible_uniform(3, SETUP, seed=5)
+
+
+NEW = feasible_uniform(1, SETUP, seed=6)
+
+
+class _Told:
+    """An ensemble that knows casts that swing back by less than 0.5 rad, and shifts all."""
+
+    def __init__(self, shift=(0.0, 0.0)):
+        self.shift = np.array(shift)
+        self.asked = 0
+
+    def judge(self, actions):
+        self.asked += len(actions)
+        sizes = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
+        return np.tile(self.shift, (len(actions), 1)), sizes
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return make_policy()
+
+
+@pytest.fixture
+def ensemble():
+    params = SETUP.cable.params
+    slippery = dataclasses.replace(params, lateral_friction=0.8 * params.lateral_friction)
+    members = [
+        Dynamics(params=params),
+        Dynamics(params=slippery),
+        Dynamics(params=params, material=Material(drag_coefficient=1.1)),
+    ]
+    return EnsembleLandings(SETUP, members, EngineWarp(12, 2e-3))
+
+
+def test_mean_and_spread_of_landings():
+    landings = np.array([[[0.0, 1.0]], [[0.2, 1.0]], [[0.1, 1.3]]])
+    shifts, sizes = judged(landings)
+    np.testing.assert_allclose(shifts, [[0.1, 0.1]])
+    # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
+    np.testing.assert_allclose(sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
+
+
+def test_a_simulation_that_broke_off_is_trusted_no_further_than_a_cable_length():
+    landings = np.array([[[0.0, 1.0]], [[np.nan, np.nan]], [[0.0, 1.0]]])
+    shifts, sizes = judged(landings)
+    np.testing.assert_allclose(shifts, [[0.0, 0.0]])
+    np.testing.assert_allclose(sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.5 / 3)))
+    shifts, sizes = judged(landings[1:2])
+    np.testing.assert_array_equal(shifts, [[0.0, 0.0]])
+    assert np.all(np.isfinite(sizes))
+
+
+def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
+    first = ensemble.judge(ACTIONS)
+    simulated = []
+    landings = ensemble.landings
+    monkeypatch.setattr(
+        ensemble, "landings", lambda actions: simulated.append(len(actions)) or landings(actions)
+    )
+    new = np.concatenate([ACTIONS[::-1], NEW, NEW])
+    shifts, sizes = ensemble.judge(new)
+    assert simulated == [1]
+    np.testing.assert_array_equal(shifts[:3], first[0][::-1])
+    np.testing.assert_array_equal(sizes[:3], first[1][::-1])
+    np.testing.assert_array_equal(shifts[3], shifts[4])
+
+
+def test_the_shift_leads_from_the_first_simulator_to_the_mean(ensemble):
+    landings = ensemble.landings(ACTIONS)
+    shifts, sizes = ensemble.judge(ACTIONS)
+    np.testing.assert_allclose(
+        landings[0] + LENGTH * shifts, landings.mean(axis=0), rtol=0, atol=1e-12
+    )
+    assert np.all(sizes > OWN_MISS)
+    shifts, sizes = EnsembleLandings(SETUP, ensemble.members[:1], ensemble.engine).judge(ACTIONS)
+    np.testing.assert_array_equal(shifts, np.zeros((3, 2)))
+    np.testing.assert_allclose(sizes, OWN_MISS)
+
+
+def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
+    targets = np.array([[0.3, 1.1], [-0.25, 1.15], [0.5, 1.05], [-0.5, 1.1]])
+    trusting, told = Aimer(policy), Aimer(policy, ensemble=_Told())
+    swings = [[abs(aimer.choose(xy).action[0]) for xy in targets] for aimer in (trusting, told)]
+    assert max(swings[1]) < 0.5
+    assert max(swings[0]) > 0.5
+
+
+def test_the_shift_is_part_of_the_expected_landing_on_both_sides(policy):
+    aimer = Aimer(policy, ensemble=_Told(shift=(0.05, -0.03)))
+    for hand in (1.0, -1.0):
+        choice = aimer.choose([hand * 0.3, 1.1])
+        plain, _, _ = Aimer(policy).predict(choice.action)
+        shift = LENGTH * np.array([hand * 0.05, -0.03])
+        np.testing.assert_allclose(choice.expected_xy, plain[0] + shift, atol=1e-9)
+        np.testing.assert_allclose(choice.expected_xy, [hand * 0.3, 1.1], atol=0.02)
+
+
+def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
+    aimer = Aimer(policy, ensemble=_Told())
+    known, unknown = np.array([[-0.4, 0.6, 0.5, 1.0], [-0.8, 0.6, 0.5, 1.0]])
+    _, covariance, _ = aimer.predict(np.array([known, unknown]))
+    assert np.linalg.det(covariance[1]) > 4.0 * np.linalg.det(covariance[0])
+
+
+def test_casts_teach_an_aimer_that_has_an_ensemble(policy):
+    told = Aimer(policy, ensemble=_Told(shift=(0.05, 0.0)))
+    choice = told.choose([0.3, 1.1])
+    seen = choice.expected_xy + LENGTH * np.array([0.08, 0.02])
+    other = told.copy()
+    other.learn([AimedCast(action=choice.action, endpoint_xy=seen)])
+    expected, covariance, _ = other.predict(choice.action)
+    assert np.linalg.norm(expected[0] - seen) < 0.2 * np.linalg.norm(choice.expected_xy - seen)
+    assert np.linalg.det(covariance[0]) < 0.3 * np.linalg.det(choice.covariance)
+    assert not told.casts

@@ -1,0 +1,89 @@
+"""Simulators of other physics that follow the same casts."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
+from cablecast.material import MATERIAL_BOUNDS, Material
+from cablecast.tuning.ensemble import MEMBER_COUNT, Ensemble, other_materials
+from cablecast.tuning.fit import fit_params
+from cablecast.tuning.least_squares import FitConfig
+from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.result import params_file, read_ensemble, write_params
+
+CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
+COARSE = {"segment_count": 10, "dt": 2e-3}
+
+
+@pytest.fixture(scope="module")
+def few(tracks):
+    return tracks[np.arange(4)]
+
+
+@pytest.fixture(scope="module")
+def fitted(cable, few):
+    engine = EngineWarp(**COARSE)
+    return fit_params(cable, few, None, engine, engine, CONFIG)
+
+
+def test_the_first_material_is_that_of_the_cable_and_each_other_one_is_changed():
+    found = Material(damping_time=0.01, rest_curvature=0.1)
+    materials = other_materials(found, 0.62)
+    assert len(materials) == MEMBER_COUNT
+    assert materials[0] == found
+    assert len(set(materials)) == MEMBER_COUNT
+    curls = sorted(float(m.rest_curvature) - 0.1 for m in materials)
+    assert curls[0] == pytest.approx(-curls[-1])
+
+
+def test_materials_at_their_bounds_stay_within_them():
+    ends = {name: ends[1] for name, ends in MATERIAL_BOUNDS.items()}
+    assert len(other_materials(Material(**ends), 0.62)) == MEMBER_COUNT
+
+
+def test_each_member_follows_the_casts_better_with_its_own_parameters(fitted, cable, few):
+    engine = EngineWarp(**COARSE)
+    assert len(fitted.ensemble.members) == MEMBER_COUNT
+    for member in fitted.ensemble.members:
+        objective = TrackObjective(engine, cable.with_material(member.material), few)
+        own = objective.distances(member.params).loss[0]
+        assert own <= objective.distances(fitted.params).loss[0]
+        # None of these materials is far from the true one.
+        assert own < 0.05 * cable.length
+
+
+def test_members_part_where_the_casts_say_nothing(fitted, cable, tracks, few):
+    def spread(some):
+        ends = []
+        for member in fitted.ensemble.members:
+            objective = TrackObjective(
+                EngineWarp(**COARSE), cable.with_material(member.material), some
+            )
+            xy, _ = objective.tracks_of(member.params)
+            ends.append(xy[0, :, -1])
+        return np.median(np.linalg.norm(np.std(ends, axis=0), axis=1)) / cable.length
+
+    others = tracks[np.arange(4, len(tracks))]
+    assert 1e-3 < spread(few) < spread(others)
+
+
+def test_none_is_made_where_no_step_is_asked_for(cable, few):
+    engine = EngineWarp(**COARSE)
+    config = dataclasses.replace(CONFIG, start_count=1, coarse_iterations=1, ensemble_iterations=0)
+    assert fit_params(cable, few, None, engine, engine, config).ensemble is None
+
+
+def test_it_is_kept_with_the_parameters(fitted, cable, tmp_path):
+    write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
+    assert read_ensemble(tmp_path) == fitted.ensemble
+
+
+def test_a_damaged_one_is_refused(fitted):
+    values = fitted.ensemble.to_dict()
+    with pytest.raises(InputError, match="segment_count"):
+        Ensemble.from_dict(values | {"segment_count": 1})
+    with pytest.raises(KeyError):
+        Ensemble.from_dict({"members": values["members"]})
