@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table
-from benchmarks.places import MANY, METHODS, MISSED_PCT, REAL_MIN, Place
+from benchmarks.places import LOOPS, MANY, METHODS, MISSED_PCT, REAL_MIN, Place
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.runs.progress import ProgressCallback
@@ -26,7 +26,7 @@ from cablecast.runs.workers import LOCAL
 DRAW_COUNT = 2000
 
 COLUMNS = ("rig", "cable", "casts", "method", "targets", "try", "median", "q1", "q3", "missed")
-REGION_COLUMNS = ("rig", "cable", "casts", "try", "landings", "in 50 %", "in 90 %")
+REGION_COLUMNS = ("rig", "cable", "casts", "method", "try", "landings", "in 50 %", "in 90 %")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,8 @@ class Args:
     counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
     """Numbers of real casts before the first target."""
     methods: tuple[str, ...] = METHODS
-    """Methods, some of aim, full gain, simulated, correction, fine-tuning, paper, many."""
+    """Methods, some of aim, full gain, one simulator, simulated, correction, fine-tuning, paper,
+    many."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
     tries: int = 4
@@ -109,7 +110,7 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
     rows_of_regions: list[tuple] = []
     for (name, cable, count, method), rows in found.items():
         misses = np.array([row["miss_pct"] for row in rows])
-        for number in range(tries if method in ("aim", "full gain", MANY) else 1):
+        for number in range(tries if method in (*LOOPS, MANY) else 1):
             values = misses[:, number]
             median, low, high = interval(values)
             q1, q3 = np.quantile(values, (0.25, 0.75))
@@ -118,13 +119,13 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
             quartiles = (f"{q1:.1f}", f"{q3:.1f}", f"{lost:.1f}")
             row = (name, cable, count, method, len(values), number + 1, spread, *quartiles)
             rows_of_misses.append(row)
-            if method != "aim":
+            if method not in ("aim", "one simulator"):
                 continue
             squares = [row["square"][number] for row in rows]
             known = np.array([s for s in squares if s is not None])
             inside = [100.0 * np.mean(known < -2.0 * np.log1p(-share)) for share in (0.5, 0.9)]
             shares = (f"{share:.0f}" for share in inside)
-            rows_of_regions.append((name, cable, count, number + 1, len(known), *shares))
+            rows_of_regions.append((name, cable, count, method, number + 1, len(known), *shares))
     title = "Miss of each try in % of cable length; missed: casts without a landing [%]"
     print(Table(title=title, columns=COLUMNS, rows=rows_of_misses))
     title = "Landings within the regions that were stated before the cast [%]"
@@ -132,26 +133,24 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
 
 
 def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> None:
-    """Print how much more the first tries with a model of many cables miss than those of aim."""
+    """Print how much more other methods miss than aim, at the same targets."""
     rows = []
-    for (name, cable, count, method), of_many in found.items():
+    for (name, cable, count, method), others in found.items():
         own = found.get((name, cable, count, "aim"))
-        if method != MANY or own is None:
+        if method == "aim" or own is None:
             continue
-        first = np.array([[row["miss_pct"][0] for row in of] for of in (own, of_many)])
-        rng = np.random.default_rng(0)
-        picks = rng.integers(first.shape[1], size=(DRAW_COUNT, first.shape[1]))
-        draws = np.median(first[:, picks], axis=2)
-        low, high = np.quantile(draws[1] - draws[0], (0.05, 0.95))
-        middle = np.median(first[1]) - np.median(first[0])
-        rows.append(
-            (name, cable, count, first.shape[1], f"{middle:+.1f} ({low:+.1f} to {high:+.1f})")
-        )
+        for number in range(len(own[0]["miss_pct"]) if method in (*LOOPS, MANY) else 1):
+            both = np.array([[row["miss_pct"][number] for row in of] for of in (own, others)])
+            rng = np.random.default_rng(0)
+            picks = rng.integers(both.shape[1], size=(DRAW_COUNT, both.shape[1]))
+            draws = np.median(both[:, picks], axis=2)
+            low, high = np.quantile(draws[1] - draws[0], (0.05, 0.95))
+            middle = np.median(both[1]) - np.median(both[0])
+            spread = f"{middle:+.1f} ({low:+.1f} to {high:+.1f})"
+            rows.append((name, cable, count, method, both.shape[1], number + 1, spread))
     if rows:
-        title = (
-            "Median first miss with a model of many cables, less that of aim [% of cable length]"
-        )
-        columns = ("rig", "cable", "casts", "targets", "difference")
+        title = "Median miss less that of aim at the same targets [% of cable length]"
+        columns = ("rig", "cable", "casts", "method", "targets", "try", "difference")
         print(Table(title=title, columns=columns, rows=rows))
 
 

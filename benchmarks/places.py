@@ -31,10 +31,14 @@ from cablecast.runs.progress import Progress, ProgressCallback
 if TYPE_CHECKING:
     from benchmarks.casts import Args
 
-METHODS = ("aim", "full gain", "simulated", "correction", "fine-tuning", "paper")
-"""aim: this package's loop. full gain: the same with every miss taken at face value. simulated: the
+METHODS = ("aim", "full gain", "one simulator", "simulated", "correction", "fine-tuning", "paper")
+"""aim: this package's loop. full gain: the same with every miss taken at face value. one simulator:
+the same without an ensemble of simulators. simulated: the
 model of the fit, no casts in landing space. correction, fine-tuning: `train` with the real casts.
 paper: Differential Evolution, then fine-tuning where there are enough casts."""
+LOOPS = ("aim", "full gain", "one simulator")
+"""Methods that look where a cast landed before the next one."""
+
 MANY = "many"
 """Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
 
@@ -240,8 +244,9 @@ class Place:
         if method == MANY:
             return LoopSession(self._known(self.policy_of_many(count), count), full_gain=False)
         policy = self.policy(count, method == "paper")
-        if method in ("aim", "full gain"):
-            return LoopSession(self._known(policy, count), method == "full gain")
+        if method in LOOPS:
+            known = self._known(policy, count, ensemble=method != "one simulator")
+            return LoopSession(known, method == "full gain")
         if method == "simulated" or (method == "paper" and count < REAL_MIN["fine-tuning"]):
             return FixedSession(policy)
         real = self.casts(count)
@@ -253,12 +258,17 @@ class Place:
         model: Any = policy.model
         return FixedSession(cc.train(simulated, real, method=how, start=model))
 
-    def _known(self, policy: ForwardSearchPolicy, count: int) -> cc.AimSession:
+    def _known(
+        self, policy: ForwardSearchPolicy, count: int, *, ensemble: bool = True
+    ) -> cc.AimSession:
         """Return a session that knows some casts."""
+        tuned = self.tuned(count, paper=False)
+        if tuned is not None and not ensemble:
+            tuned = dataclasses.replace(tuned, ensemble=None)
         session = cc.AimSession(
             policy,
             casts=self.casts(min(count, FIT_MAX)),
-            tuned=self.tuned(count, paper=False),
+            tuned=tuned,
             within_pct=0.01,
             tries=1000,
         )

@@ -11,7 +11,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.material import Material
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.policies.aiming import AimedCast, Aimer
-from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR, EnsembleLandings, judged
+from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR, EnsembleLandings, Judgement, judged
 
 ACTIONS = feasible_uniform(3, SETUP, seed=5)
 
@@ -19,17 +19,24 @@ ACTIONS = feasible_uniform(3, SETUP, seed=5)
 NEW = feasible_uniform(1, SETUP, seed=6)
 
 
+def tracks_to(ends):
+    """Return tracks of one cast in several simulators that end at some places."""
+    return np.linspace([0.0, 0.5], ends, 5).swapaxes(0, 1)[:, None]
+
+
 class _Told:
     """An ensemble that knows casts that swing back by less than 0.5 rad, and shifts all."""
 
-    def __init__(self, shift=(0.0, 0.0)):
-        self.shift = np.array(shift)
-        self.asked = 0
+    def __init__(self, shift=(0.0, 0.0), leaves_from=-10.0):
+        self.shift, self.leaves_from = np.array(shift), leaves_from
 
     def judge(self, actions):
-        self.asked += len(actions)
         sizes = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
-        return np.tile(self.shift, (len(actions), 1)), sizes
+        return Judgement(
+            shifts=np.tile(self.shift, (len(actions), 1)),
+            sizes=sizes,
+            leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
+        )
 
 
 @pytest.fixture(scope="module")
@@ -50,48 +57,56 @@ def ensemble():
 
 
 def test_mean_and_spread_of_landings():
-    landings = np.array([[[0.0, 1.0]], [[0.2, 1.0]], [[0.1, 1.3]]])
-    shifts, sizes = judged(landings)
-    np.testing.assert_allclose(shifts, [[0.1, 0.1]])
+    said = judged(LENGTH * tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]]), SETUP)
+    np.testing.assert_allclose(said.shifts, [[0.1, 0.1]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
-    np.testing.assert_allclose(sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
+    np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
 
 
 def test_a_simulation_that_broke_off_is_trusted_no_further_than_a_cable_length():
-    landings = np.array([[[0.0, 1.0]], [[np.nan, np.nan]], [[0.0, 1.0]]])
-    shifts, sizes = judged(landings)
-    np.testing.assert_allclose(shifts, [[0.0, 0.0]])
-    np.testing.assert_allclose(sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.5 / 3)))
-    shifts, sizes = judged(landings[1:2])
-    np.testing.assert_array_equal(shifts, [[0.0, 0.0]])
-    assert np.all(np.isfinite(sizes))
+    tracks = LENGTH * tracks_to([[0.0, 1.0], [np.nan, np.nan], [0.0, 1.0]])
+    said = judged(tracks, SETUP)
+    np.testing.assert_allclose(said.shifts, [[0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.5 / 3)))
+    said = judged(tracks[1:2], SETUP)
+    np.testing.assert_array_equal(said.shifts, [[0.0, 0.0]])
+    assert np.all(np.isfinite(said.sizes))
+
+
+def test_it_counts_the_simulators_in_which_the_free_end_leaves_the_table():
+    tracks = LENGTH * tracks_to([[0.0, 1.0]] * 4)
+    assert judged(tracks, SETUP).leaving == 0.0
+    tracks[1, 0, 1] = [0.0, SETUP.workspace.y_min - 0.01]
+    assert judged(tracks, SETUP).leaving == 0.25
+    tracks[2, 0, 2] = [SETUP.workspace.half_width + 0.01, 0.5]
+    assert judged(tracks, SETUP).leaving == 0.5
 
 
 def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     first = ensemble.judge(ACTIONS)
     simulated = []
-    landings = ensemble.landings
+    tracks = ensemble.tracks
     monkeypatch.setattr(
-        ensemble, "landings", lambda actions: simulated.append(len(actions)) or landings(actions)
+        ensemble, "tracks", lambda actions: simulated.append(len(actions)) or tracks(actions)
     )
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
-    shifts, sizes = ensemble.judge(new)
+    again = ensemble.judge(new)
     assert simulated == [1]
-    np.testing.assert_array_equal(shifts[:3], first[0][::-1])
-    np.testing.assert_array_equal(sizes[:3], first[1][::-1])
-    np.testing.assert_array_equal(shifts[3], shifts[4])
+    np.testing.assert_array_equal(again.shifts[:3], first.shifts[::-1])
+    np.testing.assert_array_equal(again.sizes[:3], first.sizes[::-1])
+    np.testing.assert_array_equal(again.leaving[:3], first.leaving[::-1])
+    np.testing.assert_array_equal(again.shifts[3], again.shifts[4])
 
 
 def test_the_shift_leads_from_the_first_simulator_to_the_mean(ensemble):
-    landings = ensemble.landings(ACTIONS)
-    shifts, sizes = ensemble.judge(ACTIONS)
-    np.testing.assert_allclose(
-        landings[0] + LENGTH * shifts, landings.mean(axis=0), rtol=0, atol=1e-12
-    )
-    assert np.all(sizes > OWN_MISS)
-    shifts, sizes = EnsembleLandings(SETUP, ensemble.members[:1], ensemble.engine).judge(ACTIONS)
-    np.testing.assert_array_equal(shifts, np.zeros((3, 2)))
-    np.testing.assert_allclose(sizes, OWN_MISS)
+    landings = ensemble.tracks(ACTIONS)[:, :, -1]
+    said = ensemble.judge(ACTIONS)
+    mean = landings[0] + LENGTH * said.shifts
+    np.testing.assert_allclose(mean, landings.mean(axis=0), rtol=0, atol=1e-12)
+    assert np.all(said.sizes > OWN_MISS)
+    alone = EnsembleLandings(SETUP, ensemble.members[:1], ensemble.engine).judge(ACTIONS)
+    np.testing.assert_array_equal(alone.shifts, np.zeros((3, 2)))
+    np.testing.assert_allclose(alone.sizes, OWN_MISS)
 
 
 def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
@@ -100,6 +115,14 @@ def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
     swings = [[abs(aimer.choose(xy).action[0]) for xy in targets] for aimer in (trusting, told)]
     assert max(swings[1]) < 0.5
     assert max(swings[0]) > 0.5
+
+
+def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
+    targets = np.array([[0.3, 1.1], [-0.25, 1.15], [0.5, 1.05], [-0.5, 1.1]])
+    aimer = Aimer(policy, ensemble=_Told(leaves_from=-0.2))
+    choices = [aimer.choose(xy) for xy in targets]
+    assert max(abs(choice.action[0]) for choice in choices) < 0.2
+    assert max(choice.failure for choice in choices) < 0.1
 
 
 def test_the_shift_is_part_of_the_expected_landing_on_both_sides(policy):

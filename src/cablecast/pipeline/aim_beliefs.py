@@ -48,11 +48,10 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)
     actions = np.where(actions[:, 1:2] < 0, mirror_actions(actions), actions)
-    length = tuned.setup.cable.length
-    landings = ensemble.landings(actions) / length
-    shifts, sizes = judged(landings)
-    xy = length * (landings[0] + shifts)
+    tracks = ensemble.tracks(actions)
+    said = judged(tracks, tuned.setup)
+    xy = tracks[0, :, -1] + tuned.setup.cable.length * said.shifts
     known = np.isfinite(xy).all(axis=1)
-    size = LocalSize(landing_xy=xy[known], values=sizes[known])
+    size = LocalSize(landing_xy=xy[known], values=said.sizes[known])
     scales = dataclasses.replace(ResidualScales(), amplitude=size.usual)
     return Beliefs(scales=scales, size=size, ensemble=ensemble)

@@ -172,9 +172,14 @@ class Aimer:
         """Return actions to the right with what the ensemble says of them, if there is one."""
         if self._ensemble is None:
             return Candidates.unjudged(actions, hands)
-        shifts, sizes = self._ensemble.judge(actions)
-        logs = np.log(sizes / self.size.usual)
-        return Candidates(actions=actions, hands=hands, shifts=shifts, log_sizes=logs)
+        said = self._ensemble.judge(actions)
+        return Candidates(
+            actions=actions,
+            hands=hands,
+            shifts=said.shifts,
+            leaving=said.leaving,
+            log_sizes=np.log(said.sizes / self.size.usual),
+        )
 
     def _simulated(self, some: Candidates) -> NDArray[np.float64]:
         """Return the simulated landings of candidates [m], shape [action, 2]."""
@@ -288,7 +293,8 @@ class Aimer:
         deviation = self.length * np.sqrt(variance)
         setup = self.policy.setup
         lost = lost_chance(motions, to_right(landing_xy, some.hands), deviation, setup)
-        failure = 1.0 - (1.0 - lost) * (1.0 - self.experience.failure_chance(places))
+        seen = (1.0 - lost) * (1.0 - some.leaving)
+        failure = 1.0 - seen * (1.0 - self.experience.failure_chance(places))
         risk = _expected_loss(distance, variance, failure)
         stays = self.model.predict_margin(some.actions) >= self._table_margin
         # A candidate that somebody else chose may be beyond the arm's limits.
@@ -355,6 +361,8 @@ class Aimer:
         mean, variance = self.experience.residual.predict(places)
         offset = (simulated_xy - to_right(target, some.hands)) / self.length + mean
         square = np.sum(offset**2, axis=1) + 2.0 * variance
+        # A cast without a landing misses by as much as one that lands a cable's length away.
+        square = (1.0 - some.leaving) * square + some.leaving
         return some[np.argsort(square)[:_SHORTLIST_COUNT]]
 
     @functools.cached_property

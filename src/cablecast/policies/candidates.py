@@ -15,6 +15,8 @@ class Candidates:
         hands: +1, or -1 for actions that are played to the left, shape [action].
         shifts: From the landing in the policy's simulator to the mean of an ensemble, 0 where there
             is none [cable lengths], shape [action, 2].
+        leaving: Chance that the free end passes an edge of the table, as the ensemble says, 0 where
+            there is none [-], shape [action].
         log_sizes: Logarithm of the size of a miss over the usual one, as the ensemble says, shape
             [action]; None where there is none.
     """
@@ -22,12 +24,16 @@ class Candidates:
     actions: NDArray[np.float64]
     hands: NDArray[np.float64]
     shifts: NDArray[np.float64]
+    leaving: NDArray[np.float64]
     log_sizes: NDArray[np.float64] | None
 
     @classmethod
     def unjudged(cls, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> "Candidates":
         """Return candidates of which no ensemble says anything."""
-        return cls(actions=actions, hands=hands, shifts=np.zeros((len(actions), 2)), log_sizes=None)
+        nothing = np.zeros((len(actions), 2))
+        return cls(
+            actions=actions, hands=hands, shifts=nothing, leaving=nothing[:, 0], log_sizes=None
+        )
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -37,6 +43,7 @@ class Candidates:
             actions=self.actions[rows],
             hands=self.hands[rows],
             shifts=self.shifts[rows],
+            leaving=self.leaving[rows],
             log_sizes=None if self.log_sizes is None else self.log_sizes[rows],
         )
 
@@ -53,6 +60,7 @@ class Candidates:
             actions=self.actions + part * (others.actions - self.actions),
             hands=self.hands,
             shifts=self.shifts + part * (others.shifts - self.shifts),
+            leaving=self.leaving + part * (others.leaving - self.leaving),
             log_sizes=logs,
         )
 
@@ -64,5 +72,6 @@ class Candidates:
             actions=np.concatenate([part.actions for part in parts]),
             hands=np.concatenate([part.hands for part in parts]),
             shifts=np.concatenate([part.shifts for part in parts]),
+            leaving=np.concatenate([part.leaving for part in parts]),
             log_sizes=np.concatenate(logs) if logs else None,
         )
