@@ -2,10 +2,10 @@
 
 The residual of a cast, measured minus simulated landing, is modelled as s g(a) + k(a) e. g is a
 Gaussian process with a Matern 3/2 kernel over the features of the action, the simulated landing and
-the side of the table; e is scatter from cast to cast. The size s is a power of that of `LocalSize`:
-casts that land far away miss by more than short ones. The scatter follows the sensitivity k of the
-landing to the action. Four numbers are fitted (`ResidualScales`), each with a prior, so that no
-cast is needed to begin with and a hundred may overrule it.
+the side of the table; e is scatter from cast to cast. The size s is a power of that of `LocalSize`
+and of an ensemble: casts that land far away, or on which simulators part, miss by more. The scatter
+follows the sensitivity k of the landing to the action. Four numbers are fitted (`ResidualScales`),
+each with a prior, so that no cast is needed to begin with and a hundred may overrule it.
 """
 
 import dataclasses

@@ -1,12 +1,9 @@
 """LocalSize: by how much more casts to one place of the table may miss than casts to another.
 
-Far and sideways landings depend more on what is not known of the cable. Where the fit of the
-simulator says how surely it knows the cable, the spread of landings over draws of the cable tells
-the size. Otherwise the sensitivity of landings to the action does.
-
-The size belongs to the landing, not to the action. Over the whole table both measures tell where
-the simulator errs. Among actions with the same landing they do not: the action that the simulator
-is surest of was no better than others, and often worse (docs/aim.md).
+Far and sideways landings depend more on what is not known of the cable. Where simulators of
+different physics follow the same casts, the spread of their landings tells the size. Otherwise the
+sensitivity of landings to the action does: over the whole table it tells where the simulator errs,
+but not among actions with the same landing (docs/aim.md).
 """
 
 import dataclasses
@@ -17,7 +14,7 @@ from numpy.typing import NDArray
 
 # Smaller values are taken for this share of the usual one: their logarithm would say too much.
 _SHARE_MIN = 0.05
-# Each value is known to a quarter only, from a dozen draws.
+# Each value is known to a third or so only, from a handful of simulators.
 _SMOOTHING = 10.0
 
 
@@ -27,7 +24,7 @@ class LocalSize:
 
     Attributes:
         landing_xy: Simulated landings of some actions to the right [m], shape [action, 2].
-        values: Spread or sensitivity of these landings, in any unit, shape [action].
+        values: Size of a miss or sensitivity of these landings, in any unit, shape [action].
     """
 
     landing_xy: NDArray[np.float64]
