@@ -30,7 +30,7 @@ def demo(tmp_path_factory, make_engines_coarse):
         few = load_targets()[:: len(load_targets()) // FEW_TARGETS]
         patch.setattr("cablecast.pipeline.demo.load_targets", lambda: few)
         patch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
-        patch.setattr("cablecast.pipeline.aim_beliefs._SPREAD_ACTIONS", 5)
+        patch.setattr("cablecast.pipeline.aim_beliefs._ACTION_COUNT", 5)
         brief = functools.partial(aim_learning.tune, config=SEARCH)
         patch.setattr(aim_learning, "tune", brief)
         make_engines_coarse(patch)

@@ -10,7 +10,8 @@ from cablecast.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.material import Material
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.policies.aiming import AimedCast, Aimer
+from cablecast.policies.aimed import AimedCast
+from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR, EnsembleLandings, Judgement, judged
 
 ACTIONS = feasible_uniform(3, SETUP, seed=5)

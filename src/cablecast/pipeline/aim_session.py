@@ -22,7 +22,8 @@ from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_words import DRIFT_NOTE, change_text, reason_text
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.aiming import AimedCast, Aimer
+from cablecast.policies.aimed import AimedCast
+from cablecast.policies.aiming import Aimer
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.attempts import TrialFailedError, attempt_trial

@@ -11,7 +11,6 @@ this advantage to others.
 """
 
 import copy
-import dataclasses
 import functools
 
 import numpy as np
@@ -23,6 +22,7 @@ from cablecast.models.few_casts import Places, ResidualScales
 from cablecast.models.landing import central_shifts
 from cablecast.models.local_size import LocalSize
 from cablecast.motion.feasibility import check_actions
+from cablecast.policies.aimed import AimChoice, AimedCast
 from cablecast.policies.base import check_targets
 from cablecast.policies.candidates import Candidates
 from cablecast.policies.ensemble import EnsembleLandings
@@ -49,50 +49,6 @@ _NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
 _PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
 _ALONG = 0.5
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AimedCast:
-    """A cast that the aimer learned from.
-
-    Attributes:
-        action: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [4].
-        endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
-        fitted: Whether the simulator was fitted to it: it then lands nearer to its prediction than
-            others will, and teaches less.
-    """
-
-    action: NDArray[np.float64]
-    endpoint_xy: NDArray[np.float64]
-    fitted: bool = False
-
-    @property
-    def landed(self) -> bool:
-        """True if the cast has a landing."""
-        return bool(np.all(np.isfinite(self.endpoint_xy)))
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AimChoice:
-    """An action for a target, and what to expect of it.
-
-    Attributes:
-        target_xy: Target [m], shape [2].
-        action: Action, shape [4].
-        expected_xy: Expected landing [m], shape [2].
-        covariance: Covariance of the landing, scatter included [m²], shape [2, 2].
-        scatter: Standard deviation along each axis of equal casts [m].
-        failure: Chance that the cast ends without a landing [-].
-        inside_coverage: Whether simulated casts land near the target.
-    """
-
-    target_xy: NDArray[np.float64]
-    action: NDArray[np.float64]
-    expected_xy: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    scatter: float
-    failure: float
-    inside_coverage: bool
 
 
 class Aimer:

@@ -29,7 +29,7 @@ _SAMPLE_DT = 0.05
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What an ensemble says of some casts.
+    """Judgement of an ensemble on some casts.
 
     Attributes:
         shifts: From the landing in the first simulator to the mean of all [cable lengths], shape

@@ -86,13 +86,9 @@ def fit_params(
         report.extend(config.fine_iterations)
     best = state.best(len(state.points))
     params = posterior.params
-    ensemble = fit_ensemble(
-        TrackFit(TrackObjective(coarse_engine, fitted, training), space, prior),
-        params,
-        state.misfit,
-        config.ensemble_iterations,
-        functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations),
-    )
+    steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
+    fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, prior)
+    ensemble = fit_ensemble(fit, params, state.misfit, config.ensemble_iterations, steps)
 
     def distances(tracks: MeasuredTracks) -> TrackDistances:
         believed = TrackObjective(engine, cable, tracks).distances(cable.params)
