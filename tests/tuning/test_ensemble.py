@@ -87,3 +87,11 @@ def test_a_damaged_one_is_refused(fitted):
         Ensemble.from_dict(values | {"segment_count": 1})
     with pytest.raises(KeyError):
         Ensemble.from_dict({"members": values["members"]})
+
+
+def test_its_simulations_count_as_coarse_ones(fitted, cable, few):
+    engine = EngineWarp(**COARSE)
+    without = dataclasses.replace(CONFIG, ensemble_iterations=0)
+    alone = fit_params(cable, few, None, engine, engine, without)
+    more = fitted.coarse_simulation_count - alone.coarse_simulation_count
+    assert more == fitted.simulation_count - alone.simulation_count > 0

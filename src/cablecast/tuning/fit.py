@@ -68,7 +68,7 @@ def fit_params(
     damping = choose_damping(
         fit, state, config.damping_times, functools.partial(report.step, COARSE, extra=ITERATIONS)
     )
-    coarse_count, state = report.count, damping.state
+    state = damping.state
     fitted = cable.with_material(damping.material)
     fine = TrackObjective(engine, fitted, training)
     points = state.best(config.fine_start_count).points
@@ -108,7 +108,7 @@ def fit_params(
         training_status=training.status,
         validation_status=(training if validation is None else validation).status,
         simulation_count=report.count,
-        coarse_simulation_count=coarse_count,
+        coarse_simulation_count=report.count - report.fine_count,
         seconds=time.monotonic() - began,
         history=report.history,
         posterior=posterior,
@@ -169,7 +169,7 @@ class _Report:
         self.cable_length = cable_length
         self.progress = progress
         self.began = began
-        self.count = 0
+        self.count = self.fine_count = 0
         self.history: list[tuple[str, float, float]] = []
 
     def extend(self, steps: int) -> None:
@@ -178,11 +178,13 @@ class _Report:
 
     def step(self, stage: str, fit: TrackFit, extra: int = 0) -> Callable[[FitState], None]:
         """Return the callback of a fit that begins now, with steps that were not announced."""
-        before = self.count
+        before, fine_before = self.count, self.fine_count
         self.extend(extra)
 
         def after(state: FitState) -> None:
             self.count = before + fit.simulation_count
+            if stage == FINE:
+                self.fine_count = fine_before + fit.simulation_count
             best, spread = float(state.best().losses[0]), float(state.losses.std())
             self.history.append((stage, best * self.cable_length, spread * self.cable_length))
             if self.progress is None:
