@@ -104,13 +104,18 @@ def run(args: Args, report: ProgressCallback) -> dict[tuple[str, str, int, str],
     return found
 
 
+def try_count(method: str, tries: int) -> int:
+    """Return the tries of a method that count: without a loop all of them are equal casts."""
+    return tries if method in (*LOOPS, MANY) else 1
+
+
 def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int) -> None:
     """Print the misses of every try, and how often the stated regions held."""
     rows_of_misses: list[tuple] = []
     rows_of_regions: list[tuple] = []
     for (name, cable, count, method), rows in found.items():
         misses = np.array([row["miss_pct"] for row in rows])
-        for number in range(tries if method in (*LOOPS, MANY) else 1):
+        for number in range(try_count(method, tries)):
             values = misses[:, number]
             median, low, high = interval(values)
             q1, q3 = np.quantile(values, (0.25, 0.75))
@@ -139,7 +144,7 @@ def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> Non
         own = found.get((name, cable, count, "aim"))
         if method == "aim" or own is None:
             continue
-        for number in range(len(own[0]["miss_pct"]) if method in (*LOOPS, MANY) else 1):
+        for number in range(try_count(method, len(own[0]["miss_pct"]))):
             both = np.array([[row["miss_pct"][number] for row in of] for of in (own, others)])
             rng = np.random.default_rng(0)
             picks = rng.integers(both.shape[1], size=(DRAW_COUNT, both.shape[1]))

@@ -31,14 +31,12 @@ from cablecast.runs.progress import Progress, ProgressCallback
 if TYPE_CHECKING:
     from benchmarks.casts import Args
 
-METHODS = ("aim", "full gain", "one simulator", "simulated", "correction", "fine-tuning", "paper")
-"""aim: this package's loop. full gain: the same with every miss taken at face value. one simulator:
-the same without an ensemble of simulators. simulated: the
-model of the fit, no casts in landing space. correction, fine-tuning: `train` with the real casts.
-paper: Differential Evolution, then fine-tuning where there are enough casts."""
 LOOPS = ("aim", "full gain", "one simulator")
-"""Methods that look where a cast landed before the next one."""
-
+"""Methods that look where a cast landed before the next one. aim: this package's loop. full gain:
+the same with every miss taken at face value. one simulator: the same without an ensemble."""
+METHODS = (*LOOPS, "simulated", "correction", "fine-tuning", "paper")
+"""simulated: the model of the fit, no casts in landing space. correction, fine-tuning: `train` with
+the real casts. paper: Differential Evolution, then fine-tuning where there are enough casts."""
 MANY = "many"
 """Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
 

@@ -20,10 +20,10 @@ from benchmarks.common import Table
 from benchmarks.places import Place
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
-from cablecast.motion.action import mirror_actions
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import make_engine
+from cablecast.policies.mirrored import rightward
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.least_squares import TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective
@@ -174,8 +174,7 @@ def spreads(tuned: cc.Tuned, draws: CableParams, count: int) -> NDArray[np.float
     Returns:
         Median distance from the median landing; NaN where no cable lands.
     """
-    actions = feasible_uniform(count, tuned.setup, seed=ACTION_SEED)
-    actions = np.where(actions[:, 1:2] < 0, mirror_actions(actions), actions)
+    actions, _ = rightward(feasible_uniform(count, tuned.setup, seed=ACTION_SEED))
     values = draws.to_array()
     rows = np.repeat(np.arange(count), len(values))
     params = CableParams.from_array(np.tile(values, (count, 1)))

@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.models.forward import ForwardModel
 from cablecast.models.landing import LandingModel
-from cablecast.motion.action import mirror_actions
+from cablecast.policies.mirrored import rightward, to_right
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.track import TrialStatus
 
@@ -139,9 +138,6 @@ def _network_predictions(model: LandingModel, actions) -> NDArray[np.float64]:
     """Return predictions without the correction, for actions of either side [m], [action, 2]."""
     if any(action is None for action in actions):
         raise InputError("only casts that a model planned can be split")
-    rows = np.array([action.to_array() for action in actions])
-    left = rows[:, 1:2] < 0
-    folded = np.where(left, mirror_actions(rows), rows)
+    folded, hands = rightward(np.array([action.to_array() for action in actions]))
     alone = model.uncorrected if isinstance(model, ForwardModel) else model
-    xy = alone.predict(folded)
-    return np.where(left, mirror_xy(xy), xy)
+    return to_right(alone.predict(folded), hands)

@@ -14,6 +14,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.models.array_rows import ArrayRows
 from cablecast.models.kernel import matern
 
 PLACE_COUNT = 7
@@ -66,7 +67,7 @@ are near those of the residuals between two simulators of other parameters and r
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Places:
+class Places(ArrayRows):
     """Coordinates of some actions for the process.
 
     Attributes:
@@ -78,25 +79,6 @@ class Places:
     inputs: NDArray[np.float64]
     log_sizes: NDArray[np.float64]
     log_shakes: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.inputs)
-
-    def __getitem__(self, rows) -> "Places":
-        return Places(
-            inputs=self.inputs[rows],
-            log_sizes=self.log_sizes[rows],
-            log_shakes=self.log_shakes[rows],
-        )
-
-    @classmethod
-    def join(cls, parts: "list[Places]") -> "Places":
-        """Return several as one."""
-        return cls(
-            inputs=np.concatenate([part.inputs for part in parts]),
-            log_sizes=np.concatenate([part.log_sizes for part in parts]),
-            log_shakes=np.concatenate([part.log_shakes for part in parts]),
-        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

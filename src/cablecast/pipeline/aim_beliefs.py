@@ -6,11 +6,11 @@ import numpy as np
 
 from cablecast.models.few_casts import ResidualScales
 from cablecast.models.local_size import LocalSize
-from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.ensemble import EnsembleLandings, judged
+from cablecast.policies.mirrored import rightward
 
 # Casts that tell how far apart the simulators of an ensemble usually land.
 _ACTION_COUNT, _SEED = 240, 7
@@ -24,7 +24,7 @@ class Beliefs:
         scales: Scales of real landings about the simulated ones.
         size: By how much more casts to one place may miss than to another; None where the fit has
             no ensemble.
-        ensemble: What tells how far each single cast may be off; None where the fit has none.
+        ensemble: Simulators by which each single cast is judged; None where the fit has none.
     """
 
     scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
@@ -47,8 +47,7 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         make_engine(fitted.segment_count, fitted.dt),
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)
-    actions = np.where(actions[:, 1:2] < 0, mirror_actions(actions), actions)
-    tracks = ensemble.tracks(actions)
+    tracks = ensemble.tracks(rightward(actions)[0])
     said = judged(tracks, tuned.setup)
     xy = tracks[0, :, -1] + tuned.setup.cable.length * said.shifts
     known = np.isfinite(xy).all(axis=1)

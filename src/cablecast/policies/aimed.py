@@ -13,7 +13,7 @@ class AimedCast:
     Attributes:
         action: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [4].
         endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
-        fitted: Whether the simulator was fitted to it: it then lands nearer to its prediction than
+        fitted: True if the simulator was fitted to it: it then lands nearer to its prediction than
             others will, and teaches less.
     """
 
@@ -38,7 +38,7 @@ class AimChoice:
         covariance: Covariance of the landing, scatter included [m²], shape [2, 2].
         scatter: Standard deviation along each axis of equal casts [m].
         failure: Chance that the cast ends without a landing [-].
-        inside_coverage: Whether simulated casts land near the target.
+        inside_coverage: True if simulated casts land near the target.
     """
 
     target_xy: NDArray[np.float64]

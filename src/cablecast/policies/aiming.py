@@ -59,7 +59,7 @@ class Aimer:
         believed: Scales of the residual that are expected before any cast; the defaults where None.
         size: By how much more casts to one place may miss than to another; from the sensitivity of
             the policy's candidates where None.
-        ensemble: Tells how far single casts may be off; only their places do where None.
+        ensemble: Simulators of other physics, by which a cast is judged; by its place where None.
 
     Attributes:
         experience: What real casts added to the simulated landings.
@@ -152,9 +152,8 @@ class Aimer:
         Of two actions that land at one place the ensemble may trust one more. It is right by half:
         the action that it trusts most is trusted too much (docs/aim.md).
         """
-        log_sizes = self.size.log_sizes(simulated_xy)
-        if some.log_sizes is not None:
-            log_sizes = 0.5 * (log_sizes + some.log_sizes)
+        usual = self.size.log_sizes(simulated_xy)
+        own = np.where(np.isnan(some.log_sizes), usual, some.log_sizes)
         inputs = np.hstack(
             [
                 self.model.normalize(some.actions).astype(float),
@@ -164,7 +163,7 @@ class Aimer:
         )
         return Places(
             inputs=inputs,
-            log_sizes=log_sizes,
+            log_sizes=0.5 * (usual + own),
             log_shakes=np.log(np.maximum(sensitivity / self._usual, _SHIFT_MIN)),
         )
 
@@ -238,12 +237,8 @@ class Aimer:
 
         The loss of one that the arm cannot follow, or that leaves the table, is infinite.
         """
-        simulated_xy = self._simulated(some)
-        sensitivity = self.model.sensitivity(some.actions, self._changes)
-        places = self._places(some, simulated_xy, sensitivity)
-        mean, variance = self.experience.residual.predict(places)
+        places, landing_xy, variance = self._expected(some)
         variance = variance + self.experience.scatter(places)
-        landing_xy = simulated_xy + self.length * mean
         distance = np.linalg.norm(landing_xy - to_right(target, some.hands), axis=1) / self.length
         motions = played(some.actions, some.hands)
         deviation = self.length * np.sqrt(variance)
@@ -256,6 +251,16 @@ class Aimer:
         # A candidate that somebody else chose may be beyond the arm's limits.
         risk[~(stays & check_actions(some.actions, setup).mask)] = np.inf
         return risk, failure
+
+    def _expected(
+        self, some: Candidates
+    ) -> tuple[Places, NDArray[np.float64], NDArray[np.float64]]:
+        """Return places, landings to the right [m] and their variance without scatter."""
+        simulated_xy = self._simulated(some)
+        sensitivity = self.model.sensitivity(some.actions, self._changes)
+        places = self._places(some, simulated_xy, sensitivity)
+        mean, variance = self.experience.residual.predict(places)
+        return places, simulated_xy + self.length * mean, variance
 
     def _candidates(self, target: NDArray[np.float64]) -> Candidates:
         """Return promising actions, those that are expected on the target, and some in between.
@@ -306,16 +311,15 @@ class Aimer:
         distance = np.linalg.norm(simulated_xy[near] + self.length * mean - goals[near], axis=1)
         kept = _SHORTLIST_COUNT if self._ensemble is None else _JUDGED_COUNT
         short = near[np.argsort(distance)[:kept]]
-        chosen = self._least_missing(self._judge(actions[short], hands[short]), target)
+        chosen = self._judge(actions[short], hands[short])
+        if len(chosen) > _SHORTLIST_COUNT:
+            chosen = self._least_missing(chosen, target)
         return Candidates.join([chosen, self._judge(*rightward(self._earlier(target)))])
 
     def _least_missing(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
         """Return the candidates with the least expected miss as they are."""
-        simulated_xy = self._simulated(some)
-        sensitivity = self.model.sensitivity(some.actions, self._changes)
-        places = self._places(some, simulated_xy, sensitivity)
-        mean, variance = self.experience.residual.predict(places)
-        offset = (simulated_xy - to_right(target, some.hands)) / self.length + mean
+        _, landing_xy, variance = self._expected(some)
+        offset = (landing_xy - to_right(target, some.hands)) / self.length
         square = np.sum(offset**2, axis=1) + 2.0 * variance
         # A cast without a landing misses by as much as one that lands a cable's length away.
         square = (1.0 - some.leaving) * square + some.leaving

@@ -5,9 +5,11 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.models.array_rows import ArrayRows
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Candidates:
+class Candidates(ArrayRows):
     """Actions to the right and the hands that play them.
 
     Attributes:
@@ -17,34 +19,25 @@ class Candidates:
             is none [cable lengths], shape [action, 2].
         leaving: Chance that the free end passes an edge of the table, as the ensemble says, 0 where
             there is none [-], shape [action].
-        log_sizes: Logarithm of the size of a miss over the usual one, as the ensemble says, shape
-            [action]; None where there is none.
+        log_sizes: Logarithm of the size of a miss over the usual one, as the ensemble says, NaN
+            where there is none, shape [action].
     """
 
     actions: NDArray[np.float64]
     hands: NDArray[np.float64]
     shifts: NDArray[np.float64]
     leaving: NDArray[np.float64]
-    log_sizes: NDArray[np.float64] | None
+    log_sizes: NDArray[np.float64]
 
     @classmethod
     def unjudged(cls, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> "Candidates":
         """Return candidates of which no ensemble says anything."""
-        nothing = np.zeros((len(actions), 2))
         return cls(
-            actions=actions, hands=hands, shifts=nothing, leaving=nothing[:, 0], log_sizes=None
-        )
-
-    def __len__(self) -> int:
-        return len(self.actions)
-
-    def __getitem__(self, rows) -> "Candidates":
-        return Candidates(
-            actions=self.actions[rows],
-            hands=self.hands[rows],
-            shifts=self.shifts[rows],
-            leaving=self.leaving[rows],
-            log_sizes=None if self.log_sizes is None else self.log_sizes[rows],
+            actions=actions,
+            hands=hands,
+            shifts=np.zeros((len(actions), 2)),
+            leaving=np.zeros(len(actions)),
+            log_sizes=np.full(len(actions), np.nan),
         )
 
     def at(self, actions: NDArray[np.float64]) -> "Candidates":
@@ -53,25 +46,10 @@ class Candidates:
 
     def towards(self, others: "Candidates", part: float) -> "Candidates":
         """Return candidates at a part of the way from each of these to one of others."""
-        logs = None
-        if self.log_sizes is not None and others.log_sizes is not None:
-            logs = self.log_sizes + part * (others.log_sizes - self.log_sizes)
         return Candidates(
             actions=self.actions + part * (others.actions - self.actions),
             hands=self.hands,
             shifts=self.shifts + part * (others.shifts - self.shifts),
             leaving=self.leaving + part * (others.leaving - self.leaving),
-            log_sizes=logs,
-        )
-
-    @classmethod
-    def join(cls, parts: "list[Candidates]") -> "Candidates":
-        """Return several as one."""
-        logs = [part.log_sizes for part in parts if part.log_sizes is not None]
-        return cls(
-            actions=np.concatenate([part.actions for part in parts]),
-            hands=np.concatenate([part.hands for part in parts]),
-            shifts=np.concatenate([part.shifts for part in parts]),
-            leaving=np.concatenate([part.leaving for part in parts]),
-            log_sizes=np.concatenate(logs) if logs else None,
+            log_sizes=self.log_sizes + part * (others.log_sizes - self.log_sizes),
         )

@@ -18,8 +18,8 @@ from cablecast.setup import Setup
 
 OWN_MISS, SPREAD_FACTOR = 0.05, 1.25
 """A landing misses by about the spread of the ensemble times a factor, and by a part of its own
-[cable lengths]. Told by landings at 224 targets of the virtual rig: with them, 56 % and 89 % of
-the landings lie in regions of 50 % and 90 %."""
+[cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
+docs/aim.md has the share of landings that lie in the regions that are stated with them."""
 
 # Farther apart than this nothing is known of a landing, by however much more [cable lengths].
 _APART_MAX = 1.0

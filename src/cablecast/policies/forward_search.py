@@ -21,6 +21,7 @@ from cablecast.models.load import load_model
 from cablecast.motion.action import ActionRanges, mirror_actions
 from cablecast.motion.feasibility import feasible_grid
 from cablecast.policies.base import Plan, check_targets
+from cablecast.policies.mirrored import rightward
 from cablecast.policies.refinement import refine_actions
 from cablecast.policies.storage import ARRAY_SHAPES, StoredPolicy, read_policy, write_policy
 from cablecast.setup import Setup
@@ -245,8 +246,7 @@ class ForwardSearchPolicy:
         candidates = np.take_along_axis(index, short, axis=1).ravel()
         goals = np.repeat(targets, short.shape[1], axis=0)
         actions, predicted_xy = self._refined(candidates, goals)
-        on_left = actions[:, 1:2] < 0
-        spread = self.model.predict_spread(np.where(on_left, mirror_actions(actions), actions))
+        spread = self.model.predict_spread(rightward(actions)[0])
         if spread is None:
             raise InputError("the policy's candidates have a spread, but its model predicts none")
         miss = np.sum((predicted_xy - goals) ** 2, axis=1) + 2.0 * spread**2

@@ -26,5 +26,5 @@ def played(actions: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[
 
 
 def to_right(xy: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one point or one for each action as the model sees it, shape [action, 2]."""
+    """Return one point or one for each action as the model sees it, or back, [action, 2]."""
     return np.where(hands[:, None] < 0, mirror_xy(xy), xy)

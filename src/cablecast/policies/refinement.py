@@ -6,9 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.conventions import mirror_xy
-from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN, mirror_actions
+from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN
 from cablecast.motion.feasibility import check_actions
+from cablecast.policies.mirrored import played, rightward, to_right
 
 ITERATION_COUNT = 2
 """Number of Newton steps; the second lands within 0.1 % of the cable's length of the target."""
@@ -66,9 +66,8 @@ def refine_actions(
     Returns:
         Actions and their predicted landings [m], shapes [target, 4] and [target, 2].
     """
-    left = actions[:, 1:2] < 0
-    start = np.where(left, mirror_actions(actions), actions)
-    targets = np.where(left, mirror_xy(target_xy), target_xy)
+    start, hands = rightward(actions)
+    targets = to_right(target_xy, hands)
     start_xy = model.predict(start)
     moved, moved_xy = start.copy(), start_xy
     for _ in range(iterations):
@@ -92,10 +91,7 @@ def refine_actions(
             taken[rows] = stays & check_actions(tried[rows], model.setup).mask
         final[taken], final_xy[taken] = tried[taken], tried_xy[taken]
         left_over &= ~taken
-    return (
-        np.where(left, mirror_actions(final), final),
-        np.where(left, mirror_xy(final_xy), final_xy),
-    )
+    return played(final, hands), to_right(final_xy, hands)
 
 
 def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
