@@ -45,6 +45,7 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         tuned.setup,
         [dataclasses.replace(member, servo=tuned.dynamics.servo) for member in fitted.members],
         make_engine(fitted.segment_count, fitted.dt),
+        tuned.posterior,
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)
     tracks = ensemble.tracks(rightward(actions)[0])

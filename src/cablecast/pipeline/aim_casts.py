@@ -12,6 +12,9 @@ from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.track import TrialStatus
 
+SAME_TARGET = 1e-6
+"""Two targets nearer to each other than this are the same [m]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AimProposal:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.checks import check_count, check_number
 from cablecast.datasets.reader import Dataset
@@ -17,9 +17,10 @@ from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim_beliefs import make_beliefs
-from cablecast.pipeline.aim_casts import AimProposal, AimTrial
+from cablecast.pipeline.aim_casts import SAME_TARGET, AimProposal, AimTrial
 from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.pipeline.aim_learning import AimLearning, Learned
+from cablecast.pipeline.aim_lessons import Lessons
 from cablecast.pipeline.aim_words import DRIFT_NOTE, change_text, reason_text
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.aimed import AimedCast
@@ -40,9 +41,6 @@ TRIES = 6
 
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _REFIT_GROWTH = 1.3
-
-# Two targets nearer to each other than this are the same [m].
-_SAME_TARGET = 1e-6
 
 
 class AimSession:
@@ -101,6 +99,7 @@ class AimSession:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
         self._learning, self._left_out = learning, frozenset[int]()
+        self._lessons = Lessons(self.store)
         self.take_up(Learned(policy=policy, tuned=tuned, fitted_count=fitted_count))
 
     def take_up(self, learned: Learned) -> None:
@@ -233,7 +232,7 @@ class AimSession:
         other = copy.copy(self)
         other.store = CastStore(self.setup)
         other.store.casts = list(self.store.casts)
-        other.aimer = self.aimer.copy()
+        other.aimer, other._lessons = self.aimer.copy(), Lessons(other.store)
         other._trials = list(self._trials)
         if self._learning is not None:
             other._learning = dataclasses.replace(self._learning, folder=None)
@@ -254,7 +253,7 @@ class AimSession:
         return [
             trial
             for trial in self._trials
-            if np.linalg.norm(trial.target_xy - target) < _SAME_TARGET
+            if np.linalg.norm(trial.target_xy - target) < SAME_TARGET
         ]
 
     def is_done(self, target_xy: ArrayLike) -> bool:
@@ -286,7 +285,7 @@ class AimSession:
         targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
         if len(targets) != 1:
             raise InputError(f"a proposal has one target, not {len(targets)}")
-        choice = self.aimer.choose(targets[0])
+        choice = self._aimer_at(targets[0]).choose(targets[0])
         action = Action.from_array(choice.action)
         earlier = self.trials_at(choice.target_xy)
         return AimProposal(
@@ -303,6 +302,15 @@ class AimSession:
             cable_length=self.setup.cable.length,
             reason=reason_text(choice.action, earlier, len(self.store)),
         )
+
+    def _aimer_at(self, target_xy: NDArray[np.float64]) -> Aimer:
+        """Return an aimer whose simulators learned from new casts near a target."""
+        trials = [
+            trial
+            for trial, cast in zip(self._trials, self.store.casts, strict=True)
+            if trial.number not in self._left_out and not self._was_fitted(trial.number, cast)
+        ]
+        return self._lessons.aimer_at(target_xy, self.aimer, trials)
 
     def cast(self, rig: CheckedRig, proposal: AimProposal) -> AimTrial:
         """Make a proposed cast on a rig, and learn from it.
@@ -365,12 +373,11 @@ class AimSession:
         self.store.add(cast)
         drifts = len(self.aimer.experience.drifts)
         self._learn([(len(self._trials), cast)], len(self.store))
-        trial = self._trial(len(self._trials), cast)
-        change = change_text(proposal, trial, self.aimer)
+        self._trials.append(trial := self._trial(len(self._trials), cast))
+        change = change_text(proposal, trial, self._aimer_at(proposal.target_xy))
         if len(self.aimer.experience.drifts) > drifts:
             change += ". " + DRIFT_NOTE
-        trial = dataclasses.replace(trial, change=change)
-        self._trials.append(trial)
+        self._trials[-1] = trial = dataclasses.replace(trial, change=change)
         return trial
 
     def _check_next(self, proposal: AimProposal) -> None:

@@ -11,6 +11,7 @@ this advantage to others.
 """
 
 import copy
+import dataclasses
 import functools
 
 import numpy as np
@@ -26,14 +27,14 @@ from cablecast.policies.aimed import AimChoice, AimedCast
 from cablecast.policies.base import check_targets
 from cablecast.policies.candidates import Candidates
 from cablecast.policies.ensemble import EnsembleLandings
+from cablecast.policies.expected_loss import expected_loss
 from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.mirrored import played, rightward, to_right
 from cablecast.policies.refinement import refine_actions, within_ranges
 from cablecast.policies.sight import lost_chance
+from cablecast.tuning.tracks import MeasuredTracks
 
-NEAR = 0.08
-"""Miss beyond which it hardly matters how large a miss is [cable lengths]."""
 # Candidates whose simulated landings are nearest: at least so many, and so many pairs of one and
 # a cast. Of these, those whose expected landings are nearest, which the ensemble judges; and of
 # these, those with the least expected miss. Without an ensemble more than these would find actions
@@ -96,6 +97,24 @@ class Aimer:
         """Return an aimer of the same policy and beliefs that has not learned from any cast."""
         other = copy.copy(self)
         other.casts, other.experience = [], Experience(self.experience.residual.believed)
+        return other
+
+    def taught(self, tracks: MeasuredTracks) -> "Aimer":
+        """Return an aimer of the same casts whose simulators learned from some of them, too.
+
+        Simulators that were moved towards casts near a target say better what a small change of
+        these does. Elsewhere they are no better than before.
+
+        Args:
+            tracks: Casts near a target that the simulators were not fitted to.
+        """
+        if self._ensemble is None:
+            return self
+        other = self.emptied()
+        other._ensemble = self._ensemble.taught(tracks)
+        known = other.experience
+        known.residual = dataclasses.replace(known.residual, scales=self.experience.residual.scales)
+        other.learn(self.casts, refit=False)
         return other
 
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
@@ -246,7 +265,7 @@ class Aimer:
         lost = lost_chance(motions, to_right(landing_xy, some.hands), deviation, setup)
         seen = (1.0 - lost) * (1.0 - some.leaving)
         failure = 1.0 - seen * (1.0 - self.experience.failure_chance(places))
-        risk = _expected_loss(distance, variance, failure)
+        risk = expected_loss(distance, variance, failure)
         stays = self.model.predict_margin(some.actions) >= self._table_margin
         # A candidate that somebody else chose may be beyond the arm's limits.
         risk[~(stays & check_actions(some.actions, setup).mask)] = np.inf
@@ -345,28 +364,6 @@ class Aimer:
         miss = [float(np.linalg.norm(cast.endpoint_xy - target)) / self.length for cast in landed]
         near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < _EARLIER_REACH]
         return np.array([landed[k].action for k in near]).reshape(-1, 4)
-
-
-def _expected_loss(
-    distance: NDArray[np.float64], variance: NDArray[np.float64], failure: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the expected loss of casts.
-
-    The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `NEAR`, and 1 for a cast without a
-    landing. Small misses count by their square, as in a Kalman filter. A large miss that is certain
-    counts for as much as one that is only possible: it is no reason to stay.
-
-    Args:
-        distance: Distance from expected landing to target [cable lengths], shape [action].
-        variance: Variance of the landing along each axis [square cable lengths], [action].
-        failure: Chance of a cast without a landing [-], shape [action].
-
-    Returns:
-        Loss [-], shape [action].
-    """
-    width = NEAR**2 + variance
-    near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
-    return 1.0 - (1.0 - failure) * near
 
 
 class _CorrectedLandings:

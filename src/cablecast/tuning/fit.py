@@ -77,7 +77,7 @@ def fit_params(
         fit = TrackFit(fine, space, prior)
         state = fit.start(points, state.misfit)
         state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
-        posterior = _posterior(fit, state)
+        posterior = _posterior(fit, state, prior)
         wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
         if wider is None:
             break
@@ -115,14 +115,14 @@ def fit_params(
     )
 
 
-def _posterior(fit: TrackFit, state: FitState) -> ParamPosterior:
+def _posterior(fit: TrackFit, state: FitState, prior: ParamPrior) -> ParamPosterior:
     """Return the Gaussian whose curvature is that of F at the best point."""
     best = state.best()
     curve = fit.curvatures(best.points, best.misfit, expected=True)[0]
     covariance = np.linalg.inv(curve.hessian)
     return ParamPosterior(
         space=fit.space,
-        prior=fit.prior,
+        prior=prior,
         mean=best.points[0],
         covariance=(covariance + covariance.T) / 2,
         misfit=best.misfit,

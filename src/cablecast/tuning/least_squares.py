@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from cablecast.cable import CableParams
 from cablecast.checks import check_count, check_number, check_ranges, check_seed
 from cablecast.tuning.objective import NON_FINITE_DISTANCE, TrackObjective
-from cablecast.tuning.prior import ParamPrior
+from cablecast.tuning.prior import ParamBelief
 from cablecast.tuning.search_space import SearchSpace
 
 TRACK_WEIGHT = 2.0
@@ -147,7 +147,7 @@ class TrackFit:
         prior: What is believed of them.
     """
 
-    def __init__(self, objective: TrackObjective, space: SearchSpace, prior: ParamPrior):
+    def __init__(self, objective: TrackObjective, space: SearchSpace, prior: ParamBelief):
         self.objective = objective
         self.space = space
         self.prior = prior
@@ -234,11 +234,10 @@ class TrackFit:
             weighted = weights[row][..., None] * base
             hessian = np.einsum("atic,ti,btic->ab", jacobian, weights[row], jacobian)
             gradient = np.einsum("atic,tic->a", jacobian, weighted)
-            precision = self.prior.deviation**-2.0
             curvatures.append(
                 Curvature(
-                    gradient=gradient + precision * (points[row] - self.prior.mean),
-                    hessian=hessian + np.diag(precision),
+                    gradient=gradient + self.prior.slope(points[row]),
+                    hessian=hessian + self.prior.precision,
                 )
             )
         return curvatures
@@ -290,8 +289,8 @@ class TrackFit:
         self, points: NDArray[np.float64], losses: NDArray[np.float64], misfit: float
     ) -> NDArray[np.float64]:
         """Return F, shape [point]."""
-        belief = ((points - self.prior.mean) / self.prior.deviation) ** 2
-        return TRACK_WEIGHT * self._track_count * losses / misfit + 0.5 * belief.sum(axis=1)
+        tracks = TRACK_WEIGHT * self._track_count * losses / misfit
+        return tracks + self.prior.cost(points)
 
 
 def _damped_step(

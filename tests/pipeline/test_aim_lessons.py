@@ -1,0 +1,159 @@
+"""Casts near a target teach the simulators before the next cast is chosen."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from formula_rig import LENGTH, SETUP, make_policy
+
+import cablecast as cc
+from cablecast.datasets.collect import collect_dataset
+from cablecast.pipeline.aim_casts import AimTrial
+from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
+from cablecast.policies.aiming import Aimer
+from cablecast.rigs.engine import RigEngine
+from cablecast.track import TrialStatus
+from cablecast.tuning.tracks import MeasuredTracks
+
+COARSE = {"segment_count": 10, "dt": 2e-3}
+SEARCH = cc.FitConfig(
+    start_count=2,
+    coarse_iterations=2,
+    fine_start_count=1,
+    fine_iterations=1,
+    ensemble_iterations=1,
+    coarse_segment_count=10,
+    coarse_dt=2e-3,
+)
+TARGET = np.array([0.3, 1.1])
+ACTION = np.array([[-0.5, 0.6, 0.55, 1.0]])
+NEARBY = ACTION + [[0.05, -0.05, 0.01, 0.05]]
+
+
+def trial(number, landing, target=(np.nan, np.nan)):
+    """Return a cast that landed somewhere."""
+    return AimTrial(
+        number=number,
+        purpose="aim",
+        try_number=1,
+        target_xy=np.array(target),
+        action=np.zeros(4),
+        expected_xy=np.zeros(2),
+        covariance=np.eye(2),
+        status=TrialStatus.OK,
+        final_xy=np.array(landing),
+        miss_pct=1.0,
+        hit=False,
+    )
+
+
+def test_casts_at_the_target_teach_first_then_those_that_landed_nearest():
+    far = [trial(k, (0.3, 1.1 + 0.01 * (20 - k))) for k in range(12)]
+    aimed = [trial(12, (-0.8, 0.4), TARGET), trial(13, (np.nan, np.nan), TARGET)]
+    assert rows_near([*far, *aimed], TARGET) == [6, 7, 8, 9, 10, 11, 12, 13]
+    many = [trial(k, (0.0, 1.0), TARGET) for k in range(12)]
+    assert rows_near(many, TARGET) == list(range(12 - LESSON_COUNT, 12))
+    assert rows_near([trial(0, (np.nan, np.nan), (0.5, 1.0))], TARGET) == []
+    assert rows_near([], TARGET) == []
+
+
+@pytest.fixture(scope="module")
+def slippery():
+    """Return a rig whose table rubs less than that of the casts that were fitted."""
+    believed = SETUP.cable.params
+    friction = 0.9 * float(believed.lateral_friction)
+    params = dataclasses.replace(believed, lateral_friction=friction)
+    with cc.make_rig(RigEngine(cc.EngineWarp(**COARSE), SETUP, params), SETUP) as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def tuned():
+    with cc.make_rig(RigEngine(cc.EngineWarp(**COARSE), SETUP), SETUP) as rig:
+        casts = cc.collect(rig, count=3, seed=4)
+        return cc.tune(casts, config=SEARCH, validation_count=0, **COARSE)
+
+
+@pytest.fixture(scope="module")
+def lesson(slippery, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lesson") / "casts"
+    return collect_dataset(folder, slippery, SETUP, purpose="tune", actions=ACTION)
+
+
+def session_of(tuned, **given):
+    return cc.AimSession(make_policy(), tuned=tuned, within_pct=0.01, tries=9, **given)
+
+
+def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
+    tuned, lesson, slippery
+):
+    ensemble = session_of(tuned).aimer._ensemble
+    taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
+    true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
+    both = np.concatenate([ACTION, NEARBY])
+    true_xy = ensemble._tracks([true], both)[0, :, -1]
+    before, after = (
+        np.linalg.norm(some.tracks(both)[:, :, -1] - true_xy, axis=-1)
+        for some in (ensemble, taught)
+    )
+    # One step, held back by what the earlier casts told.
+    assert np.all(after < before)
+    assert np.all(np.median(after, axis=0) < 0.75 * np.median(before, axis=0))
+
+
+def test_shifts_of_simulators_that_learned_lead_from_the_first_as_it_was(tuned, lesson):
+    ensemble = session_of(tuned).aimer._ensemble
+    taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
+    reference = ensemble.tracks(NEARBY)[0, :, -1]
+    mean = taught.tracks(NEARBY)[:, :, -1].mean(axis=0)
+    shifts = taught.judge(NEARBY).shifts
+    np.testing.assert_allclose(reference + LENGTH * shifts, mean, rtol=0, atol=1e-12)
+    assert np.linalg.norm(shifts) > 0.001
+
+
+def test_a_cast_of_which_nothing_was_seen_teaches_nothing(tuned, lesson):
+    ensemble = session_of(tuned).aimer._ensemble
+    tracks = MeasuredTracks.from_dataset(lesson)
+    unseen = dataclasses.replace(tracks, endpoint_xy=np.full_like(tracks.endpoint_xy, np.nan))
+    assert ensemble.taught(unseen) is ensemble
+
+
+def test_an_aimer_without_simulators_learns_as_before(lesson):
+    aimer = Aimer(make_policy())
+    assert aimer.taught(MeasuredTracks.from_dataset(lesson)) is aimer
+
+
+def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, lesson):
+    session = session_of(tuned)
+    session.add_casts(lesson)
+    aimer = session.aimer
+    before = aimer.predict(NEARBY)[0]
+    taught = aimer.taught(MeasuredTracks.from_dataset(lesson))
+    assert len(taught.casts) == len(aimer.casts) == 1
+    assert taught.experience.residual.scales == aimer.experience.residual.scales
+    np.testing.assert_array_equal(aimer.predict(NEARBY)[0], before)
+    own = [a.experience.residual.residuals[0] for a in (aimer, taught)]
+    assert np.linalg.norm(own[1]) < np.linalg.norm(own[0])
+
+
+def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, tmp_path):
+    whole = session_of(tuned)
+    for _ in range(3):
+        whole.cast(slippery, whole.propose(TARGET))
+        again = session_of(tuned, out=tmp_path / "session")
+        again.cast(slippery, again.propose(TARGET))
+    for one, other in zip(whole.history, again.history, strict=True):
+        np.testing.assert_array_equal(one.action, other.action)
+    planned = [session.propose(TARGET) for session in (whole, again, whole.fork())]
+    for proposal in planned[1:]:
+        np.testing.assert_array_equal(proposal.expected_xy, planned[0].expected_xy)
+
+
+def test_casts_that_the_simulators_were_fitted_to_teach_them_nothing_new(tuned, lesson):
+    session = session_of(tuned)
+    session.add_casts(lesson)
+    fitted = cc.AimSession(make_policy(), casts=lesson, tuned=tuned, fitted_count=1)
+    assert session._aimer_at(TARGET) is not session.aimer
+    assert fitted._aimer_at(TARGET) is fitted.aimer
+    session.relearn(without=[0])
+    assert session._aimer_at(TARGET) is session.aimer

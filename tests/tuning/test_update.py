@@ -1,0 +1,98 @@
+"""A few new casts move fitted parameters, without those that they were fitted to."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.tuning.fit import fit_params
+from cablecast.tuning.least_squares import FitConfig
+from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.prior import CorrelatedBelief, ParamPrior
+from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.update import updated_params
+
+CONFIG = FitConfig(
+    start_count=2,
+    coarse_iterations=4,
+    fine_start_count=1,
+    fine_iterations=1,
+    ensemble_iterations=0,
+)
+ROUNDING = 1e-12
+
+
+@pytest.fixture(scope="module")
+def few(good):
+    return good[np.arange(2)]
+
+
+@pytest.fixture(scope="module")
+def new(cable, good):
+    engine = EngineWarp(segment_count=10, dt=2e-3)
+    return TrackObjective(engine, cable, good[np.array([3])])
+
+
+@pytest.fixture(scope="module")
+def posterior(cable, few):
+    engine = EngineWarp(segment_count=10, dt=2e-3)
+    return fit_params(cable, few, None, engine, engine, CONFIG).posterior
+
+
+def slipped(params):
+    """Return parameters of a cable that rubs less."""
+    return dataclasses.replace(params, lateral_friction=0.85 * float(params.lateral_friction))
+
+
+def test_the_step_follows_a_new_cast_more_closely(posterior, new):
+    before = slipped(posterior.params)
+    after = updated_params(new, posterior, before)
+    assert new.distances(after).loss[0] < 0.7 * new.distances(before).loss[0]
+
+
+def test_what_earlier_casts_told_surely_is_kept(posterior, new):
+    before = slipped(posterior.params)
+    sure = dataclasses.replace(posterior, covariance=1e-8 * posterior.covariance)
+    after = updated_params(new, sure, before)
+    np.testing.assert_allclose(after.to_array(), before.to_array(), rtol=1e-4)
+
+
+def test_a_step_that_helps_nothing_is_not_taken(posterior, cable, good):
+    # A cast that the parameters follow exactly.
+    engine = EngineWarp(segment_count=10, dt=2e-3)
+    tracks = good[np.array([3])]
+    params = posterior.params
+    xy, _ = TrackObjective(engine, cable, tracks).tracks_of(params)
+    exact = dataclasses.replace(
+        tracks, endpoint_xy=np.where(tracks.compared[..., None], xy[0, :, :-1], np.nan)
+    )
+    after = updated_params(TrackObjective(engine, cable, exact), posterior, params)
+    np.testing.assert_allclose(after.to_array(), params.to_array(), rtol=1e-9)
+
+
+def test_an_update_is_repeatable(posterior, new):
+    first, again = (updated_params(new, posterior, posterior.params) for _ in range(2))
+    np.testing.assert_array_equal(first.to_array(), again.to_array())
+
+
+def test_a_belief_without_correlation_is_a_prior(cable):
+    prior = ParamPrior.for_cable(cable, SearchSpace.for_cable(cable))
+    same = CorrelatedBelief(mean=prior.mean, precision=np.diag(prior.deviation**-2.0))
+    points = prior.draw(5, seed=2)
+    np.testing.assert_allclose(same.cost(points), prior.cost(points), rtol=ROUNDING)
+    for point in points:
+        np.testing.assert_allclose(same.slope(point), prior.slope(point), rtol=ROUNDING)
+    np.testing.assert_array_equal(same.precision, prior.precision)
+
+
+def test_the_slope_of_a_correlated_belief_is_that_of_its_cost():
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(10, 10))
+    belief = CorrelatedBelief(mean=rng.normal(size=10), precision=root @ root.T)
+    point, step = rng.normal(size=10), 1e-6
+    ends = point + step * np.concatenate([np.eye(10), -np.eye(10)])
+    costs = belief.cost(ends)
+    slope = (costs[:10] - costs[10:]) / (2.0 * step)
+    np.testing.assert_allclose(belief.slope(point), slope, rtol=1e-5, atol=1e-6)
+    assert belief.cost(belief.mean[None]) == 0.0
