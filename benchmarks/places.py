@@ -20,6 +20,7 @@ from benchmarks.strange_rig import (
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
 from cablecast.errors import InputError
+from cablecast.pipeline.aim import CALIBRATION_COUNT
 from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
@@ -169,23 +170,20 @@ class Place:
         if count <= first:
             return None
         largest = max(self.args.counts)
-        numbers = {"tune": min(largest, FIT_MAX), "real": max(largest - FIT_MAX, 0)}
+        begun, fitted = min(largest, CALIBRATION_COUNT), min(largest, FIT_MAX)
         every, chosen = CastStore(self.setup), CastStore(self.setup)
-        for purpose, number in numbers.items():
+        parts: list[tuple[str, int, dict[str, Any]]] = [
+            ("spread", begun, {"purpose": "tune", "sampling": "spread"}),
+            ("tune", fitted - begun, {"purpose": "tune", "sampling": "uniform"}),
+            ("real", largest - fitted, {"purpose": "real", "sampling": "uniform", "seed": 1}),
+        ]
+        for name, number, settings in parts:
             if number:
-                folder = self.folder / "casts" / f"{purpose}-{number}"
-                settings: dict[str, Any] = {"purpose": purpose, "sampling": "uniform"}
-                seed = 0 if purpose == "tune" else 1
-                every.add_dataset(
-                    cc.collect(
-                        self.rig,
-                        count=number,
-                        seed=seed,
-                        out=folder,
-                        progress=self.report,
-                        **settings,
-                    )
+                folder = self.folder / "casts" / f"{name}-{number}"
+                made = cc.collect(
+                    self.rig, count=number, out=folder, progress=self.report, **settings
                 )
+                every.add_dataset(made)
         for cast in every.casts[first:count]:
             chosen.add(cast)
         return chosen.dataset()

@@ -34,10 +34,11 @@ class Collect:
     count: Annotated[int | None, argument("INT", "80 to tune, 200 real")] = None
     """Number of casts."""
     sampling: Annotated[
-        typing.Literal["uniform", "grid"] | None,
-        argument("{uniform,grid}", "uniform to tune, grid for real, as in the paper"),
+        typing.Literal["uniform", "grid", "spread"] | None,
+        argument("{uniform,grid,spread}", "uniform to tune, grid for real, as in the paper"),
     ] = None
-    """Sampling of the actions that the arm can make."""
+    """Sampling of the actions that the arm can make; spread: a few whose simulated landings are
+    spread over the table."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data or runs/CABLE/real-data")
     ] = None

@@ -162,7 +162,9 @@ def _calibrated(
     """Return casts to fit the simulator to; see `prepare_aim`."""
     (progress or ignore)(Progress(task=f"1/4 {count} casts to fit the simulator to"))
     out = None if learning.folder is None else learning.folder / CALIBRATION_FOLDER
-    return collect(rig, count=count, seed=learning.seed, out=out, progress=progress)
+    return collect(
+        rig, count=count, sampling="spread", seed=learning.seed, out=out, progress=progress
+    )
 
 
 def _later(

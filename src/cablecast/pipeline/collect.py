@@ -1,15 +1,31 @@
 """collect: casts on a rig, to tune the simulator and to learn from."""
 
 import os
+import typing
 
-from cablecast.datasets.collect import Purpose, Sampling, collect_dataset
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.datasets.collect import (
+    TRIAL_COUNTS,
+    Purpose,
+    Sampling,
+    collect_dataset,
+    sample_actions,
+)
 from cablecast.datasets.reader import Dataset
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.places import folder_or_temporary
+from cablecast.pipeline.simulate import make_engine
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import ProgressCallback, resumed_counter
+from cablecast.setup import Setup
+from cablecast.tuning.least_squares import FitConfig
+from cablecast.tuning.spread import spread_actions
+
+AnySampling = Sampling | typing.Literal["spread"]
 
 SAMPLINGS: dict[str, Sampling] = {"tune": "uniform", "real": "grid"}
 """Choice of actions by purpose, as in the paper."""
@@ -20,7 +36,7 @@ def collect(
     *,
     purpose: Purpose = "tune",
     count: int | None = None,
-    sampling: Sampling | None = None,
+    sampling: AnySampling | None = None,
     psi: bool = True,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
@@ -36,7 +52,8 @@ def collect(
         purpose: Purpose of the casts: "tune" (D_tune) or "real" (D_real). Each draws chances of
             its own on a rig that draws any.
         count: Number of casts; the paper's 80 or 200 where None.
-        sampling: Choice of actions, "uniform" or "grid"; as in the paper where None.
+        sampling: Choice of actions: "uniform" over their ranges, on a "grid", or "spread", so that
+            the simulated landings are spread over the table; as in the paper where None.
         psi: Whether the wrist turns (the action set A2 of the paper).
         seed: Seed of the actions.
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
@@ -52,6 +69,9 @@ def collect(
     """
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
+    how = sampling or SAMPLINGS[purpose]
+    ranges = ActionRanges.for_setup(setup, psi)
+    spread = choose_actions(how, purpose, count, setup, ranges, seed) if how == "spread" else None
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(
             folder,
@@ -59,9 +79,10 @@ def collect(
             setup,
             purpose=purpose,
             count=count,
-            sampling=sampling or SAMPLINGS[purpose],
+            sampling="uniform" if how == "spread" else how,
+            actions=spread,
             seed=seed,
-            ranges=ActionRanges.for_setup(setup, psi),
+            ranges=ranges,
             progress=resumed_counter(progress, f"Casting {setup.cable.name}", "casts"),
         )
         if out is not None:
@@ -72,3 +93,29 @@ def collect(
                 {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
             )
     return dataset
+
+
+def choose_actions(
+    sampling: AnySampling,
+    purpose: Purpose,
+    count: int | None,
+    setup: Setup,
+    ranges: ActionRanges,
+    seed: int,
+) -> NDArray[np.float64]:
+    """Return the actions of a collection, in the order in which they are made, shape [action, 4].
+
+    Args:
+        sampling: Choice of actions.
+        purpose: Purpose of the casts.
+        count: Number of casts; the paper's where None.
+        setup: Cable, workspace, arm and motion settings.
+        ranges: Ranges of the actions.
+        seed: Seed of the actions.
+    """
+    count = count or TRIAL_COUNTS[purpose]
+    if sampling != "spread":
+        return sample_actions(sampling, count, setup, seed, ranges)
+    coarse = FitConfig()
+    engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
+    return spread_actions(setup, count, engine, ranges, seed)

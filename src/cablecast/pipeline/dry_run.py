@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.datasets.collect import TRIAL_COUNTS, Purpose, Sampling, sample_actions
+from cablecast.datasets.collect import Purpose
 from cablecast.errors import CablecastError
 from cablecast.motion.action import Action, ActionRanges
 from cablecast.motion.polar_cast import reset_pose
 from cablecast.motion.reset import plan_reset
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.pipeline.collect import SAMPLINGS
+from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
 from cablecast.rigs.ur.link import UrLink
 from cablecast.rigs.ur.path import SetPoints, check_path
 from cablecast.rigs.ur.reset import RESET_DT, reset_motions
@@ -40,7 +40,7 @@ def dry_run(
     *,
     purpose: Purpose = "tune",
     count: int | None = None,
-    sampling: Sampling | None = None,
+    sampling: AnySampling | None = None,
     psi: bool = True,
     seed: int = 0,
 ) -> list[Finding]:
@@ -62,12 +62,13 @@ def dry_run(
     """
     robot = check_lab(setup)
     findings = [_check_reset(setup)]
-    actions = sample_actions(
+    actions = choose_actions(
         sampling or SAMPLINGS[purpose],
-        count or TRIAL_COUNTS[purpose],
+        purpose,
+        count,
         setup,
-        seed,
         ActionRanges.for_setup(setup, psi),
+        seed,
     )
     for number, values in enumerate(actions):
         action = Action.from_array(values)

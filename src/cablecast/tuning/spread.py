@@ -1,0 +1,100 @@
+"""Spread actions: calibration casts whose landings are spread over the table.
+
+Random actions land mostly in the middle of what the arm reaches, and a fit to a few of them says
+little of casts that swing wide. So the believed cable is simulated, and the area in which it lands
+is divided into as many parts as there are casts (Lloyd's algorithm); near the middle of each the
+most usual action is taken, by turns to the right and to the left. Only actions are used that stay
+on the table for some cables drawn from what is believed, too.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.checks import check_seed
+from cablecast.engines.base import Engine
+from cablecast.errors import InputError
+from cablecast.motion.action import ActionRanges, mirror_actions
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.setup import Setup
+
+EDGE = 0.05
+"""Distance that every simulated sample keeps from the table's edges [m]."""
+
+# Actions to choose from.
+_POOL_COUNT = 2000
+_SAMPLE_DT = 0.05
+# Landings in the same square of this width count once, so that a part is a part of the area [m].
+_CELL = 0.05
+_STARTS, _ROUNDS = 20, 50
+# Actions that land nearest to the middle of a part.
+_NEAR_COUNT = 15
+
+
+def spread_actions(
+    setup: Setup,
+    count: int,
+    engine: Engine,
+    ranges: ActionRanges | None = None,
+    seed: int = 0,
+) -> NDArray[np.float64]:
+    """Choose actions whose simulated landings are spread over the table.
+
+    Args:
+        setup: Cable with what is believed of it, workspace, arm and motion settings.
+        count: Number of actions.
+        engine: Engine that simulates them.
+        ranges: Ranges of the actions; those that suit the set-up where None.
+        seed: Seed of everything that is drawn.
+
+    Returns:
+        Actions, by turns to the right and to the left, shape [count, 4].
+
+    Raises:
+        InputError: Too few actions stay on the table, or the seed is out of bounds.
+    """
+    pool = feasible_uniform(max(_POOL_COUNT, 10 * count), setup, ranges, check_seed(seed))
+    actions = np.where(pool[:, 1:2] < 0, mirror_actions(pool), pool)
+    paths = cast_grip_paths(actions, setup)
+    xy = engine.rollout(setup.cable, setup.cable.params, paths, sample_dt=_SAMPLE_DT).endpoint_xy
+    safe = np.isfinite(xy).all(axis=(1, 2)) & (setup.workspace.edge_distance(xy).min(axis=1) > EDGE)
+    actions, landing_xy = actions[safe], xy[safe, -1]
+    _, first = np.unique(np.round(landing_xy / _CELL), axis=0, return_index=True)
+    if len(first) < count:
+        raise InputError(
+            f"simulated casts of the believed cable land at {len(first)} places of the table, too "
+            f"few to spread {count} casts: check the cable's file, or draw at random"
+        )
+    scale = actions.std(axis=0) + 1e-9
+    chosen = []
+    for middle in _middles(landing_xy[first], count, seed):
+        near = actions[np.argsort(np.linalg.norm(landing_xy - middle, axis=1))[:_NEAR_COUNT]]
+        unusual = np.linalg.norm((near - np.median(near, axis=0)) / scale, axis=1)
+        chosen.append(near[np.argmin(unusual)])
+    right = np.array(chosen)
+    left_turn = np.arange(count)[:, None] % 2 == 1
+    return np.where(left_turn, mirror_actions(right), right)
+
+
+def _middles(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
+    """Divide points into parts that lie close together, and return the middle of each.
+
+    Args:
+        points: Points [m], shape [point, 2].
+        count: Number of parts.
+        seed: Seed of the first middles.
+
+    Returns:
+        Middles from left to right [m], shape [part, 2].
+    """
+    from scipy.cluster.vq import kmeans2
+
+    best, least = points[:count], np.inf
+    for start in range(_STARTS):
+        rng = np.random.default_rng([seed, start])
+        first = points[rng.choice(len(points), count, replace=False)]
+        middles, part = kmeans2(points, first, iter=_ROUNDS, minit="matrix", missing="warn")
+        cost = float(np.sum((points - middles[part]) ** 2))
+        if cost < least:
+            best, least = middles, cost
+    return best[np.argsort(best[:, 0])]
