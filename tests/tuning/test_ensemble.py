@@ -12,7 +12,7 @@ from cablecast.tuning.ensemble import MEMBER_COUNT, Ensemble, other_materials
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.result import params_file, read_ensemble, write_params
+from cablecast.tuning.result import ParamsFile, params_file, write_params
 
 CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
 COARSE = {"segment_count": 10, "dt": 2e-3}
@@ -78,7 +78,7 @@ def test_none_is_made_where_no_step_is_asked_for(cable, few):
 
 def test_it_is_kept_with_the_parameters(fitted, cable, tmp_path):
     write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
-    assert read_ensemble(tmp_path) == fitted.ensemble
+    assert ParamsFile.read(tmp_path).ensemble() == fitted.ensemble
 
 
 def test_a_damaged_one_is_refused(fitted):

@@ -12,7 +12,7 @@ from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig, TrackFit
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.result import params_file, read_posterior, write_params
+from cablecast.tuning.result import ParamsFile, params_file, write_params
 from cablecast.tuning.search_space import SearchSpace
 
 CONFIG = FitConfig(start_count=4, coarse_iterations=6, fine_start_count=2, fine_iterations=3)
@@ -120,7 +120,7 @@ def test_bad_deviations_are_refused(cable):
 def test_a_posterior_is_read_back_as_it_was_written(result, cable, tmp_path):
     values = params_file(result, cable.length, None) | {"cable": cable.name}
     write_params(tmp_path / "params.json", values)
-    again = read_posterior(tmp_path / "params.json")
+    again = ParamsFile.read(tmp_path / "params.json").posterior()
     np.testing.assert_array_equal(again.covariance, result.posterior.covariance)
     np.testing.assert_array_equal(again.draw(5).to_array(), result.posterior.draw(5).to_array())
     assert again.undetermined == result.posterior.undetermined

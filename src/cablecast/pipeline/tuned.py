@@ -71,19 +71,15 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import (
-        read_casts_fingerprint,
-        read_dynamics,
-        read_ensemble,
-        read_posterior,
-    )
+    from cablecast.tuning.result import ParamsFile
 
-    fingerprint = read_casts_fingerprint(path)
+    found = ParamsFile.read(path)
+    fingerprint = found.casts_fingerprint()
     return Tuned(
         setup=setup,
-        dynamics=read_dynamics(path, setup.cable),
-        ensemble=read_ensemble(path),
-        posterior=read_posterior(path),
+        dynamics=found.dynamics(setup.cable),
+        ensemble=found.ensemble(),
+        posterior=found.posterior(),
         metrics={"dataset_fingerprint": fingerprint} if fingerprint else {},
         path=pathlib.Path(path),
     )

@@ -1,5 +1,6 @@
 """params.json: result of tuning, with a checksum, which other commands read."""
 
+import dataclasses
 import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -138,12 +139,120 @@ def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
     write_json(file, {CHECKSUM_KEY: sealed.pop(CHECKSUM_KEY), **sealed})
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ParamsFile:
+    """Content of params.json: what `cablecast tune` found, or a person wrote.
+
+    The methods raise InputError where an entry is damaged.
+
+    Attributes:
+        file: File that it was read from.
+        values: Entries. Without a checksum, only the key `params` is required, a mapping of the
+            ten parameters.
+    """
+
+    file: pathlib.Path
+    values: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: str | pathlib.Path) -> "ParamsFile":
+        """Read params.json; a checksum, if present, is verified.
+
+        Args:
+            path: The file, or its folder.
+
+        Raises:
+            InputError: There is no such file, it does not hold parameters, or it was changed since
+                it was written.
+            UnreadableFileError: The system refuses to read it.
+        """
+        file = pathlib.Path(path)
+        file = file / PARAMS_FILE if file.is_dir() else file
+        try:
+            values = read_json(file)
+        except FileNotFoundError:
+            raise InputError(
+                f"there are no tuned parameters at {file}: make them with `cablecast tune`"
+            ) from None
+        except InputError as error:
+            raise _refusal(file, error) from None
+        if CHECKSUM_KEY in values:
+            try:
+                values = read_sealed(file)
+            except (DamagedFileError, RecursionError):
+                raise InputError(
+                    f"{file} was changed since it was written: delete its {CHECKSUM_KEY} line to "
+                    "use it anyway"
+                ) from None
+        if "params" not in values:
+            raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
+        return cls(file=file, values=values)
+
+    def params(self, cable: Cable | None = None) -> CableParams:
+        """Return the parameters.
+
+        Args:
+            cable: Cable that they must belong to; not checked if None.
+        """
+        names = CableParams.names()
+        stored = self.values.get("cable")
+        try:
+            if stored is not None:
+                check_name(stored, "cable")
+            params = check_keys(self.values["params"], set(names), "params", required=set(names))
+            numbers = {
+                name: check_number(name, params[name], *PARAM_BOUNDS[name], PARAM_UNITS[name])
+                for name in names
+            }
+        except (InputError, OverflowError) as error:
+            raise _refusal(self.file, error) from None
+        if cable is not None and stored not in (None, cable.name):
+            raise InputError(f"{self.file} holds parameters of {stored}, not of {cable.name}")
+        return CableParams(**numbers)
+
+    def dynamics(self, cable: Cable | None = None) -> Dynamics:
+        """Return parameters, material and servo; a person may have written parameters alone.
+
+        Args:
+            cable: Cable that they must belong to; not checked if None.
+        """
+        return Dynamics(
+            params=self.params(cable),
+            material=self._part("material", Material.from_dict),
+            servo=self._part("servo", ServoModel.from_dict),
+        )
+
+    def ensemble(self) -> Ensemble | None:
+        """Return the simulators with other physics; None for the result of a search."""
+        return self._part("ensemble", Ensemble.from_dict)
+
+    def posterior(self) -> ParamPosterior | None:
+        """Return what the fit knows of the parameters; None for the result of a search."""
+        return self._part(
+            "posterior",
+            lambda stored: ParamPosterior.from_dict(stored, self.values["search_range"]),
+        )
+
+    def casts_fingerprint(self) -> str:
+        """Return the fingerprint of the casts; empty for parameters that a person wrote."""
+        return self._part("dataset_fingerprint", str) or ""
+
+    def _part(self, name: str, make: Callable[[Any], _Part]) -> _Part | None:
+        """Return what a function makes of an entry; None where there is none."""
+        stored = self.values.get(name)
+        if stored is None:
+            return None
+        try:
+            return make(stored)
+        except (InputError, KeyError, AttributeError, OverflowError) as error:
+            raise _refusal(self.file, error) from None
+
+
 def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CableParams:
     """Read the parameters that `cablecast tune` found, or that a person wrote.
 
     Args:
-        path: params.json, or its folder. Without a checksum, only the key `params` is required, a
-            mapping of the ten parameters.
+        path: params.json, or its folder.
         cable: Cable that the parameters must belong to; not checked if None.
 
     Raises:
@@ -151,22 +260,7 @@ def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CablePa
             another cable, or it was changed since it was written.
         UnreadableFileError: The system refuses to read it.
     """
-    file, values = _read(path)
-    names = CableParams.names()
-    try:
-        if values.get("cable") is not None:
-            check_name(values["cable"], "cable")
-        params = check_keys(values["params"], set(names), "params", required=set(names))
-        numbers = {
-            name: check_number(name, params[name], *PARAM_BOUNDS[name], PARAM_UNITS[name])
-            for name in names
-        }
-    except (InputError, OverflowError) as error:
-        raise _refusal(file, error) from None
-    stored = values.get("cable")
-    if cable is not None and stored not in (None, cable.name):
-        raise InputError(f"{file} holds parameters of {stored}, not of {cable.name}")
-    return CableParams(**numbers)
+    return ParamsFile.read(path).params(cable)
 
 
 def read_dynamics(path: str | pathlib.Path, cable: Cable | None = None) -> Dynamics:
@@ -180,96 +274,7 @@ def read_dynamics(path: str | pathlib.Path, cable: Cable | None = None) -> Dynam
         InputError: There is no such file, it is damaged, or belongs to another cable.
         UnreadableFileError: The system refuses to read it.
     """
-    return Dynamics(
-        params=read_params(path, cable),
-        material=_read_part(path, "material", lambda stored, _: Material.from_dict(stored)),
-        servo=_read_part(path, "servo", lambda stored, _: ServoModel.from_dict(stored)),
-    )
-
-
-def read_ensemble(path: str | pathlib.Path) -> Ensemble | None:
-    """Read the simulators with other physics; None for the result of a search.
-
-    Args:
-        path: params.json, or its folder.
-
-    Raises:
-        InputError: There is no such file, or it is damaged.
-        UnreadableFileError: The system refuses to read it.
-    """
-    return _read_part(path, "ensemble", lambda stored, _: Ensemble.from_dict(stored))
-
-
-def read_posterior(path: str | pathlib.Path) -> ParamPosterior | None:
-    """Read what the fit knows of the parameters; None for the result of a search.
-
-    Args:
-        path: params.json, or its folder.
-
-    Raises:
-        InputError: There is no such file, or it is damaged.
-        UnreadableFileError: The system refuses to read it.
-    """
-    return _read_part(
-        path,
-        "posterior",
-        lambda stored, values: ParamPosterior.from_dict(stored, values["search_range"]),
-    )
-
-
-def read_casts_fingerprint(path: str | pathlib.Path) -> str:
-    """Return the fingerprint of the casts that parameters were fitted to.
-
-    Args:
-        path: params.json, or its folder.
-
-    Returns:
-        Fingerprint; empty for parameters that a person wrote.
-
-    Raises:
-        InputError: There is no such file, or it is damaged.
-        UnreadableFileError: The system refuses to read it.
-    """
-    return _read_part(path, "dataset_fingerprint", lambda stored, _: str(stored)) or ""
-
-
-def _read_part(
-    path: str | pathlib.Path, name: str, make: Callable[[Any, dict[str, Any]], _Part]
-) -> _Part | None:
-    """Return what a function makes of an entry and the whole file; None where there is none."""
-    file, values = _read(path)
-    stored = values.get(name)
-    if stored is None:
-        return None
-    try:
-        return make(stored, values)
-    except (InputError, KeyError, AttributeError, OverflowError) as error:
-        raise _refusal(file, error) from None
-
-
-def _read(path: str | pathlib.Path) -> tuple[pathlib.Path, dict[str, Any]]:
-    """Return the file and its content; a checksum, if present, is verified."""
-    file = pathlib.Path(path)
-    file = file / PARAMS_FILE if file.is_dir() else file
-    try:
-        values = read_json(file)
-    except FileNotFoundError:
-        raise InputError(
-            f"there are no tuned parameters at {file}: make them with `cablecast tune`"
-        ) from None
-    except InputError as error:
-        raise _refusal(file, error) from None
-    if CHECKSUM_KEY in values:
-        try:
-            values = read_sealed(file)
-        except (DamagedFileError, RecursionError):
-            raise InputError(
-                f"{file} was changed since it was written: delete its {CHECKSUM_KEY} line to use "
-                "it anyway"
-            ) from None
-    if "params" not in values:
-        raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
-    return file, values
+    return ParamsFile.read(path).dynamics(cable)
 
 
 def _refusal(file: pathlib.Path, error: Exception) -> InputError:
