@@ -14,16 +14,14 @@ import pathlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.common import Table
 from benchmarks.places import LOOPS, MANY, METHODS, MISSED_PCT, REAL_MIN, Place
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
+from cablecast.evaluation.intervals import difference_interval, median_interval
 from cablecast.runs.progress import ProgressCallback
 from cablecast.runs.workers import LOCAL
-
-DRAW_COUNT = 2000
 
 COLUMNS = ("rig", "cable", "casts", "method", "targets", "try", "median", "q1", "q3", "missed")
 REGION_COLUMNS = ("rig", "cable", "casts", "method", "try", "landings", "in 50 %", "in 90 %")
@@ -80,13 +78,6 @@ QUICK: dict[str, Any] = {
 }
 
 
-def interval(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the median and the ends of its 90 % bootstrap interval."""
-    rng = np.random.default_rng(0)
-    draws = np.median(rng.choice(values, (DRAW_COUNT, len(values))), axis=1)
-    return float(np.median(values)), *(float(q) for q in np.quantile(draws, (0.05, 0.95)))
-
-
 def run(args: Args, report: ProgressCallback) -> dict[tuple[str, str, int, str], list[dict]]:
     """Return the results by rig, cable, number of casts and method."""
     found: dict[tuple[str, str, int, str], list[dict]] = {}
@@ -117,7 +108,7 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
         misses = np.array([row["miss_pct"] for row in rows])
         for number in range(try_count(method, tries)):
             values = misses[:, number]
-            median, low, high = interval(values)
+            median, low, high = median_interval(values)
             q1, q3 = np.quantile(values, (0.25, 0.75))
             lost = 100.0 * np.mean(values >= MISSED_PCT)
             spread = f"{median:.1f} ({low:.1f} to {high:.1f})"
@@ -145,14 +136,10 @@ def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> Non
         if method == "aim" or own is None:
             continue
         for number in range(try_count(method, len(own[0]["miss_pct"]))):
-            both = np.array([[row["miss_pct"][number] for row in of] for of in (own, others)])
-            rng = np.random.default_rng(0)
-            picks = rng.integers(both.shape[1], size=(DRAW_COUNT, both.shape[1]))
-            draws = np.median(both[:, picks], axis=2)
-            low, high = np.quantile(draws[1] - draws[0], (0.05, 0.95))
-            middle = np.median(both[1]) - np.median(both[0])
+            theirs, ours = ([row["miss_pct"][number] for row in of] for of in (others, own))
+            middle, low, high = difference_interval(theirs, ours)
             spread = f"{middle:+.1f} ({low:+.1f} to {high:+.1f})"
-            rows.append((name, cable, count, method, both.shape[1], number + 1, spread))
+            rows.append((name, cable, count, method, len(own), number + 1, spread))
     if rows:
         title = "Median miss less that of aim at the same targets [% of cable length]"
         columns = ("rig", "cable", "casts", "method", "targets", "try", "difference")
@@ -173,7 +160,7 @@ def draw(found: dict[tuple[str, str, int, str], list[dict]], path: pathlib.Path)
         tries = len(found[name, cable, counts[0], "aim"][0]["miss_pct"]) if counts else 0
         for number in range(tries):
             bars = [
-                interval(np.array([r["miss_pct"][number] for r in found[name, cable, n, "aim"]]))
+                median_interval([row["miss_pct"][number] for row in found[name, cable, n, "aim"]])
                 for n in counts
             ]
             middle, low, high = np.array(bars).T

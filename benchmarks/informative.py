@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.casts import interval
 from benchmarks.common import Table
 from benchmarks.places import open_rig
 from cablecast.cable import CableParams
@@ -24,6 +23,7 @@ from cablecast.cli.progress import console_progress
 from cablecast.datasets.collect import collect_dataset
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
+from cablecast.evaluation.intervals import median_interval
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import make_engine
@@ -135,7 +135,7 @@ def main(args: Args) -> int:
     rows = []
     for (count, kind), values in sorted(errors.items()):
         every = np.concatenate(values)
-        median, low, high = interval(every)
+        median, low, high = median_interval(every)
         q1, q3 = np.quantile(every, (0.25, 0.75))
         pairs = [np.median(a) for a in values]
         random = [np.median(a) for a in errors[count, "random"]]

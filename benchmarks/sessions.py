@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 import cablecast as cc
 from benchmarks import casts as cast_benchmark
-from benchmarks.casts import interval
 from benchmarks.common import Table
 from benchmarks.places import MISSED_PCT, Place, some_targets
 from cablecast.cli.progress import console_progress
+from cablecast.evaluation.intervals import median_interval
 from cablecast.pipeline.aim_learning import AimLearning
 
 COLUMNS = ("cable", "lab", "model", "targets", "median", "q1", "q3", "missed", "hit", "casts")
@@ -143,7 +143,7 @@ def main(args: Args) -> int:
 def summary(rows: list[dict[str, Any]]) -> tuple:
     """Return targets, miss of first tries, and share of targets hit [%]."""
     misses = np.array([row["miss_pct"][0] for row in rows])
-    median, low, high = interval(misses)
+    median, low, high = median_interval(misses)
     q1, q3 = np.quantile(misses, (0.25, 0.75))
     return (
         len(rows),

@@ -20,6 +20,7 @@ import numpy as np
 from cablecast.datasets.collect import collect_dataset
 from cablecast.datasets.reader import Dataset
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.evaluation.intervals import difference_interval
 from cablecast.filming.trials import CameraOfTrials
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory
@@ -103,14 +104,11 @@ def misses_of(tuned: Tuned, casts: Dataset) -> tuple[np.ndarray, np.ndarray]:
 def compared(of_twin: np.ndarray, of_virtual: np.ndarray) -> str:
     """Return the medians of two fits over the same casts, and their difference."""
     known = np.isfinite(of_twin) & np.isfinite(of_virtual)
-    both = np.stack([of_twin[known], of_virtual[known]])
-    picks = np.random.default_rng(0).integers(both.shape[1], size=(2000, both.shape[1]))
-    draws = np.median(both[:, picks], axis=2)
-    low, high = np.quantile(draws[0] - draws[1], (0.05, 0.95))
-    first, second = np.median(both, axis=1)
+    first, second = of_twin[known], of_virtual[known]
+    middle, low, high = difference_interval(first, second)
     return (
-        f"{first:.2f} and {second:.2f} %, difference {first - second:+.2f} ({low:+.2f} to "
-        f"{high:+.2f}), {both.shape[1]} casts"
+        f"{np.median(first):.2f} and {np.median(second):.2f} %, difference {middle:+.2f} "
+        f"({low:+.2f} to {high:+.2f}), {len(first)} casts"
     )
 
 

@@ -1,0 +1,35 @@
+"""Bootstrap intervals of medians."""
+
+import numpy as np
+import pytest
+
+from cablecast.evaluation.intervals import difference_interval, median_interval
+
+
+def test_the_interval_holds_the_true_median_about_nine_times_in_ten():
+    rng = np.random.default_rng(5)
+    held = 0
+    for _ in range(200):
+        _, low, high = median_interval(rng.exponential(size=40))
+        held += low <= np.log(2.0) <= high
+    # 90 % of 200, give or take three binomial deviations and what a bootstrap is off.
+    assert 160 <= held <= 198
+
+
+def test_equal_values_leave_no_doubt():
+    assert median_interval([3.0] * 7) == (3.0, 3.0, 3.0)
+    assert difference_interval([3.0] * 7, [2.5] * 7) == (0.5, 0.5, 0.5)
+
+
+def test_a_difference_in_the_same_cases_is_surer_than_in_others():
+    rng = np.random.default_rng(2)
+    hard = rng.exponential(size=100)
+    middle, low, high = difference_interval(hard + 0.1, hard)
+    assert (middle, low, high) == (pytest.approx(0.1), pytest.approx(0.1), pytest.approx(0.1))
+    _, low, high = difference_interval(hard + 0.1, rng.permutation(hard))
+    assert high - low > 0.1
+
+
+def test_the_same_values_give_the_same_interval():
+    values = np.random.default_rng(1).normal(size=30)
+    assert median_interval(values) == median_interval(values)
