@@ -37,8 +37,7 @@ class Collect:
         typing.Literal["uniform", "grid", "spread"] | None,
         argument("{uniform,grid,spread}", "uniform to tune, grid for real, as in the paper"),
     ] = None
-    """Sampling of the actions that the arm can make; spread: a few whose simulated landings are
-    spread over the table."""
+    """Sampling of the actions that the arm can make; spread: simulated landings lie far apart."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data or runs/CABLE/real-data")
     ] = None
