@@ -14,9 +14,9 @@ class Demo:
 
     The rig makes five casts, the simulator is fitted to them, a model is trained on many simulated
     casts, and the rig casts at the paper's 32 targets, up to three times each: after every cast the
-    model learns, and the next one is corrected. Takes up to ten minutes on two cores. The same command
-    resumes an interrupted demo, and shows the results of a finished one. `cablecast aim` does the
-    same at targets of your own.
+    model learns, and the next one is corrected. Takes up to ten minutes on two cores. The same
+    command resumes an interrupted demo, and shows the results of a finished one. `cablecast aim`
+    does the same at targets of your own.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
