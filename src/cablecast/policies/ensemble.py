@@ -57,7 +57,7 @@ class EnsembleLandings:
         members: Parameters, material and servo of each simulator. The landings of the first one are
             known otherwise: the others shift them.
         engine: Engine that simulates them.
-        posterior: What the fit of the first one left open; None for simulators that do not learn.
+        posterior: Uncertainty of the first one's parameters; None for simulators that do not learn.
         reference: Simulator that landings are known of otherwise; the first member where None.
     """
 

@@ -27,7 +27,7 @@ def updated_params(
 
     Args:
         objective: Simulator and the tracks of the new casts.
-        posterior: What the fit to earlier casts left open. Its covariance counts, not its mean.
+        posterior: Uncertainty that earlier casts left. Its covariance counts, not its mean.
         params: Parameters that follow the earlier casts; one set.
 
     Returns:
