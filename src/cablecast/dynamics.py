@@ -1,7 +1,7 @@
 """Dynamics: all that a simulated cast takes beside the set-up, as `tune` finds it."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,21 @@ class Dynamics:
             material=None if material is None else Material.from_dict(material),
             servo=None if servo is None else ServoModel.from_dict(servo),
         )
+
+    @classmethod
+    def stack(cls, dynamics: "Sequence[Dynamics]", setup: Setup) -> "Dynamics":
+        """Return the dynamics of some casts as one, without servo.
+
+        Args:
+            dynamics: Dynamics of one cable for each cast.
+            setup: Set-up to simulate.
+
+        Raises:
+            InputError: One of several has a material for each cast already.
+        """
+        values = np.stack([one.params.to_array() for one in dynamics])
+        materials = [one.material or setup.cable.material for one in dynamics]
+        return cls(params=CableParams.from_array(values), material=Material.stack(materials))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, without what is None; one cable's only."""

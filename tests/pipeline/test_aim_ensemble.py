@@ -12,7 +12,14 @@ from cablecast.material import Material
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
-from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR, EnsembleLandings, Judgement, judged
+from cablecast.policies.ensemble import (
+    FRICTION_FACTOR,
+    OWN_MISS,
+    SPREAD_FACTOR,
+    EnsembleLandings,
+    Judgement,
+    judged,
+)
 
 ACTIONS = feasible_uniform(3, SETUP, seed=5)
 
@@ -25,6 +32,11 @@ def tracks_to(ends):
     return np.linspace([0.0, 0.5], ends, 5).swapaxes(0, 1)[:, None]
 
 
+def judged_of(tracks, rubbed=((0.0, 1.0), (0.0, 1.0))):
+    """Return the judgement on one cast that lands somewhere with less and more friction."""
+    return judged(LENGTH * tracks, SETUP, LENGTH * np.array(rubbed)[:, None])
+
+
 class _Told:
     """An ensemble that knows casts that swing back by less than 0.5 rad, and shifts all."""
 
@@ -34,6 +46,8 @@ class _Told:
     def judge(self, actions):
         sizes = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
         return Judgement(
+            landing_xy=np.zeros((len(actions), 2)),
+            frictions=np.full(len(actions), 1.7),
             shifts=np.tile(self.shift, (len(actions), 1)),
             sizes=sizes,
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
@@ -58,38 +72,53 @@ def ensemble():
 
 
 def test_mean_and_spread_of_landings():
-    said = judged(LENGTH * tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]]), SETUP)
+    said = judged_of(tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]]))
+    np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.1, LENGTH * 1.1]])
     np.testing.assert_allclose(said.shifts, [[0.1, 0.1]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
 
 
+def test_a_landing_that_friction_moves_far_is_trusted_less():
+    here = tracks_to([[0.0, 1.0]] * 2)
+    said = judged_of(here, [(0.0, 1.04), (0.0, 1.0)])
+    # From 8 % less to 8 % more.
+    np.testing.assert_allclose(said.frictions, 0.04 / 0.16)
+    np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, FRICTION_FACTOR * 0.04 / 0.16))
+    broken = judged_of(here, [(np.nan, np.nan), (0.0, 1.0)])
+    np.testing.assert_allclose(broken.frictions, 1.0 / 0.16)
+
+
 def test_a_simulation_that_broke_off_is_trusted_no_further_than_a_cable_length():
-    tracks = LENGTH * tracks_to([[0.0, 1.0], [np.nan, np.nan], [0.0, 1.0]])
-    said = judged(tracks, SETUP)
+    tracks = tracks_to([[0.0, 1.0], [np.nan, np.nan], [0.0, 1.0]])
+    said = judged_of(tracks)
     np.testing.assert_allclose(said.shifts, [[0.0, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.5 / 3)))
-    said = judged(tracks[1:2], SETUP)
+    np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(1.0 / 6)))
+    said = judged_of(tracks[1:2])
     np.testing.assert_array_equal(said.shifts, [[0.0, 0.0]])
+    assert np.all(np.isnan(said.landing_xy))
     assert np.all(np.isfinite(said.sizes))
 
 
 def test_it_counts_the_simulators_in_which_the_free_end_leaves_the_table():
-    tracks = LENGTH * tracks_to([[0.0, 1.0]] * 4)
-    assert judged(tracks, SETUP).leaving == 0.0
-    tracks[1, 0, 1] = [0.0, SETUP.workspace.y_min - 0.01]
-    assert judged(tracks, SETUP).leaving == 0.25
-    tracks[2, 0, 2] = [SETUP.workspace.half_width + 0.01, 0.5]
-    assert judged(tracks, SETUP).leaving == 0.5
+    tracks = tracks_to([[0.0, 1.0]] * 4)
+    assert judged_of(tracks).leaving == 0.0
+    tracks[1, 0, 1] = [0.0, (SETUP.workspace.y_min - 0.01) / LENGTH]
+    assert judged_of(tracks).leaving == 0.25
+    tracks[2, 0, 2] = [(SETUP.workspace.half_width + 0.01) / LENGTH, 0.5]
+    assert judged_of(tracks).leaving == 0.5
 
 
 def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     first = ensemble.judge(ACTIONS)
     simulated = []
-    tracks = ensemble.tracks
-    monkeypatch.setattr(
-        ensemble, "tracks", lambda actions: simulated.append(len(actions)) or tracks(actions)
-    )
+    tracks = ensemble._tracks
+
+    def counted(members, actions):
+        simulated.append(len(actions))
+        return tracks(members, actions)
+
+    monkeypatch.setattr(ensemble, "_tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
     again = ensemble.judge(new)
     assert simulated == [1]
@@ -104,10 +133,24 @@ def test_the_shift_leads_from_the_first_simulator_to_the_mean(ensemble):
     said = ensemble.judge(ACTIONS)
     mean = landings[0] + LENGTH * said.shifts
     np.testing.assert_allclose(mean, landings.mean(axis=0), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(said.landing_xy, mean, rtol=0, atol=1e-12)
     assert np.all(said.sizes > OWN_MISS)
     alone = EnsembleLandings(SETUP, ensemble.members[:1], ensemble.engine).judge(ACTIONS)
     np.testing.assert_array_equal(alone.shifts, np.zeros((3, 2)))
-    np.testing.assert_allclose(alone.sizes, OWN_MISS)
+    np.testing.assert_allclose(alone.sizes, np.hypot(OWN_MISS, FRICTION_FACTOR * alone.frictions))
+
+
+def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
+    first = ensemble.members[0]
+    friction = first.params.lateral_friction
+    ends = []
+    for factor in np.exp([-0.08, 0.08]):
+        params = dataclasses.replace(first.params, lateral_friction=friction * factor)
+        rubbed = EnsembleLandings(SETUP, [Dynamics(params=params)], ensemble.engine)
+        ends.append(rubbed.tracks(ACTIONS)[0, :, -1])
+    expected = np.linalg.norm(ends[1] - ends[0], axis=1) / LENGTH / 0.16
+    np.testing.assert_allclose(ensemble.judge(ACTIONS).frictions, expected)
+    assert np.all(expected > 0.1)
 
 
 def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):

@@ -39,7 +39,7 @@ class ResidualScales:
     """
 
     amplitude: float = 0.055
-    noise: float = 0.012
+    noise: float = 0.017
     length: float = 0.8
     power: float = 0.9
 

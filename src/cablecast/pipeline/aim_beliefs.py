@@ -9,7 +9,7 @@ from cablecast.models.local_size import LocalSize
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.ensemble import EnsembleLandings, judged
+from cablecast.policies.ensemble import EnsembleLandings
 from cablecast.policies.mirrored import rightward
 
 # Casts that tell how far apart the simulators of an ensemble usually land.
@@ -48,10 +48,8 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         tuned.posterior,
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)
-    tracks = ensemble.tracks(rightward(actions)[0])
-    said = judged(tracks, tuned.setup)
-    xy = tracks[0, :, -1] + tuned.setup.cable.length * said.shifts
-    known = np.isfinite(xy).all(axis=1)
-    size = LocalSize(landing_xy=xy[known], values=said.sizes[known])
+    said = ensemble.judge(rightward(actions)[0])
+    known = np.isfinite(said.landing_xy).all(axis=1)
+    size = LocalSize(landing_xy=said.landing_xy[known], values=said.sizes[known])
     scales = dataclasses.replace(ResidualScales(), amplitude=size.usual)
     return Beliefs(scales=scales, size=size, ensemble=ensemble)

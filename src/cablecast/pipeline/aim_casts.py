@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,16 @@ class AimProposal:
         # A Gaussian in the plane lies within k standard deviations with 1 - exp(-k² / 2).
         minor, major = np.sqrt(values * -2.0 * math.log1p(-share))
         return float(major), float(minor), float(math.atan2(vectors[1, 1], vectors[0, 1]))
+
+    def to_note(self) -> dict[str, Any]:
+        """Return what a stored cast keeps of its plan, as plain values."""
+        return {
+            "target_xy": self.target_xy.tolist(),
+            "try_number": self.try_number,
+            "expected_xy": self.expected_xy.tolist(),
+            "covariance": self.covariance.tolist(),
+            "reason": self.reason,
+        }
 
     @property
     def expected_miss_pct(self) -> float:

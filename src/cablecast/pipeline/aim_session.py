@@ -362,19 +362,16 @@ class AimSession:
             purpose="aim",
             values=trial_values(proposal.trajectory, track)
             | {"nodes": None if track.nodes is None else track.nodes.ravel()},
-            note={
-                "target_xy": proposal.target_xy.tolist(),
-                "try_number": proposal.try_number,
-                "expected_xy": proposal.expected_xy.tolist(),
-                "covariance": proposal.covariance.tolist(),
-                "reason": proposal.reason,
-            },
+            note=proposal.to_note(),
         )
         self.store.add(cast)
         drifts = len(self.aimer.experience.drifts)
         self._learn([(len(self._trials), cast)], len(self.store))
         self._trials.append(trial := self._trial(len(self._trials), cast))
-        change = change_text(proposal, trial, self._aimer_at(proposal.target_xy))
+        target = proposal.target_xy
+        # Another lesson would be taken for the words alone where no cast at this target follows.
+        aimer = self.aimer if self.is_done(target) else self._aimer_at(target)
+        change = change_text(proposal, trial, aimer)
         if len(self.aimer.experience.drifts) > drifts:
             change += ". " + DRIFT_NOTE
         self._trials[-1] = trial = dataclasses.replace(trial, change=change)

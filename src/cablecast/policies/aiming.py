@@ -32,6 +32,7 @@ from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
 from cablecast.policies.mirrored import played, rightward, to_right
 from cablecast.policies.refinement import refine_actions, within_ranges
+from cablecast.policies.shakes import log_shakes
 from cablecast.policies.sight import lost_chance
 from cablecast.tuning.tracks import MeasuredTracks
 
@@ -40,8 +41,11 @@ from cablecast.tuning.tracks import MeasuredTracks
 # these, those with the least expected miss. Without an ensemble more than these would find actions
 # that the simulator is too sure of (`LocalSize`).
 _NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 128, 16
-# Candidates that tell the local size, and the least sensitivity over the usual one.
-_SIZE_COUNT, _SHIFT_MIN = 400, 1e-6
+# The same where an earlier cast landed this near to the target [cable lengths]: a correction of it
+# is chosen in nine of ten cases.
+_JUDGED_BESIDE, _BESIDE = 32, 0.1
+# Candidates that tell the local size.
+_SIZE_COUNT = 400
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
 _EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
 # Newton steps of a correction, and the parts of it that are tried until the arm can follow.
@@ -154,6 +158,7 @@ class Aimer:
             shifts=said.shifts,
             leaving=said.leaving,
             log_sizes=np.log(said.sizes / self.size.usual),
+            frictions=said.frictions,
         )
 
     def _simulated(self, some: Candidates) -> NDArray[np.float64]:
@@ -183,7 +188,7 @@ class Aimer:
         return Places(
             inputs=inputs,
             log_sizes=0.5 * (usual + own),
-            log_shakes=np.log(np.maximum(sensitivity / self._usual, _SHIFT_MIN)),
+            log_shakes=log_shakes(sensitivity / self._usual, some.frictions),
         )
 
     def predict(
@@ -328,12 +333,15 @@ class Aimer:
         some.inputs[:, -1] = hands[near]
         mean = self.experience.residual.means(some)
         distance = np.linalg.norm(simulated_xy[near] + self.length * mean - goals[near], axis=1)
-        kept = _SHORTLIST_COUNT if self._ensemble is None else _JUDGED_COUNT
+        earlier = self._earlier(target, _EARLIER_REACH)
+        kept = _JUDGED_BESIDE if len(self._earlier(target, _BESIDE)) else _JUDGED_COUNT
+        if self._ensemble is None:
+            kept = _SHORTLIST_COUNT
         short = near[np.argsort(distance)[:kept]]
         chosen = self._judge(actions[short], hands[short])
         if len(chosen) > _SHORTLIST_COUNT:
             chosen = self._least_missing(chosen, target)
-        return Candidates.join([chosen, self._judge(*rightward(self._earlier(target)))])
+        return Candidates.join([chosen, self._judge(*rightward(earlier))])
 
     def _least_missing(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
         """Return the candidates with the least expected miss as they are."""
@@ -358,11 +366,11 @@ class Aimer:
             turns,
         )
 
-    def _earlier(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the actions that landed nearest to a target, shape [action, 4]."""
+    def _earlier(self, target: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+        """Return the actions that landed within some lengths of a target, nearest first."""
         landed = [cast for cast in self.casts if cast.landed]
         miss = [float(np.linalg.norm(cast.endpoint_xy - target)) / self.length for cast in landed]
-        near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < _EARLIER_REACH]
+        near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < reach]
         return np.array([landed[k].action for k in near]).reshape(-1, 4)
 
 

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from cablecast.models.array_rows import ArrayRows
 
+USUAL_FRICTION = 1.7
+"""Shift of a usual landing per relative change of the friction [cable lengths]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Candidates(ArrayRows):
@@ -21,6 +24,8 @@ class Candidates(ArrayRows):
             there is none [-], shape [action].
         log_sizes: Logarithm of the size of a miss over the usual one, as the ensemble says, NaN
             where there is none, shape [action].
+        frictions: Shift of the landing per relative change of the friction, a usual one where there
+            is no ensemble [cable lengths], shape [action].
     """
 
     actions: NDArray[np.float64]
@@ -28,6 +33,7 @@ class Candidates(ArrayRows):
     shifts: NDArray[np.float64]
     leaving: NDArray[np.float64]
     log_sizes: NDArray[np.float64]
+    frictions: NDArray[np.float64]
 
     @classmethod
     def unjudged(cls, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> "Candidates":
@@ -38,6 +44,7 @@ class Candidates(ArrayRows):
             shifts=np.zeros((len(actions), 2)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
+            frictions=np.full(len(actions), USUAL_FRICTION),
         )
 
     def at(self, actions: NDArray[np.float64]) -> "Candidates":
@@ -52,4 +59,5 @@ class Candidates(ArrayRows):
             shifts=self.shifts + part * (others.shifts - self.shifts),
             leaving=self.leaving + part * (others.leaving - self.leaving),
             log_sizes=self.log_sizes + part * (others.log_sizes - self.log_sizes),
+            frictions=self.frictions + part * (others.frictions - self.frictions),
         )

@@ -5,7 +5,9 @@ those casts do not tell, and each is as likely to be right as the others. So the
 guess than any of them, and their spread says how far off it may be (docs/aim.md).
 """
 
+import concurrent.futures
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
+from cablecast.machine import core_count
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.setup import Setup
 from cablecast.tuning.objective import TrackObjective
@@ -20,11 +23,13 @@ from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.update import updated_params
 
-OWN_MISS, SPREAD_FACTOR = 0.05, 1.25
-"""A landing misses by about the spread of the ensemble times a factor, and by a part of its own
-[cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
-docs/aim.md has the share of landings that lie in the regions that are stated with them."""
+OWN_MISS, SPREAD_FACTOR, FRICTION_FACTOR = 0.025, 0.95, 0.038
+"""A landing misses by a part of its own [cable lengths], the spread of the ensemble times a factor,
+and its shift per relative change of the friction times another. Chosen by landings at targets in
+the virtual rig; docs/aim.md has the share of landings that lie in the regions stated with them."""
 
+# Relative change of the friction, to less and to more.
+_FRICTION_STEP = 0.08
 # Farther apart than this nothing is known of a landing, by however much more [cable lengths].
 _APART_MAX = 1.0
 # Between samples the free end moves by some centimetres where it turns at the back [s].
@@ -36,15 +41,20 @@ class Judgement:
     """Judgement of an ensemble on some casts.
 
     Attributes:
-        shifts: From the landing in the reference simulator to the mean of all [cable lengths],
-            shape [action, 2].
-        sizes: Standard deviation along each axis of a real landing about that mean [cable lengths],
+        landing_xy: Mean landing in all simulators [m], NaN where there is none, shape [action, 2].
+        shifts: From the landing in the reference simulator to that mean, 0 where there is none
+            [cable lengths], shape [action, 2].
+        frictions: Shift of the landing per relative change of the friction [cable lengths], shape
+            [action].
+        sizes: Standard deviation along each axis of a real landing about the mean [cable lengths],
             shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
     """
 
+    landing_xy: NDArray[np.float64]
     shifts: NDArray[np.float64]
+    frictions: NDArray[np.float64]
     sizes: NDArray[np.float64]
     leaving: NDArray[np.float64]
 
@@ -54,8 +64,8 @@ class EnsembleLandings:
 
     Args:
         setup: Cable, workspace, arm and motion settings.
-        members: Parameters, material and servo of each simulator. The landings of the first one are
-            known otherwise: the others shift them.
+        members: Parameters and material of each simulator; all have the servo of the first one. The
+            landings of the first one are known otherwise: the others shift them.
         engine: Engine that simulates them.
         posterior: Uncertainty of the first one's parameters; None for simulators that do not learn.
         reference: Simulator that landings are known of otherwise; the first member where None.
@@ -74,7 +84,7 @@ class EnsembleLandings:
         self.engine = engine
         self.posterior = posterior
         self.reference = reference
-        self._known: dict[bytes, tuple[float, ...]] = {}
+        self._known: dict[bytes, NDArray[np.float64]] = {}
 
     def tracks(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how the free end moves in each simulator [m], shape [member, action, sample, 2].
@@ -90,12 +100,14 @@ class EnsembleLandings:
     def _tracks(
         self, members: Sequence[Dynamics], actions: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        paths = cast_grip_paths(actions, self.setup)
-        rollouts = [
-            member.rollout(self.engine, self.setup, paths, sample_dt=_SAMPLE_DT)
-            for member in members
-        ]
-        return np.stack([rollout.endpoint_xy for rollout in rollouts])
+        paths = members[0].follow(cast_grip_paths(actions, self.setup), self.setup)
+        count = len(members)
+        # All in one batch; worlds side by side follow the same motion, and rest at about one time.
+        worlds = Dynamics.stack([*members] * len(actions), self.setup)
+        paths = paths[np.repeat(np.arange(len(actions)), count)]
+        rollout = worlds.rollout(self.engine, self.setup, paths, sample_dt=_SAMPLE_DT)
+        xy = rollout.endpoint_xy
+        return np.swapaxes(xy.reshape(len(actions), count, *xy.shape[1:]), 0, 1)
 
     def taught(self, tracks: MeasuredTracks) -> "EnsembleLandings":
         """Return the simulators after they learned from a few casts more.
@@ -108,17 +120,18 @@ class EnsembleLandings:
         """
         if self.posterior is None or not tracks.compared.any():
             return self
-        members = []
-        for member in self.members:
-            cable = self.setup.cable
-            if member.material is not None:
-                cable = cable.with_material(member.material)
+        posterior = self.posterior
+
+        def learned(member: Dynamics) -> Dynamics:
+            cable = self.setup.cable.with_material(member.material)
             objective = TrackObjective(self.engine, cable, tracks)
-            members.append(
-                member.with_params(updated_params(objective, self.posterior, member.params))
-            )
+            return member.with_params(updated_params(objective, posterior, member.params))
+
+        # A few casts are too small a batch for several cores: the simulators share these instead.
+        with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
+            members = list(pool.map(learned, self.members))
         reference = self.reference or self.members[0]
-        return EnsembleLandings(self.setup, members, self.engine, self.posterior, reference)
+        return EnsembleLandings(self.setup, members, self.engine, posterior, reference)
 
     def judge(self, actions: NDArray[np.float64]) -> Judgement:
         """Return what the ensemble adds to the landings of the reference.
@@ -130,18 +143,43 @@ class EnsembleLandings:
         row_of = {key: row for row, key in enumerate(keys) if key not in self._known}
         if row_of:
             some = actions[list(row_of.values())]
-            reference = None
-            if self.reference is not None:
-                reference = self._tracks((self.reference,), some)[0, :, -1]
-            new = judged(self.tracks(some), self.setup, reference)
-            rows = np.column_stack([new.shifts, new.sizes, new.leaving])
-            self._known.update(zip(row_of, map(tuple, rows), strict=True))
-        known = np.array([self._known[key] for key in keys]).reshape(-1, 4)
-        return Judgement(shifts=known[:, :2], sizes=known[:, 2], leaving=known[:, 3])
+            known = () if self.reference is None else (self.reference,)
+            tracks = self._tracks((*self.members, *self._rubbed, *known), some)
+            count = len(self.members)
+            reference_xy = tracks[count + 2, :, -1] if known else None
+            new = judged(
+                tracks[:count], self.setup, tracks[count : count + 2, :, -1], reference_xy
+            )
+            rows = np.column_stack(
+                [new.landing_xy, new.shifts, new.frictions, new.sizes, new.leaving]
+            )
+            self._known.update(zip(row_of, rows, strict=True))
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, 7)
+        return Judgement(
+            landing_xy=rows[:, :2],
+            shifts=rows[:, 2:4],
+            frictions=rows[:, 4],
+            sizes=rows[:, 5],
+            leaving=rows[:, 6],
+        )
+
+    @functools.cached_property
+    def _rubbed(self) -> tuple[Dynamics, Dynamics]:
+        """The first simulator with less and with more friction."""
+        first = self.members[0]
+        friction = np.asarray(first.params.lateral_friction)
+        less, more = (
+            dataclasses.replace(first.params, lateral_friction=friction * np.exp(step))
+            for step in (-_FRICTION_STEP, _FRICTION_STEP)
+        )
+        return first.with_params(less), first.with_params(more)
 
 
 def judged(
-    tracks: NDArray[np.float64], setup: Setup, reference_xy: NDArray[np.float64] | None = None
+    tracks: NDArray[np.float64],
+    setup: Setup,
+    rubbed_xy: NDArray[np.float64],
+    reference_xy: NDArray[np.float64] | None = None,
 ) -> Judgement:
     """Return what tracks in several simulators say of casts.
 
@@ -149,24 +187,31 @@ def judged(
         tracks: Positions of the free end [m], shape [member, action, sample, 2]; NaN where a
             simulation broke off.
         setup: Gives the table and the cable.
+        rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
         reference_xy: Landings that shifts lead from [m], shape [action, 2]; those in the first
             simulator where None.
     """
-    landings = tracks[:, :, -1] / setup.cable.length
+    length = setup.cable.length
+    landings = tracks[:, :, -1] / length
     there: NDArray[np.bool_] = np.all(np.isfinite(landings), axis=2)
-    count = np.maximum(there.sum(axis=0), 1)
-    known = np.where(there[..., None], landings, 0.0)
-    mean = known.sum(axis=0) / count[:, None]
-    first = landings[0] if reference_xy is None else reference_xy / setup.cable.length
-    told: NDArray[np.bool_] = np.all(np.isfinite(first), axis=1) & np.any(there, axis=0)
-    shifts = np.where(told[:, None], mean - first, 0.0)
-    apart = np.minimum(np.linalg.norm(landings - mean, axis=2), _APART_MAX)
-    # A simulation that broke off knows nothing.
-    apart = np.where(there, apart, _APART_MAX)
-    spread = np.sqrt(0.5 * np.mean(apart**2, axis=0))
+    count = there.sum(axis=0)[:, None]
+    summed = np.where(there[..., None], landings, 0.0).sum(axis=0)
+    mean = np.where(count > 0, summed / np.maximum(count, 1), np.nan)
+    first = landings[0] if reference_xy is None else reference_xy / length
+    spread = np.sqrt(0.5 * np.mean(_apart(landings, mean) ** 2, axis=0))
+    frictions = _apart(rubbed_xy[1] / length, rubbed_xy[0] / length) / (2.0 * _FRICTION_STEP)
+    own = np.hypot(OWN_MISS, FRICTION_FACTOR * frictions)
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
     return Judgement(
-        shifts=shifts,
-        sizes=np.hypot(OWN_MISS, SPREAD_FACTOR * spread),
+        landing_xy=length * mean,
+        shifts=np.nan_to_num(mean - first),
+        frictions=frictions,
+        sizes=np.hypot(own, SPREAD_FACTOR * spread),
         leaving=passed.mean(axis=0),
     )
+
+
+def _apart(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return distances of landings, `_APART_MAX` at most, and where a simulation broke off."""
+    distance = np.linalg.norm(some - others, axis=-1)
+    return np.where(np.isfinite(distance), np.minimum(distance, _APART_MAX), _APART_MAX)

@@ -130,10 +130,12 @@ class Curvature:
     """Quadratic model of F at one point.
 
     Attributes:
+        loss: Equation 4 at the point [cable lengths].
         gradient: Derivative of F, shape [10].
         hessian: Gauss-Newton matrix of F, prior included, shape [10, 10].
     """
 
+    loss: float
     gradient: NDArray[np.float64]
     hessian: NDArray[np.float64]
 
@@ -164,9 +166,23 @@ class TrackFit:
             misfit=misfit,
         )
 
+    def first_step(self, points: NDArray[np.float64], misfit: float) -> FitState:
+        """Take the first step of a fit, without simulating the points on their own before."""
+        unknown = np.full(len(points), np.nan)
+        dampings = np.ones(len(points))
+        return self.step(
+            FitState(
+                points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit
+            )
+        )
+
     def step(self, state: FitState) -> FitState:
         """Take one damped Gauss-Newton step from every point; a point that it worsens stays."""
         curvatures = self.curvatures(state.points, state.misfit)
+        here = np.array([curve.loss for curve in curvatures])
+        state = dataclasses.replace(
+            state, costs=self._cost(state.points, here, state.misfit), losses=here
+        )
         tried_dampings = np.clip(state.dampings[:, None] * _DAMPINGS, _DAMPING_MIN, _DAMPING_MAX)
         moves = np.stack(
             [
@@ -224,6 +240,7 @@ class TrackFit:
             counts = np.maximum(self.objective.tracks.compared.sum(axis=1), 1)[:, None]
             weight = TRACK_WEIGHT * self.objective.tracks.compared / (2.0 * misfit**2 * counts)
             weights = np.broadcast_to(weight, weights.shape)
+        losses = self._losses(offsets[:, 0])
         curvatures = []
         for row in range(count):
             base = offsets[row, 0]
@@ -236,6 +253,7 @@ class TrackFit:
             gradient = np.einsum("atic,tic->a", jacobian, weighted)
             curvatures.append(
                 Curvature(
+                    loss=float(losses[row]),
                     gradient=gradient + self.prior.slope(points[row]),
                     hessian=hessian + self.prior.precision,
                 )

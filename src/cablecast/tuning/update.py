@@ -37,6 +37,6 @@ def updated_params(
     precision = np.linalg.inv(WIDENING**2 * posterior.covariance)
     belief = CorrelatedBelief(mean=point, precision=np.asarray(precision, dtype=float))
     fit = TrackFit(objective, posterior.space, belief)
-    state = fit.step(fit.start(point[None], posterior.misfit))
+    state = fit.first_step(point[None], posterior.misfit)
     values = posterior.space.to_params(state.points[0]).to_array()
     return dataclasses.replace(params, **dict(zip(params.names(), map(float, values), strict=True)))
