@@ -22,8 +22,8 @@ from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.mirrored import rightward
 from cablecast.pipeline.simulate import make_engine
-from cablecast.policies.mirrored import rightward
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.least_squares import TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective

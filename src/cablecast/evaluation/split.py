@@ -21,7 +21,7 @@ from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.models.forward import ForwardModel
 from cablecast.models.landing import LandingModel
-from cablecast.policies.mirrored import rightward, to_right
+from cablecast.motion.mirrored import rightward, to_right
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.track import TrialStatus
 

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import CableParams
 from cablecast.checks import check_count, check_number
 from cablecast.errors import InputError
-from cablecast.motion.action import PSI_MAX, ActionRanges, mirror_actions
+from cablecast.motion.action import PSI_MAX, ActionRanges
+from cablecast.motion.mirrored import played, side_hands
 from cablecast.policies.base import check_targets
 from cablecast.setup import Setup
 from cablecast.tuning.search_space import SearchSpace
@@ -148,7 +149,7 @@ class CastTask:
         share = (np.clip(values, -1.0, 1.0) + 1.0) / 2.0
         actions = bounds[:, 0] + share * (bounds[:, 1] - bounds[:, 0])
         actions[:, 3] += actions[:, 1]
-        return np.where(target_xy[:, :1] < 0, mirror_actions(actions), actions)
+        return played(actions, side_hands(target_xy))
 
     def rewards(self, target_xy: Array, landing_xy: Array, ok: NDArray[np.bool_]) -> Array:
         """Return minus the miss of casts in % of cable length, shape [count].

@@ -40,7 +40,7 @@ class ResidualScales:
 
     amplitude: float = 0.055
     noise: float = 0.017
-    length: float = 0.8
+    length: float = 1.2
     power: float = 0.9
 
     def to_array(self) -> NDArray[np.float64]:

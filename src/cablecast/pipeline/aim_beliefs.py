@@ -7,10 +7,10 @@ import numpy as np
 from cablecast.models.few_casts import ResidualScales
 from cablecast.models.local_size import LocalSize
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.mirrored import rightward
 from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.ensemble import EnsembleLandings
-from cablecast.policies.mirrored import rightward
 
 # Casts that tell how far apart the simulators of an ensemble usually land.
 _ACTION_COUNT, _SEED = 240, 7

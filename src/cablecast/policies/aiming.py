@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.errors import InputError
 from cablecast.models.features import deviations
 from cablecast.models.few_casts import Places, ResidualScales
-from cablecast.models.landing import central_shifts
 from cablecast.models.local_size import LocalSize
 from cablecast.motion.feasibility import check_actions
+from cablecast.motion.mirrored import played, rightward, to_right
 from cablecast.policies.aimed import AimChoice, AimedCast
 from cablecast.policies.base import check_targets
 from cablecast.policies.candidates import Candidates
@@ -30,7 +30,7 @@ from cablecast.policies.ensemble import EnsembleLandings
 from cablecast.policies.expected_loss import expected_loss
 from cablecast.policies.experience import Experience
 from cablecast.policies.forward_search import TABLE_MARGIN, ForwardSearchPolicy
-from cablecast.policies.mirrored import played, rightward, to_right
+from cablecast.policies.moved_landings import MovedLandings
 from cablecast.policies.refinement import refine_actions, within_ranges
 from cablecast.policies.shakes import log_shakes
 from cablecast.policies.sight import lost_chance
@@ -286,6 +286,12 @@ class Aimer:
         mean, variance = self.experience.residual.predict(places)
         return places, simulated_xy + self.length * mean, variance
 
+    def _landings(self, some: Candidates, sensitivity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the expected landings of candidates to the right [m], shape [action, 2]."""
+        simulated_xy = self._simulated(some)
+        places = self._places(some, simulated_xy, sensitivity)
+        return simulated_xy + self.length * self.experience.residual.means(places)
+
     def _candidates(self, target: NDArray[np.float64]) -> Candidates:
         """Return promising actions, those that are expected on the target, and some in between.
 
@@ -307,7 +313,7 @@ class Aimer:
             some.actions,
             to_right(target, some.hands),
             self._changes,
-            model=_CorrectedLandings(self, some, sensitivity),
+            model=MovedLandings(some, sensitivity, self._landings, self.model),
             table_margin=self._table_margin,
             iterations=_NEWTON_STEPS,
             fractions=_FRACTIONS,
@@ -372,33 +378,3 @@ class Aimer:
         miss = [float(np.linalg.norm(cast.endpoint_xy - target)) / self.length for cast in landed]
         near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < reach]
         return np.array([landed[k].action for k in near]).reshape(-1, 4)
-
-
-class _CorrectedLandings:
-    """Landings of given actions with what real casts added, for `refine_actions`."""
-
-    def __init__(self, aimer: Aimer, some: Candidates, sensitivity: NDArray[np.float64]):
-        self.aimer = aimer
-        self.some = some
-        self.sensitivity = sensitivity
-        self.setup = aimer.policy.setup
-
-    def predict(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the expected landings [m], shape [action, 2]."""
-        aimer = self.aimer
-        # Shifts are asked for by several changes of all actions in turn.
-        rows = np.tile(np.arange(len(self.some)), len(actions) // len(self.some))
-        some = self.some[rows].at(actions)
-        simulated_xy = aimer._simulated(some)
-        places = aimer._places(some, simulated_xy, self.sensitivity[rows])
-        return simulated_xy + aimer.length * aimer.experience.residual.means(places)
-
-    def landing_shifts(
-        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the shift of the landing for each change of an action, [action, 2, change]."""
-        return central_shifts(self.predict, actions, changes)
-
-    def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance that the free end keeps from the table's edges [m]."""
-        return self.aimer.model.predict_margin(actions)

@@ -147,9 +147,7 @@ class EnsembleLandings:
             tracks = self._tracks((*self.members, *self._rubbed, *known), some)
             count = len(self.members)
             reference_xy = tracks[count + 2, :, -1] if known else None
-            new = judged(
-                tracks[:count], self.setup, tracks[count : count + 2, :, -1], reference_xy
-            )
+            new = judged(tracks[:count], self.setup, tracks[count : count + 2, :, -1], reference_xy)
             rows = np.column_stack(
                 [new.landing_xy, new.shifts, new.frictions, new.sizes, new.leaving]
             )

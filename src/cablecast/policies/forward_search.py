@@ -18,10 +18,10 @@ from cablecast.errors import CheckpointError, InputError
 from cablecast.models.features import deviations
 from cablecast.models.landing import LandingModel
 from cablecast.models.load import load_model
-from cablecast.motion.action import ActionRanges, mirror_actions
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import feasible_grid
+from cablecast.motion.mirrored import played, rightward, side_hands, to_right
 from cablecast.policies.base import Plan, check_targets
-from cablecast.policies.mirrored import rightward
 from cablecast.policies.refinement import refine_actions
 from cablecast.policies.storage import ARRAY_SHAPES, StoredPolicy, read_policy, write_policy
 from cablecast.setup import Setup
@@ -161,11 +161,11 @@ class ForwardSearchPolicy:
         actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
         spread = model.predict_spread(actions)
         sensitivity = model.sensitivity(actions, deviations(actions))
-        left = predicted_xy[:, :1] < 0
+        hands = side_hands(predicted_xy)
         return cls(
             model=model,
-            actions=np.where(left, mirror_actions(actions), actions),
-            predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
+            actions=played(actions, hands),
+            predicted_xy=to_right(predicted_xy, hands),
             sensitivity=sensitivity,
             spread=np.full(len(actions), np.nan) if spread is None else spread,
             margin=margin,
@@ -197,15 +197,14 @@ class ForwardSearchPolicy:
             TargetError: A target is not finite, out of reach, or off the table.
         """
         targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
-        left = targets[:, :1] < 0
-        folded = np.where(left, mirror_xy(targets), targets)
+        hands = side_hands(targets)
         choose = self._least_sensitive if np.isnan(self.spread[0]) else self._least_risky
-        chosen, actions, predicted_xy, spread = choose(folded)
+        chosen, actions, predicted_xy, spread = choose(to_right(targets, hands))
         return Plan(
             setup=self.setup,
             target_xy=targets,
-            actions=np.where(left, mirror_actions(actions), actions),
-            predicted_xy=np.where(left, mirror_xy(predicted_xy), predicted_xy),
+            actions=played(actions, hands),
+            predicted_xy=to_right(predicted_xy, hands),
             inside_coverage=self.inside_coverage(targets),
             spread=np.array(np.nan) if spread is None else spread,
             sensitivity=self.sensitivity[chosen],

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cablecast.motion.action import PSI_MAX, THETA_MAX, THETA_MIN
 from cablecast.motion.feasibility import check_actions
-from cablecast.policies.mirrored import played, rightward, to_right
+from cablecast.motion.mirrored import played, rightward, to_right
 
 ITERATION_COUNT = 2
 """Number of Newton steps; the second lands within 0.1 % of the cable's length of the target."""

@@ -171,9 +171,7 @@ class TrackFit:
         unknown = np.full(len(points), np.nan)
         dampings = np.ones(len(points))
         return self.step(
-            FitState(
-                points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit
-            )
+            FitState(points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit)
         )
 
     def step(self, state: FitState) -> FitState:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from cablecast.checks import check_seed
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError
-from cablecast.motion.action import ActionRanges, mirror_actions
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.mirrored import played, rightward
 from cablecast.setup import Setup
 
 EDGE = 0.05
@@ -54,7 +55,7 @@ def spread_actions(
         InputError: Too few actions stay on the table, or the seed is out of bounds.
     """
     pool = feasible_uniform(max(_POOL_COUNT, 10 * count), setup, ranges, check_seed(seed))
-    actions = np.where(pool[:, 1:2] < 0, mirror_actions(pool), pool)
+    actions, _ = rightward(pool)
     paths = cast_grip_paths(actions, setup)
     xy = engine.rollout(setup.cable, setup.cable.params, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     safe = np.isfinite(xy).all(axis=(1, 2)) & (setup.workspace.edge_distance(xy).min(axis=1) > EDGE)
@@ -71,9 +72,7 @@ def spread_actions(
         near = actions[np.argsort(np.linalg.norm(landing_xy - middle, axis=1))[:_NEAR_COUNT]]
         unusual = np.linalg.norm((near - np.median(near, axis=0)) / scale, axis=1)
         chosen.append(near[np.argmin(unusual)])
-    right = np.array(chosen)
-    left_turn = np.arange(count)[:, None] % 2 == 1
-    return np.where(left_turn, mirror_actions(right), right)
+    return played(np.array(chosen), np.where(np.arange(count) % 2 == 1, -1.0, 1.0))
 
 
 def _middles(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:

@@ -20,6 +20,11 @@ def rightward(actions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return played(actions, hands), hands
 
 
+def side_hands(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return +1 for points on the right half of the table, and -1 for others, shape [point]."""
+    return np.where(xy[:, 0] < 0, -1.0, 1.0)
+
+
 def played(actions: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return actions to the right as they are played with given hands, shape [action, 4]."""
     return np.where(hands[:, None] < 0, mirror_actions(actions), actions)
