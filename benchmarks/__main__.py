@@ -16,6 +16,7 @@ NAMES = {
     "damping": "fits with and without a damping time of the material, on casts",
     "mocap": "motion capture of cables held at both ends, beside published figures",
     "casts": "error at targets against the number of real casts and corrections",
+    "scatter": "scatter of equal casts, and what tells it and the error beforehand",
     "sessions": "first tries of a session with and without new fits to all its casts",
     "informative": "fits to the casts that teach most beside fits to random ones",
     "sampler": "posterior of a fit beside draws of a sampler",

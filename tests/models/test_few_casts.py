@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.models.few_casts import FewCastResidual, Places, ResidualScales
+from cablecast.models.few_casts import FRICTION_SIZE, FewCastResidual, Places, ResidualScales
 
 # The covariance has a small number added to its diagonal, 1e-9 beside a noise of 4e-4.
 JITTER = 1e-4
@@ -13,12 +13,13 @@ JITTER = 1e-4
 SCALES = ResidualScales(amplitude=0.08, noise=0.02, length=1.0, power=0.0)
 
 
-def places(inputs, log_sizes=0.0, log_shakes=0.0):
+def places(inputs, log_sizes=0.0, log_shakes=0.0, frictions=0.0):
     inputs = np.atleast_2d(inputs)
     return Places(
         inputs=inputs,
         log_sizes=np.full(len(inputs), log_sizes),
         log_shakes=np.full(len(inputs), log_shakes),
+        frictions=np.full(len(inputs), frictions),
     )
 
 
@@ -66,6 +67,24 @@ def test_casts_to_some_places_miss_by_more_and_sensitive_ones_scatter_by_more():
     shaky = places(np.zeros(7), log_shakes=np.log(3.0))
     assert process.predict(shaky)[1] == pytest.approx(process.predict(HERE)[1])
     assert process.scatter_variance(shaky) == pytest.approx(9 * process.scatter_variance(HERE))
+
+
+def test_what_the_friction_moves_is_less_known_and_misses_alike_far_away():
+    process = FewCastResidual.empty(dataclasses.replace(SCALES, amplitude=0.001))
+    friction = 2.0 / FRICTION_SIZE * 0.05
+    here = places(np.zeros(7), frictions=friction)
+    there = places(np.full(7, 1.0), frictions=0.5 * friction)
+    assert process.predict(here)[1] == pytest.approx(0.1**2, rel=1e-3)
+    known = process.with_cast(here, np.array([0.1, -0.1]))
+    # Half as much is moved there by the friction that was found out here.
+    mean, variance = known.predict(there)
+    assert 0.2 < mean[0, 0] / 0.1 < 0.5
+    np.testing.assert_allclose(mean[0, 0], -mean[0, 1])
+    assert variance[0] < 0.9 * process.predict(there)[1][0]
+    # The same distance is far for what does not follow the friction.
+    plain = FewCastResidual.empty(SCALES).with_cast(HERE, np.array([0.1, -0.1]))
+    share = plain.predict(places(np.full(7, 1.0)))[0][0, 0] / 0.1
+    assert share < 0.5 * mean[0, 0] / (0.5 * 0.1)
 
 
 def test_many_casts_overrule_what_was_expected_of_the_scales():

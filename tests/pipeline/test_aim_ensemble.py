@@ -13,7 +13,6 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import (
-    FRICTION_FACTOR,
     OWN_MISS,
     SPREAD_FACTOR,
     EnsembleLandings,
@@ -44,12 +43,12 @@ class _Told:
         self.shift, self.leaves_from = np.array(shift), leaves_from
 
     def judge(self, actions):
-        sizes = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
+        spreads = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
         return Judgement(
             landing_xy=np.zeros((len(actions), 2)),
-            frictions=np.full(len(actions), 1.7),
+            frictions=np.zeros(len(actions)),
             shifts=np.tile(self.shift, (len(actions), 1)),
-            sizes=sizes,
+            spreads=spreads,
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
         )
 
@@ -79,12 +78,12 @@ def test_mean_and_spread_of_landings():
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
 
 
-def test_a_landing_that_friction_moves_far_is_trusted_less():
+def test_the_friction_moves_a_landing_from_less_to_more():
     here = tracks_to([[0.0, 1.0]] * 2)
     said = judged_of(here, [(0.0, 1.04), (0.0, 1.0)])
     # From 8 % less to 8 % more.
     np.testing.assert_allclose(said.frictions, 0.04 / 0.16)
-    np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, FRICTION_FACTOR * 0.04 / 0.16))
+    np.testing.assert_allclose(said.sizes, OWN_MISS)
     broken = judged_of(here, [(np.nan, np.nan), (0.0, 1.0)])
     np.testing.assert_allclose(broken.frictions, 1.0 / 0.16)
 
@@ -137,7 +136,7 @@ def test_the_shift_leads_from_the_first_simulator_to_the_mean(ensemble):
     assert np.all(said.sizes > OWN_MISS)
     alone = EnsembleLandings(SETUP, ensemble.members[:1], ensemble.engine).judge(ACTIONS)
     np.testing.assert_array_equal(alone.shifts, np.zeros((3, 2)))
-    np.testing.assert_allclose(alone.sizes, np.hypot(OWN_MISS, FRICTION_FACTOR * alone.frictions))
+    np.testing.assert_allclose(alone.sizes, OWN_MISS)
 
 
 def test_the_friction_moves_landings_as_two_simulators_say(ensemble):

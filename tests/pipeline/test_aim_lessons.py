@@ -87,7 +87,7 @@ def session_of(tuned, **given):
 def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
     tuned, lesson, slippery
 ):
-    ensemble = session_of(tuned).aimer._ensemble
+    ensemble = session_of(tuned).aimer.ensemble
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
     both = np.concatenate([ACTION, NEARBY])
@@ -102,7 +102,7 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
 
 
 def test_shifts_of_simulators_that_learned_lead_from_the_first_as_it_was(tuned, lesson):
-    ensemble = session_of(tuned).aimer._ensemble
+    ensemble = session_of(tuned).aimer.ensemble
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     reference = ensemble.tracks(NEARBY)[0, :, -1]
     mean = taught.tracks(NEARBY)[:, :, -1].mean(axis=0)
@@ -112,7 +112,7 @@ def test_shifts_of_simulators_that_learned_lead_from_the_first_as_it_was(tuned, 
 
 
 def test_a_cast_of_which_nothing_was_seen_teaches_nothing(tuned, lesson):
-    ensemble = session_of(tuned).aimer._ensemble
+    ensemble = session_of(tuned).aimer.ensemble
     tracks = MeasuredTracks.from_dataset(lesson)
     unseen = dataclasses.replace(tracks, endpoint_xy=np.full_like(tracks.endpoint_xy, np.nan))
     assert ensemble.taught(unseen) is ensemble

@@ -1,11 +1,13 @@
 """FewCastResidual: what real casts add to a simulated landing, from the first cast on.
 
-The residual of a cast, measured minus simulated landing, is modelled as s g(a) + k(a) e. g is a
-Gaussian process with a Matern 3/2 kernel over the features of the action, the simulated landing and
-the side of the table; e is scatter from cast to cast. The size s is a power of that of `LocalSize`
-and of an ensemble: casts that land far away, or on which simulators part, miss by more. The scatter
-follows the sensitivity k of the landing to the action. Four numbers are fitted (`ResidualScales`),
-each with a prior, so that no cast is needed to begin with and a hundred may overrule it.
+The residual of a cast, measured minus simulated landing, is modelled as s g(a) + f h(a) + k(a) e. g
+and h are Gaussian processes with Matern 3/2 kernels over the features of the action, the simulated
+landing and the side of the table; e is scatter from cast to cast. The size s is a power of that of
+`LocalSize` and of an ensemble: casts that land far away, or on which simulators part, miss by more.
+f is the shift of the landing with the friction: an error that moves all casts like it, and so
+reaches far. The scatter k follows the sensitivity of the landing to action and friction. Four
+numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to
+begin with and a hundred may overrule it.
 """
 
 import dataclasses
@@ -24,6 +26,10 @@ LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
 """Length scales of the process along the normalised features of the action, the normalised
 landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
 
+FRICTION_SIZE, FRICTION_REACH = 0.025, 3.0
+"""Standard deviation of h along each of x and y, as a relative change of the friction, and its
+length scales over those of g. It stands for all errors that are magnified as friction's are."""
+
 _JITTER = 1e-9
 
 
@@ -40,7 +46,7 @@ class ResidualScales:
 
     amplitude: float = 0.055
     noise: float = 0.017
-    length: float = 1.2
+    length: float = 0.8
     power: float = 0.9
 
     def to_array(self) -> NDArray[np.float64]:
@@ -73,12 +79,15 @@ class Places(ArrayRows):
     Attributes:
         inputs: Coordinates, shape [action, 7].
         log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
-        log_shakes: Logarithm of the sensitivity over that of a usual cast, shape [action].
+        log_shakes: Logarithm of the scatter over that of a usual cast, shape [action].
+        frictions: Shift of the landing per relative change of the friction [cable lengths], shape
+            [action].
     """
 
     inputs: NDArray[np.float64]
     log_sizes: NDArray[np.float64]
     log_shakes: NDArray[np.float64]
+    frictions: NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -109,7 +118,10 @@ class FewCastResidual:
         believed = believed or ResidualScales()
         return cls(
             places=Places(
-                inputs=np.empty((0, PLACE_COUNT)), log_sizes=np.empty(0), log_shakes=np.empty(0)
+                inputs=np.empty((0, PLACE_COUNT)),
+                log_sizes=np.empty(0),
+                log_shakes=np.empty(0),
+                frictions=np.empty(0),
             ),
             residuals=np.empty((0, 2)),
             scatter=np.empty(0),
@@ -144,12 +156,13 @@ class FewCastResidual:
             places: Places of actions.
 
         Returns:
-            Expected residuals, shape [action, 2], and the variance along each of x and y of g
-            alone, without scatter, shape [action]; [cable lengths] and their square.
+            Expected residuals, shape [action, 2], and their variance along each of x and y, without
+            scatter, shape [action]; [cable lengths] and their square.
         """
         kernel = self._kernel(places)
         explained = np.einsum("ai,ai->a", kernel @ self._inverse, kernel)
         prior = (self._sizes(places) * self.scales.amplitude) ** 2
+        prior = prior + (FRICTION_SIZE * places.frictions) ** 2
         return kernel @ self._solved, np.maximum(prior - explained, 0.0)
 
     def means(self, places: Places) -> NDArray[np.float64]:
@@ -215,11 +228,16 @@ class FewCastResidual:
         return 0.5 * float(np.sum(whitened**2)) + volume + prior
 
     def _kernel(self, places: Places) -> NDArray[np.float64]:
-        """Return the covariance of g between places and casts, shape [action, cast]."""
+        """Return the covariance of residuals between places and casts, without scatter."""
         kernel = self.correlation(places)
         kernel *= (self.scales.amplitude**2 * self._sizes(places))[:, None]
         kernel *= self._sizes(self.places)
-        return kernel
+        # The factor of the length scales is that of g: it says nothing of h.
+        scales = FRICTION_REACH * LENGTH_SCALES
+        wide = matern(places.inputs / scales, self.places.inputs / scales)
+        wide *= (FRICTION_SIZE**2 * places.frictions)[:, None]
+        wide *= self.places.frictions
+        return kernel + wide
 
     def _sizes(self, places: Places) -> NDArray[np.float64]:
         return np.exp(self.scales.power * places.log_sizes)

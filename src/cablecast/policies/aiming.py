@@ -41,9 +41,6 @@ from cablecast.tuning.tracks import MeasuredTracks
 # these, those with the least expected miss. Without an ensemble more than these would find actions
 # that the simulator is too sure of (`LocalSize`).
 _NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 128, 16
-# The same where an earlier cast landed this near to the target [cable lengths]: a correction of it
-# is chosen in nine of ten cases.
-_JUDGED_BESIDE, _BESIDE = 32, 0.1
 # Candidates that tell the local size.
 _SIZE_COUNT = 400
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
@@ -69,6 +66,7 @@ class Aimer:
     Attributes:
         experience: What real casts added to the simulated landings.
         casts: Casts that it learned from.
+        ensemble: Simulators of other physics, or None.
     """
 
     def __init__(
@@ -83,7 +81,7 @@ class Aimer:
         self.length = policy.setup.cable.length
         self.experience = Experience(believed)
         self.casts: list[AimedCast] = []
-        self._ensemble = ensemble
+        self.ensemble = ensemble
         self._changes = deviations(policy.actions)
         self._usual = float(np.median(policy.sensitivity))
         some = slice(None, None, max(1, len(policy.actions) // _SIZE_COUNT))
@@ -112,10 +110,10 @@ class Aimer:
         Args:
             tracks: Casts near a target that the simulators were not fitted to.
         """
-        if self._ensemble is None:
+        if self.ensemble is None:
             return self
         other = self.emptied()
-        other._ensemble = self._ensemble.taught(tracks)
+        other.ensemble = self.ensemble.taught(tracks)
         known = other.experience
         known.residual = dataclasses.replace(known.residual, scales=self.experience.residual.scales)
         other.learn(self.casts, refit=False)
@@ -144,14 +142,14 @@ class Aimer:
         """Return the place of a cast, its simulated landing to the right [m], and its hand."""
         cast = self._judge(*rightward(action[None]))
         simulated_xy = self._simulated(cast)
-        sensitivity = self.model.sensitivity(cast.actions, self._changes)
+        sensitivity = self.sensitivities(cast.actions)
         return self._places(cast, simulated_xy, sensitivity), simulated_xy[0], float(cast.hands[0])
 
     def _judge(self, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> Candidates:
         """Return actions to the right with what the ensemble says of them, if there is one."""
-        if self._ensemble is None:
+        if self.ensemble is None:
             return Candidates.unjudged(actions, hands)
-        said = self._ensemble.judge(actions)
+        said = self.ensemble.judge(actions)
         return Candidates(
             actions=actions,
             hands=hands,
@@ -188,8 +186,17 @@ class Aimer:
         return Places(
             inputs=inputs,
             log_sizes=0.5 * (usual + own),
-            log_shakes=log_shakes(sensitivity / self._usual, some.frictions),
+            log_shakes=log_shakes(sensitivity, some.frictions),
+            frictions=some.frictions,
         )
+
+    def sensitivities(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return sensitivities of the landing to the action over the usual one, shape [action].
+
+        Args:
+            actions: Actions to the right, shape [action, 4].
+        """
+        return self.model.sensitivity(actions, self._changes) / self._usual
 
     def predict(
         self, actions: ArrayLike
@@ -234,7 +241,7 @@ class Aimer:
         target = check_targets(self.policy.setup, target_xy)[0]
         some = self._candidates(target)
         risk, failure = self._risks(some, target)
-        if self._ensemble is not None:
+        if self.ensemble is not None:
             # Of actions that were moved it said what is true of those nearby.
             few = np.argsort(risk)[:_SHORTLIST_COUNT]
             some = self._judge(some.actions[few], some.hands[few])
@@ -281,7 +288,7 @@ class Aimer:
     ) -> tuple[Places, NDArray[np.float64], NDArray[np.float64]]:
         """Return places, landings to the right [m] and their variance without scatter."""
         simulated_xy = self._simulated(some)
-        sensitivity = self.model.sensitivity(some.actions, self._changes)
+        sensitivity = self.sensitivities(some.actions)
         places = self._places(some, simulated_xy, sensitivity)
         mean, variance = self.experience.residual.predict(places)
         return places, simulated_xy + self.length * mean, variance
@@ -300,7 +307,7 @@ class Aimer:
         """
         starts = self._shortlist(target)
         ends = self._moved(starts, target)
-        if self._ensemble is not None:
+        if self.ensemble is not None:
             # It says something else of an action that was moved far.
             ends = self._moved(self._judge(ends.actions, ends.hands), target)
         some = Candidates.join([starts.towards(ends, part) for part in _PARTS])
@@ -308,7 +315,7 @@ class Aimer:
 
     def _moved(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
         """Return candidates near others that are expected to land on the target."""
-        sensitivity = self.model.sensitivity(some.actions, self._changes)
+        sensitivity = self.sensitivities(some.actions)
         moved, _ = refine_actions(
             some.actions,
             to_right(target, some.hands),
@@ -339,15 +346,12 @@ class Aimer:
         some.inputs[:, -1] = hands[near]
         mean = self.experience.residual.means(some)
         distance = np.linalg.norm(simulated_xy[near] + self.length * mean - goals[near], axis=1)
-        earlier = self._earlier(target, _EARLIER_REACH)
-        kept = _JUDGED_BESIDE if len(self._earlier(target, _BESIDE)) else _JUDGED_COUNT
-        if self._ensemble is None:
-            kept = _SHORTLIST_COUNT
+        kept = _SHORTLIST_COUNT if self.ensemble is None else _JUDGED_COUNT
         short = near[np.argsort(distance)[:kept]]
         chosen = self._judge(actions[short], hands[short])
         if len(chosen) > _SHORTLIST_COUNT:
             chosen = self._least_missing(chosen, target)
-        return Candidates.join([chosen, self._judge(*rightward(earlier))])
+        return Candidates.join([chosen, self._judge(*rightward(self._earlier(target)))])
 
     def _least_missing(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
         """Return the candidates with the least expected miss as they are."""
@@ -366,15 +370,15 @@ class Aimer:
         simulated_xy = to_right(policy.predicted_xy, turns)
         unjudged = Candidates.unjudged(actions, turns)
         return (
-            self._places(unjudged, simulated_xy, policy.sensitivity),
+            self._places(unjudged, simulated_xy, policy.sensitivity / self._usual),
             actions,
             simulated_xy,
             turns,
         )
 
-    def _earlier(self, target: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-        """Return the actions that landed within some lengths of a target, nearest first."""
+    def _earlier(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the actions that landed nearest to a target, shape [action, 4]."""
         landed = [cast for cast in self.casts if cast.landed]
         miss = [float(np.linalg.norm(cast.endpoint_xy - target)) / self.length for cast in landed]
-        near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < reach]
+        near = [k for k in np.argsort(miss)[:_EARLIER_COUNT] if miss[k] < _EARLIER_REACH]
         return np.array([landed[k].action for k in near]).reshape(-1, 4)

@@ -23,10 +23,10 @@ from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.update import updated_params
 
-OWN_MISS, SPREAD_FACTOR, FRICTION_FACTOR = 0.025, 0.95, 0.038
-"""A landing misses by a part of its own [cable lengths], the spread of the ensemble times a factor,
-and its shift per relative change of the friction times another. Chosen by landings at targets in
-the virtual rig; docs/aim.md has the share of landings that lie in the regions stated with them."""
+OWN_MISS, SPREAD_FACTOR = 0.05, 1.25
+"""A landing misses by about the spread of the ensemble times a factor, and by a part of its own
+[cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
+docs/aim.md has the share of landings that lie in the regions that are stated with them."""
 
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
@@ -46,8 +46,7 @@ class Judgement:
             [cable lengths], shape [action, 2].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
-        sizes: Standard deviation along each axis of a real landing about the mean [cable lengths],
-            shape [action].
+        spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
     """
@@ -55,8 +54,13 @@ class Judgement:
     landing_xy: NDArray[np.float64]
     shifts: NDArray[np.float64]
     frictions: NDArray[np.float64]
-    sizes: NDArray[np.float64]
+    spreads: NDArray[np.float64]
     leaving: NDArray[np.float64]
+
+    @property
+    def sizes(self) -> NDArray[np.float64]:
+        """Size of the misses that the spread tells, along each axis [cable lengths], [action]."""
+        return np.hypot(OWN_MISS, SPREAD_FACTOR * self.spreads)
 
 
 class EnsembleLandings:
@@ -149,7 +153,7 @@ class EnsembleLandings:
             reference_xy = tracks[count + 2, :, -1] if known else None
             new = judged(tracks[:count], self.setup, tracks[count : count + 2, :, -1], reference_xy)
             rows = np.column_stack(
-                [new.landing_xy, new.shifts, new.frictions, new.sizes, new.leaving]
+                [new.landing_xy, new.shifts, new.frictions, new.spreads, new.leaving]
             )
             self._known.update(zip(row_of, rows, strict=True))
         rows = np.array([self._known[key] for key in keys]).reshape(-1, 7)
@@ -157,7 +161,7 @@ class EnsembleLandings:
             landing_xy=rows[:, :2],
             shifts=rows[:, 2:4],
             frictions=rows[:, 4],
-            sizes=rows[:, 5],
+            spreads=rows[:, 5],
             leaving=rows[:, 6],
         )
 
@@ -198,13 +202,12 @@ def judged(
     first = landings[0] if reference_xy is None else reference_xy / length
     spread = np.sqrt(0.5 * np.mean(_apart(landings, mean) ** 2, axis=0))
     frictions = _apart(rubbed_xy[1] / length, rubbed_xy[0] / length) / (2.0 * _FRICTION_STEP)
-    own = np.hypot(OWN_MISS, FRICTION_FACTOR * frictions)
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
     return Judgement(
         landing_xy=length * mean,
         shifts=np.nan_to_num(mean - first),
         frictions=frictions,
-        sizes=np.hypot(own, SPREAD_FACTOR * spread),
+        spreads=spread,
         leaving=passed.mean(axis=0),
     )
 

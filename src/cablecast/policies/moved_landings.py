@@ -16,7 +16,7 @@ class MovedLandings:
 
     Args:
         some: Candidates.
-        sensitivity: Sensitivity of each, which hardly changes nearby [m], shape [action].
+        sensitivity: Sensitivity of each over the usual one, which hardly changes nearby, [action].
         landings: Given candidates and sensitivities, returns expected landings [m], [action, 2].
         model: Gives the set-up and the distance that the free end keeps from the table's edges.
     """

@@ -1,0 +1,166 @@
+"""Scatter of equal casts, and what tells it and the error of the simulator beforehand.
+
+After a few casts the loop of `cablecast aim` chooses a first cast at each of some targets. Each is
+made several times, with other chances. The scatter of its landings, and the distance from their
+middle to the landing that the simulators expect, are compared with what they are judged by before:
+the sensitivity to the action, the friction, and how far the simulators part. The stated scatter
+along each axis is that of the plan. No correction of one cast of a rig lands nearer than the casts
+scatter.
+
+Each target is kept in --out: the same command goes on where it was stopped, and shares fits and
+models with `benchmarks casts`.
+"""
+
+import dataclasses
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import casts as cast_benchmark
+from benchmarks.common import Table
+from benchmarks.places import Place, some_targets
+from cablecast.cli.progress import console_progress
+from cablecast.motion.mirrored import rightward
+from cablecast.policies.shakes import log_shakes
+from cablecast.runs.progress import Progress
+
+COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
+RANK_COLUMNS = ("told by", "with the scatter", "with the error")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """Scatter of equal casts beside what is stated."""
+
+    rig: str = "virtual"
+    """Rig: virtual, strange, scattering, engine or example."""
+    labs: tuple[int, ...] = (0, 1, 2)
+    """Seeds of the laboratories."""
+    cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
+    """Cables."""
+    calibration: int = 5
+    """Casts before the first target."""
+    targets: int = 12
+    """Targets in each laboratory."""
+    repeats: int = 6
+    """Equal casts at each."""
+    simulated: int = 16_000
+    """Simulated casts that each model learns from."""
+    epochs: int = 60
+    """Largest number of passes over them."""
+    candidates: int = 20_000
+    """Motions that planning chooses from."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
+    """Folder of the results, which the same command goes on with."""
+
+
+def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
+    """Return landings of equal casts at each target of a place, and what was known before."""
+    session, rows = None, []
+    length = place.setup.cable.length
+    for index, target in enumerate(some_targets(args.targets, place.lab)):
+        name = f"scatter-{args.calibration}-{args.repeats}-{index:03d}"
+        row = place.parts.get(name)
+        if row is None:
+            session = session or place.session("aim", args.calibration).session
+            aimer = session.aimer
+            proposal = session.propose(target)
+            action, hands = rightward(proposal.action.to_array()[None])
+            said = aimer.ensemble.judge(action)
+            landings = []
+            for number in range(args.repeats):
+                place.rig.seek(100_000 + 100 * index + number, "aim")
+                place.rig.reset()
+                landings.append(place.rig.execute(proposal.trajectory).final_xy / length)
+            row = {
+                "landings": [xy.tolist() for xy in landings],
+                "stated": proposal.scatter / length,
+                "simulated": (said.landing_xy[0] * (hands[0], 1.0) / length).tolist(),
+                "sensitivity": float(aimer.sensitivities(action)[0]),
+                "friction": float(said.frictions[0]),
+                "spread": float(said.spreads[0]),
+                "size": float(said.sizes[0]),
+            }
+            place.parts.put(name, row)
+        rows.append(row)
+        task = f"{place.name} {place.lab} {place.setup.cable.name}, equal casts"
+        place.report(Progress(task=task, done=index + 1, total=args.targets, unit="targets"))
+    return rows
+
+
+def measured(rows: list[dict[str, Any]]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return what equal casts did, each of shape [target].
+
+    Returns:
+        Standard deviation along each axis, median distance from their middle, distance from there
+        to the simulated landing [cable lengths]; and the share without a landing [-].
+    """
+    found = []
+    for row in rows:
+        every = np.array(row["landings"], dtype=float)
+        landings = every[np.isfinite(every).all(axis=1)]
+        if len(landings) < 2:
+            found.append((np.nan, np.nan, np.nan, 1.0))
+            continue
+        deviation = np.sqrt(landings.var(axis=0, ddof=1).mean())
+        middle = np.median(landings, axis=0)
+        distance = np.median(np.linalg.norm(landings - middle, axis=1))
+        error = np.linalg.norm(middle - row["simulated"])
+        found.append((deviation, distance, error, 1.0 - len(landings) / len(every)))
+    deviation, distance, error, lost = np.array(found).T
+    return deviation, distance, error, lost
+
+
+def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
+    """Return the rank correlations of what was known before with scatter and error."""
+    from scipy.stats import spearmanr
+
+    deviation, _, error, _ = measured(rows)
+    known = np.isfinite(deviation) & np.isfinite(error)
+    told = {key: np.array([row[key] for row in rows]) for key in ("sensitivity", "friction")}
+    kinds = {
+        "sensitivity to the action": told["sensitivity"],
+        "friction": told["friction"],
+        "both": log_shakes(told["sensitivity"], told["friction"]),
+        "spread of the simulators": np.array([row["spread"] for row in rows]),
+        "spread and friction": np.array([row["size"] for row in rows]),
+    }
+    return [
+        (
+            kind,
+            f"{spearmanr(values[known], deviation[known]).statistic:.2f}",
+            f"{spearmanr(values[known], error[known]).statistic:.2f}",
+        )
+        for kind, values in kinds.items()
+    ]
+
+
+def main(args: Args) -> int:
+    """Run the benchmark and print its tables."""
+    shared = cast_benchmark.Args(
+        rigs=(args.rig,),
+        counts=(args.calibration,),
+        simulated=args.simulated,
+        epochs=args.epochs,
+        candidates=args.candidates,
+        out=args.out,
+    )
+    every, table = [], []
+    with console_progress() as progress:
+        for cable in args.cables:
+            here = []
+            for lab in args.labs:
+                here += cast_again(Place(shared, args.rig, lab, cable, progress), args)
+            deviation, distance, error, lost = measured(here)
+            stated = np.median([row["stated"] for row in here])
+            numbers = (np.nanmedian(deviation), stated, np.nanmedian(distance), np.mean(lost))
+            percent = (f"{100.0 * number:.1f}" for number in (*numbers, np.nanmedian(error)))
+            table.append((args.rig, cable, len(here), *percent))
+            every += here
+    title = "Medians over targets in % of cable length; lost: casts without a landing [%]"
+    print(Table(title=title, columns=COLUMNS, rows=table))
+    title = f"Rank correlation at {len(every)} targets"
+    print(Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every)))
+    return 0
