@@ -8,9 +8,12 @@ from formula_rig import LENGTH, SETUP, make_policy
 
 import cablecast as cc
 from cablecast.datasets.collect import collect_dataset
+from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.aim_casts import AimTrial
 from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
+from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
+from cablecast.policies.ensemble import Judgement
 from cablecast.rigs.engine import RigEngine
 from cablecast.track import TrialStatus
 from cablecast.tuning.tracks import MeasuredTracks
@@ -120,7 +123,7 @@ def test_a_cast_of_which_nothing_was_seen_teaches_nothing(tuned, lesson):
 
 def test_an_aimer_without_simulators_learns_as_before(lesson):
     aimer = Aimer(make_policy())
-    assert aimer.taught(MeasuredTracks.from_dataset(lesson)) is aimer
+    assert aimer.taught(MeasuredTracks.from_dataset(lesson), TARGET) is aimer
 
 
 def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, lesson):
@@ -128,12 +131,50 @@ def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, l
     session.add_casts(lesson)
     aimer = session.aimer
     before = aimer.predict(NEARBY)[0]
-    taught = aimer.taught(MeasuredTracks.from_dataset(lesson))
+    taught = aimer.taught(MeasuredTracks.from_dataset(lesson), TARGET)
     assert len(taught.casts) == len(aimer.casts) == 1
     assert taught.experience.residual.scales == aimer.experience.residual.scales
     np.testing.assert_array_equal(aimer.predict(NEARBY)[0], before)
     own = [a.experience.residual.residuals[0] for a in (aimer, taught)]
     assert np.linalg.norm(own[1]) < np.linalg.norm(own[0])
+
+
+class _Steady:
+    """An ensemble that says the same of all casts, and learns nothing."""
+
+    def judge(self, actions):
+        nothing = np.zeros(len(actions))
+        return Judgement(
+            landing_xy=np.zeros((len(actions), 2)),
+            shifts=np.zeros((len(actions), 2)),
+            frictions=nothing,
+            spreads=nothing + 0.02,
+            leaving=nothing,
+        )
+
+    def taught(self, tracks):
+        return self
+
+
+def test_an_aimer_for_one_target_knows_the_nearest_casts_as_old_as_they_are(lesson):
+    aimer = Aimer(make_policy(), ensemble=_Steady())
+    actions = feasible_uniform(45, SETUP, seed=8)
+    landings = aimer.predict(actions)[0]
+    landings[3] = np.nan
+    # Everything shifts after 30 casts, which is noticed as a drift.
+    landings[30:] += 0.4 * LENGTH
+    casts = [AimedCast(action=a, endpoint_xy=xy) for a, xy in zip(actions, landings, strict=True)]
+    aimer.learn(casts)
+    assert aimer.experience.drifts
+    taught = aimer.taught(MeasuredTracks.from_dataset(lesson), TARGET)
+    kept = [[c is cast for c in casts].index(True) for cast in taught.casts]
+    far = np.nan_to_num(np.linalg.norm(landings - TARGET, axis=1))
+    assert kept == sorted(np.argsort(far, kind="stable")[:32])
+    assert 3 in kept
+    ages = np.array(aimer.experience.ages)
+    rows = [k - (k > 3) for k in kept if k != 3]
+    np.testing.assert_array_equal(taught.experience.ages, ages[rows])
+    assert min(taught.experience.ages) == 1.0 < max(taught.experience.ages)
 
 
 def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, tmp_path):

@@ -23,7 +23,7 @@ class Lessons:
 
     def __init__(self, store: CastStore):
         self.store = store
-        self._known: tuple[Aimer, int, list[int]] | None = None
+        self._known: tuple[Aimer, int, list[int], tuple[float, ...]] | None = None
         self._taught: Aimer | None = None
 
     def aimer_at(
@@ -39,12 +39,12 @@ class Lessons:
         rows = rows_near(trials, target_xy)
         if not rows:
             return aimer
-        known = aimer, len(self.store), rows
+        known = aimer, len(self.store), rows, tuple(target_xy)
         if self._taught is None or self._known != known:
             some = CastStore(self.store.setup)
             some.casts = [self.store.casts[row] for row in rows]
             tracks = MeasuredTracks.from_dataset(some.dataset())
-            self._known, self._taught = known, aimer.taught(tracks)
+            self._known, self._taught = known, aimer.taught(tracks, target_xy)
         return self._taught
 
 

@@ -13,6 +13,7 @@ this advantage to others.
 import copy
 import dataclasses
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,8 @@ from cablecast.tuning.tracks import MeasuredTracks
 # these, those with the least expected miss. Without an ensemble more than these would find actions
 # that the simulator is too sure of (`LocalSize`).
 _NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 128, 16
+# Casts that an aimer for one target knows at most.
+_NEAR_COUNT = 32
 # Candidates that tell the local size.
 _SIZE_COUNT = 400
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
@@ -101,14 +104,16 @@ class Aimer:
         other.casts, other.experience = [], Experience(self.experience.residual.believed)
         return other
 
-    def taught(self, tracks: MeasuredTracks) -> "Aimer":
-        """Return an aimer of the same casts whose simulators learned from some of them, too.
+    def taught(self, tracks: MeasuredTracks, target_xy: NDArray[np.float64]) -> "Aimer":
+        """Return an aimer for one target whose simulators learned from some casts, too.
 
         Simulators that were moved towards casts near a target say better what a small change of
-        these does. Elsewhere they are no better than before.
+        these does. Elsewhere they are no better than before, so casts that landed far from the
+        target are left out: what simulators say of a cast takes time.
 
         Args:
-            tracks: Casts near a target that the simulators were not fitted to.
+            tracks: Casts near the target that the simulators were not fitted to.
+            target_xy: Target [m], shape [2].
         """
         if self.ensemble is None:
             return self
@@ -116,7 +121,12 @@ class Aimer:
         other.ensemble = self.ensemble.taught(tracks)
         known = other.experience
         known.residual = dataclasses.replace(known.residual, scales=self.experience.residual.scales)
-        other.learn(self.casts, refit=False)
+        # A cast without a landing may have been near.
+        far = [np.linalg.norm(c.endpoint_xy - target_xy) if c.landed else 0.0 for c in self.casts]
+        near = np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
+        ages = iter(self.experience.ages)
+        known_ages = [next(ages) if cast.landed else 1.0 for cast in self.casts]
+        other._add([self.casts[k] for k in near], [known_ages[k] for k in near])
         return other
 
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
@@ -126,17 +136,21 @@ class Aimer:
             casts: Casts with or without a landing.
             refit: Whether the scales of the process are fitted anew.
         """
+        self._add(casts, [None] * len(casts))
+        if refit and casts:
+            self.experience.refit()
+
+    def _add(self, casts: Sequence[AimedCast], ages: Sequence[float | None]) -> None:
+        """Add casts to what is known, with the factors of their noise where these are known."""
         if casts:
             # All at once takes hardly longer than one.
             self._judge(*rightward(np.array([cast.action for cast in casts])))
-        for cast in casts:
+        for cast, age in zip(casts, ages, strict=True):
             place, simulated_xy, hand = self._place(cast.action)
             landing = cast.endpoint_xy * np.array([hand, 1.0])
             residual = (landing - simulated_xy) / self.length if cast.landed else None
-            self.experience.add(place, residual, fitted=cast.fitted)
+            self.experience.add(place, residual, fitted=cast.fitted, age=age)
             self.casts.append(cast)
-        if refit and casts:
-            self.experience.refit()
 
     def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:
         """Return the place of a cast, its simulated landing to the right [m], and its hand."""

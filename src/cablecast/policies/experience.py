@@ -69,8 +69,18 @@ class Experience:
         """Surprise of each cast with a landing; 1 on average."""
         return [lesson.surprise for lesson in self._lessons]
 
+    @property
+    def ages(self) -> list[float]:
+        """Factor of the noise of each cast with a landing, which drifts let grow."""
+        return [lesson.age for lesson in self._lessons]
+
     def add(
-        self, place: Places, residual: NDArray[np.float64] | None, *, fitted: bool = False
+        self,
+        place: Places,
+        residual: NDArray[np.float64] | None,
+        *,
+        fitted: bool = False,
+        age: float | None = None,
     ) -> None:
         """Learn from one cast.
 
@@ -79,6 +89,7 @@ class Experience:
             residual: Measured minus simulated landing [cable lengths], shape [2]; None for a cast
                 without a landing.
             fitted: Whether the simulator was fitted to the cast.
+            age: Factor of its noise as it is known; drifts are noticed where None.
         """
         self._ended = Places.join([self._ended, place])
         if residual is None:
@@ -92,10 +103,12 @@ class Experience:
                 surprise=float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)),
                 weight=0.0 if fitted else float(scatter[0]) / total,
                 fitted=fitted,
+                age=age or 1.0,
             )
         )
         self.residual = self.residual.with_cast(place, residual)
-        self._notice_drift()
+        if age is None:
+            self._notice_drift()
         self._renew_scatter()
 
     def refit(self) -> None:
