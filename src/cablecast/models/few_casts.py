@@ -6,8 +6,8 @@ landing and the side of the table; e is scatter from cast to cast. The size s is
 `LocalSize` and of an ensemble: casts that land far away, or on which simulators part, miss by more.
 f is the shift of the landing with the friction: an error that moves all casts like it, and so
 reaches far. The scatter k follows the sensitivity of the landing to action and friction. Four
-numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to
-begin with and a hundred may overrule it.
+numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to begin with
+and a hundred may overrule it.
 """
 
 import dataclasses
