@@ -72,3 +72,14 @@ def test_other_parameters_and_rows_keep_the_rest():
     assert many.rows(slice(0, 2)).params.world_count == 2
     assert many.rows(slice(0, 2)).material is MATERIAL
     assert WHOLE.with_params(None) is WHOLE
+
+
+def test_several_dynamics_play_as_one_batch():
+    other = dataclasses.replace(
+        BARE.with_params(dataclasses.replace(BARE.params, lateral_friction=0.5)), material=MATERIAL
+    )
+    both = Dynamics.stack([BARE, other], SETUP)
+    paths = MOTION.grip_path[np.zeros(2, dtype=int)]
+    landings = both.rollout(ENGINE, SETUP, paths).endpoint_xy[:, -1]
+    np.testing.assert_allclose(landings, [landing(BARE), landing(other)], rtol=0, atol=1e-4)
+    assert np.linalg.norm(landings[1] - landings[0]) > 1e-2

@@ -102,6 +102,21 @@ def test_derivatives_are_those_of_the_cost(cable, few, engine):
     assert abs(slope - curve.gradient[4]) < 2.0 * bend + 0.1 * abs(slope)
 
 
+def test_a_first_step_is_that_from_simulated_points_with_fewer_simulations(cable, few, engine):
+    space = SearchSpace.for_cable(cable)
+    fits = [
+        TrackFit(TrackObjective(engine, cable, few), space, ParamPrior.for_cable(cable, space))
+        for _ in range(2)
+    ]
+    points = np.stack([fits[0].prior.mean, fits[0].prior.mean + 0.05 * np.eye(10)[4]])
+    first = fits[0].first_step(points, 0.05)
+    later = fits[1].step(fits[1].start(points, 0.05))
+    np.testing.assert_array_equal(first.points, later.points)
+    np.testing.assert_array_equal(first.costs, later.costs)
+    assert np.all(first.costs < fits[1].start(points, 0.05).costs)
+    assert fits[0].simulation_count < fits[1].simulation_count
+
+
 @pytest.mark.parametrize(
     "change", [{"start_count": 0}, {"fine_iterations": 0}, {"coarse_dt": 1.0}, {"seed": -1}]
 )
