@@ -68,7 +68,7 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
             aimer = session.aimer
             proposal = session.propose(target)
             action, hands = rightward(proposal.action.to_array()[None])
-            said = aimer.ensemble.judge(action)
+            said = aimer.ensemble.judge(action, hands)
             landings = []
             for number in range(args.repeats):
                 place.rig.seek(100_000 + 100 * index + number, "aim")

@@ -88,6 +88,22 @@ class Dynamics:
         """Return the dynamics of some casts."""
         return dataclasses.replace(self, params=self.params.rows(rows))
 
+    def without_curl(self) -> "Dynamics":
+        """Return the dynamics of a straight cable, whose casts to both sides are mirror images."""
+        if self.material is None or not np.any(self.material.rest_curvature):
+            return self
+        straight = dataclasses.replace(self.material, rest_curvature=0.0)
+        return dataclasses.replace(self, material=straight)
+
+    def mirrored(self) -> "Dynamics":
+        """Return the dynamics of the mirror image of a cable, which curls to the other side."""
+        if self.material is None or not np.any(self.material.rest_curvature):
+            return self
+        other = dataclasses.replace(
+            self.material, rest_curvature=-np.asarray(self.material.rest_curvature)
+        )
+        return dataclasses.replace(self, material=other)
+
     def follow(self, commanded: GripPath, setup: Setup) -> GripPath:
         """Return the paths that the gripper takes along commanded paths."""
         return commanded if self.servo is None else self.servo.apply(commanded, setup.arm)

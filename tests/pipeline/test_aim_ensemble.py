@@ -9,7 +9,9 @@ from formula_rig import LENGTH, SETUP, make_policy
 from cablecast.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.material import Material
+from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.mirrored import played, rightward, to_right
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import (
@@ -20,7 +22,7 @@ from cablecast.policies.ensemble import (
     judged,
 )
 
-ACTIONS = feasible_uniform(3, SETUP, seed=5)
+ACTIONS = rightward(feasible_uniform(3, SETUP, seed=5))[0]
 
 
 NEW = feasible_uniform(1, SETUP, seed=6)
@@ -33,7 +35,8 @@ def tracks_to(ends):
 
 def judged_of(tracks, rubbed=((0.0, 1.0), (0.0, 1.0))):
     """Return the judgement on one cast that lands somewhere with less and more friction."""
-    return judged(LENGTH * tracks, SETUP, LENGTH * np.array(rubbed)[:, None])
+    rubbed_xy = LENGTH * np.array(rubbed)[:, None]
+    return judged(LENGTH * tracks, SETUP, rubbed_xy, LENGTH * tracks[0, :, -1])
 
 
 class _Told:
@@ -42,7 +45,7 @@ class _Told:
     def __init__(self, shift=(0.0, 0.0), leaves_from=-10.0):
         self.shift, self.leaves_from = np.array(shift), leaves_from
 
-    def judge(self, actions):
+    def judge(self, actions, hands=None):
         spreads = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
         return Judgement(
             landing_xy=np.zeros((len(actions), 2)),
@@ -113,9 +116,9 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     simulated = []
     tracks = ensemble._tracks
 
-    def counted(members, actions):
+    def counted(members, actions, hands):
         simulated.append(len(actions))
-        return tracks(members, actions)
+        return tracks(members, actions, hands)
 
     monkeypatch.setattr(ensemble, "_tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
@@ -150,6 +153,26 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
     expected = np.linalg.norm(ends[1] - ends[0], axis=1) / LENGTH / 0.16
     np.testing.assert_allclose(ensemble.judge(ACTIONS).frictions, expected)
     assert np.all(expected > 0.1)
+
+
+def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
+    curl = Material(rest_curvature=0.6 / LENGTH)
+    curled = Dynamics(params=SETUP.cable.params, material=curl)
+    ensemble = EnsembleLandings(SETUP, [curled], EngineWarp(12, 2e-3))
+    hands = np.array([1.0, -1.0, -1.0])
+    seen = ensemble.tracks(ACTIONS, hands)[0, :, -1]
+    paths = cast_grip_paths(played(ACTIONS, hands), SETUP)
+    real = curled.rollout(ensemble.engine, SETUP, paths).endpoint_xy[:, -1]
+    np.testing.assert_allclose(to_right(seen, hands), real, rtol=0, atol=1e-3)
+    # The landing that shifts lead from is that of a straight cable.
+    straight = Dynamics(params=SETUP.cable.params, material=Material())
+    known = EnsembleLandings(SETUP, [straight], ensemble.engine).tracks(ACTIONS)[0, :, -1]
+    said = ensemble.judge(ACTIONS, hands)
+    np.testing.assert_allclose(known + LENGTH * said.shifts, seen, rtol=0, atol=1e-9)
+    assert np.all(np.linalg.norm(said.shifts, axis=1) > 1e-3)
+    # What is known of one side is not taken for the other.
+    other = ensemble.judge(ACTIONS, -hands)
+    assert np.all(np.linalg.norm(other.shifts - said.shifts, axis=1) > 1e-3)
 
 
 def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):

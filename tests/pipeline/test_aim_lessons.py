@@ -94,7 +94,7 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
     both = np.concatenate([ACTION, NEARBY])
-    true_xy = ensemble._tracks([true], both)[0, :, -1]
+    true_xy = ensemble._tracks([true], both, np.ones(2))[0, :, -1]
     before, after = (
         np.linalg.norm(some.tracks(both)[:, :, -1] - true_xy, axis=-1)
         for some in (ensemble, taught)
@@ -142,7 +142,7 @@ def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, l
 class _Steady:
     """An ensemble that says the same of all casts, and learns nothing."""
 
-    def judge(self, actions):
+    def judge(self, actions, hands=None):
         nothing = np.zeros(len(actions))
         return Judgement(
             landing_xy=np.zeros((len(actions), 2)),

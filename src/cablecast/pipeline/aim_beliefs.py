@@ -48,7 +48,7 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         tuned.posterior,
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)
-    said = ensemble.judge(rightward(actions)[0])
+    said = ensemble.judge(*rightward(actions))
     known = np.isfinite(said.landing_xy).all(axis=1)
     size = LocalSize(landing_xy=said.landing_xy[known], values=said.sizes[known])
     scales = dataclasses.replace(ResidualScales(), amplitude=size.usual)

@@ -187,7 +187,7 @@ class _Survey:
             )
             return measure_coverage(
                 self.setup.with_motion(r0=r0, v_max=v_max),
-                self.tuned.dynamics,
+                self.tuned.dynamics.without_curl(),
                 self.engine,
                 counts,
             ).to_dict()

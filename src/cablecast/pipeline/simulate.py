@@ -31,7 +31,8 @@ def simulate(
 ) -> Dataset:
     """Simulate casts and record where each one lands (D_sim of section V-F).
 
-    The actions are spread evenly over what the arm can do.
+    The actions are spread evenly over what the arm can do. A curl that `tune` found is left out:
+    planning takes casts to the left for mirrored ones to the right. `aim` adds it again.
 
     Args:
         setup: Cable, workspace, arm and motion settings.
@@ -63,7 +64,7 @@ def simulate(
         dataset = simulate_dataset(
             folder,
             setup,
-            tuned.dynamics,
+            tuned.dynamics.without_curl(),
             engine,
             count=count,
             seed=seed,

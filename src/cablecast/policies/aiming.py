@@ -163,7 +163,7 @@ class Aimer:
         """Return actions to the right with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
             return Candidates.unjudged(actions, hands)
-        said = self.ensemble.judge(actions)
+        said = self.ensemble.judge(actions, hands)
         return Candidates(
             actions=actions,
             hands=hands,

@@ -64,7 +64,10 @@ class Judgement:
 
 
 class EnsembleLandings:
-    """Casts to the right in several simulators. What was simulated once is kept.
+    """Casts in several simulators, seen as if all were to the right; simulated ones are kept.
+
+    A cast to the left is the mirror image of one to the right with a cable that curls to the other
+    side.
 
     Args:
         setup: Cable, workspace, arm and motion settings.
@@ -72,7 +75,8 @@ class EnsembleLandings:
             landings of the first one are known otherwise: the others shift them.
         engine: Engine that simulates them.
         posterior: Uncertainty of the first one's parameters; None for simulators that do not learn.
-        reference: Simulator that landings are known of otherwise; the first member where None.
+        reference: Simulator that landings are known of otherwise; the first member where None. That
+            of a policy knows no curl.
     """
 
     def __init__(
@@ -87,27 +91,38 @@ class EnsembleLandings:
         self.members = tuple(members)
         self.engine = engine
         self.posterior = posterior
-        self.reference = reference
+        first = self.members[0] if reference is None else reference
+        self.reference = first.without_curl()
         self._known: dict[bytes, NDArray[np.float64]] = {}
 
-    def tracks(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tracks(
+        self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
         """Return how the free end moves in each simulator [m], shape [member, action, sample, 2].
 
         Args:
             actions: Actions to the right, shape [action, 4].
+            hands: +1, or -1 for those that are played to the left, shape [action]; all to the right
+                where None.
 
         Returns:
             Positions every `_SAMPLE_DT`, the landing last; NaN where a simulation broke off.
         """
-        return self._tracks(self.members, actions)
+        hands = np.ones(len(actions)) if hands is None else hands
+        return self._tracks(self.members, actions, hands)
 
     def _tracks(
-        self, members: Sequence[Dynamics], actions: NDArray[np.float64]
+        self,
+        members: Sequence[Dynamics],
+        actions: NDArray[np.float64],
+        hands: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         paths = members[0].follow(cast_grip_paths(actions, self.setup), self.setup)
         count = len(members)
         # All in one batch; worlds side by side follow the same motion, and rest at about one time.
-        worlds = Dynamics.stack([*members] * len(actions), self.setup)
+        left = [member.mirrored() for member in members]
+        rows = [member for hand in hands for member in (left if hand < 0 else members)]
+        worlds = Dynamics.stack(rows, self.setup)
         paths = paths[np.repeat(np.arange(len(actions)), count)]
         rollout = worlds.rollout(self.engine, self.setup, paths, sample_dt=_SAMPLE_DT)
         xy = rollout.endpoint_xy
@@ -134,23 +149,29 @@ class EnsembleLandings:
         # A few casts are too small a batch for several cores: the simulators share these instead.
         with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
             members = list(pool.map(learned, self.members))
-        reference = self.reference or self.members[0]
-        return EnsembleLandings(self.setup, members, self.engine, posterior, reference)
+        return EnsembleLandings(self.setup, members, self.engine, posterior, self.reference)
 
-    def judge(self, actions: NDArray[np.float64]) -> Judgement:
+    def judge(
+        self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None
+    ) -> Judgement:
         """Return what the ensemble adds to the landings of the reference.
 
         Args:
             actions: Actions to the right, shape [action, 4].
+            hands: +1, or -1 for those that are played to the left, shape [action]; all to the right
+                where None.
         """
-        keys = [action.tobytes() for action in np.ascontiguousarray(actions, dtype=float)]
+        hands = np.ones(len(actions)) if hands is None else hands
+        keys = [row.tobytes() for row in np.column_stack([actions, hands])]
         row_of = {key: row for row, key in enumerate(keys) if key not in self._known}
         if row_of:
-            some = actions[list(row_of.values())]
-            known = () if self.reference is None else (self.reference,)
-            tracks = self._tracks((*self.members, *self._rubbed, *known), some)
+            some = list(row_of.values())
             count = len(self.members)
-            reference_xy = tracks[count + 2, :, -1] if known else None
+            # The first simulator is often the reference itself.
+            known = () if self.reference is self.members[0] else (self.reference,)
+            played = (*self.members, *self._rubbed, *known)
+            tracks = self._tracks(played, actions[some], hands[some])
+            reference_xy = tracks[-1 if known else 0, :, -1]
             new = judged(tracks[:count], self.setup, tracks[count : count + 2, :, -1], reference_xy)
             rows = np.column_stack(
                 [new.landing_xy, new.shifts, new.frictions, new.spreads, new.leaving]
@@ -181,7 +202,7 @@ def judged(
     tracks: NDArray[np.float64],
     setup: Setup,
     rubbed_xy: NDArray[np.float64],
-    reference_xy: NDArray[np.float64] | None = None,
+    reference_xy: NDArray[np.float64],
 ) -> Judgement:
     """Return what tracks in several simulators say of casts.
 
@@ -190,8 +211,7 @@ def judged(
             simulation broke off.
         setup: Gives the table and the cable.
         rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
-        reference_xy: Landings that shifts lead from [m], shape [action, 2]; those in the first
-            simulator where None.
+        reference_xy: Landings that shifts lead from [m], shape [action, 2].
     """
     length = setup.cable.length
     landings = tracks[:, :, -1] / length
@@ -199,13 +219,12 @@ def judged(
     count = there.sum(axis=0)[:, None]
     summed = np.where(there[..., None], landings, 0.0).sum(axis=0)
     mean = np.where(count > 0, summed / np.maximum(count, 1), np.nan)
-    first = landings[0] if reference_xy is None else reference_xy / length
     spread = np.sqrt(0.5 * np.mean(_apart(landings, mean) ** 2, axis=0))
     frictions = _apart(rubbed_xy[1] / length, rubbed_xy[0] / length) / (2.0 * _FRICTION_STEP)
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
     return Judgement(
         landing_xy=length * mean,
-        shifts=np.nan_to_num(mean - first),
+        shifts=np.nan_to_num(mean - reference_xy / length),
         frictions=frictions,
         spreads=spread,
         leaving=passed.mean(axis=0),

@@ -9,7 +9,6 @@ import numpy as np
 
 from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.engines.base import Engine
-from cablecast.tuning.damping import ITERATIONS, choose_damping
 from cablecast.tuning.ensemble import fit_ensemble
 from cablecast.tuning.least_squares import (
     MISFIT_START,
@@ -18,6 +17,7 @@ from cablecast.tuning.least_squares import (
     TrackFit,
     run_fit,
 )
+from cablecast.tuning.materials import ITERATIONS, choose_material
 from cablecast.tuning.objective import TrackDistances, TrackObjective
 from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
 from cablecast.tuning.prior import ParamPrior
@@ -65,11 +65,11 @@ def fit_params(
     fit = TrackFit(coarse, space, prior)
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    damping = choose_damping(
-        fit, state, config.damping_times, functools.partial(report.step, COARSE, extra=ITERATIONS)
+    chosen = choose_material(
+        fit, state, config, functools.partial(report.step, COARSE, extra=ITERATIONS)
     )
-    state = damping.state
-    fitted = cable.with_material(damping.material)
+    state = chosen.state if chosen.material is not None else state
+    fitted = cable.with_material(chosen.material)
     fine = TrackObjective(engine, fitted, training)
     points = state.best(config.fine_start_count).points
     for attempt in range(WIDEN_MAX + 1):
@@ -97,8 +97,8 @@ def fit_params(
     on_training = distances(training)
     return TuneResult(
         params=params,
-        material=damping.material,
-        damping_evidence=damping.evidence,
+        material=chosen.material,
+        material_gain=chosen.gain,
         ensemble=ensemble,
         population=space.to_params(best.points),
         population_losses=fine.distances(space.to_params(best.points)).loss,

@@ -62,8 +62,10 @@ class FitConfig:
         fine_iterations: Steps of these.
         coarse_segment_count: Number of segments of the coarse cable.
         coarse_dt: Step of the coarse simulation [s].
-        damping_times: Damping times of the material that are tried where there are enough casts
-            [s]; none where empty. Casts tell factors of three apart, and hardly less.
+        damping_times: Damping times of the material that are tried [s]; none where empty. Casts
+            tell factors of three apart, and hardly less.
+        curls: Changes of the curl that are tried, by how far they turn the whole cable [rad]; none
+            where empty.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -76,12 +78,15 @@ class FitConfig:
     coarse_segment_count: int = 30
     coarse_dt: float = 1e-3
     damping_times: tuple[float, ...] = (0.003, 0.01, 0.03)
+    curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
     ensemble_iterations: int = 5
     seed: int = 0
 
     def __post_init__(self):
         for time in self.damping_times:
             check_number("damping_times", time, 1e-4, 1.0, "s")
+        for turn in self.curls:
+            check_number("curls", turn, -6.3, 6.3, "rad")
         for name, low, high in (
             ("start_count", 1, 1000),
             ("coarse_iterations", 0, 1000),

@@ -62,10 +62,7 @@ def params_file(
         "spread": _spread(result.population),
         "servo": None if servo is None else servo.to_dict(),
         "material": None if result.material is None else result.material.to_dict(),
-        "damping_evidence": [
-            {"damping_time": time, "evidence": evidence}
-            for time, evidence in result.damping_evidence.items()
-        ],
+        "material_gain": result.material_gain,
         "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
         "posterior": None if result.posterior is None else result.posterior.to_dict(),
         "open": [] if result.posterior is None else result.posterior.sentences(),

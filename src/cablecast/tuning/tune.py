@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +136,8 @@ class TuneResult:
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
         posterior: What is known of the parameters; None for a search, which does not tell.
         material: Material that the casts ask for; None for that of the cable.
-        damping_evidence: Evidence for each damping time that was tried, see `Damping`.
+        material_gain: Logarithm of the factor by which the tracks are more likely with it, see
+            `MaterialChoice`.
         ensemble: Simulators with other physics that follow the same tracks; None for a search.
     """
 
@@ -154,7 +155,7 @@ class TuneResult:
     history: list[tuple[str, float, float]]
     posterior: ParamPosterior | None = None
     material: Material | None = None
-    damping_evidence: Mapping[float, float] = dataclasses.field(default_factory=dict)
+    material_gain: float = 0.0
     ensemble: Ensemble | None = None
 
 
