@@ -13,7 +13,7 @@ NAMES = {
     "sensitivity": "error of the landing beside the cast's own sensitivity",
     "validation": "closed forms; writes docs/validation.md",
     "figures": "the figure of docs/engine.md",
-    "damping": "fits with and without a damping time of the material, on casts",
+    "material": "fits with and without damping and curl, on casts",
     "mocap": "motion capture of cables held at both ends, beside published figures",
     "casts": "error at targets against the number of real casts and corrections",
     "scatter": "scatter of equal casts, and what tells it and the error beforehand",

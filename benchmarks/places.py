@@ -22,6 +22,7 @@ from cablecast.datasets.store import CastStore
 from cablecast.errors import InputError
 from cablecast.pipeline.aim import CALIBRATION_COUNT
 from cablecast.pipeline.many_cables import REFINE_COUNT
+from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
@@ -206,7 +207,7 @@ class Place:
         """Return the model of casts that were simulated with what some casts taught."""
         folder = self.models / f"{count}{'-paper' if paper else ''}"
         tuned = self.tuned(count, paper)
-        simulated = cc.simulate(
+        simulated = simulate_to_aim(
             self.setup,
             tuned,
             count=self.args.simulated,

@@ -12,7 +12,7 @@ from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline import many_cables
 from cablecast.pipeline.aim_fits import fit_folder
 from cablecast.pipeline.places import require
-from cablecast.pipeline.simulate import simulate
+from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
 from cablecast.pipeline.tuned import Tuned, load_tuned
@@ -163,7 +163,7 @@ class AimLearning:
             )
         report = progress or ignore
         report(Progress(task="3/4 simulate"))
-        simulated = simulate(
+        simulated = simulate_to_aim(
             self.setup,
             tuned,
             count=self.count,

@@ -1,5 +1,6 @@
 """simulate: many casts in the simulator, for the model to learn from."""
 
+import dataclasses
 import os
 from typing import Any
 
@@ -80,6 +81,30 @@ def simulate(
                 {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
             )
     return dataset
+
+
+def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Dataset:
+    """Simulate the casts that the model of `aim` learns from.
+
+    They are those of the first simulator of the ensemble, at its resolution: what the others add to
+    a landing leads from there. Without an ensemble they are those of `simulate`.
+
+    Args:
+        setup: Cable, workspace, arm and motion settings.
+        tuned: Simulator that `tune` found; the believed cable where None.
+        **options: Arguments of `simulate`.
+
+    Raises:
+        DatasetError: See `simulate`.
+        InputError: See `simulate`.
+    """
+    if tuned is None or tuned.ensemble is None:
+        return simulate(setup, tuned, **options)
+    ensemble = tuned.ensemble
+    first = dataclasses.replace(ensemble.members[0], servo=tuned.dynamics.servo)
+    coarse = dataclasses.replace(tuned, dynamics=first)
+    resolution = {"segment_count": ensemble.segment_count, "dt": ensemble.dt}
+    return simulate(setup, coarse, **resolution, **options)
 
 
 def make_engine(

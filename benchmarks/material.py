@@ -1,17 +1,22 @@
-"""Fit with and without a damping time of the material: what better physics is worth on casts.
+"""Fit with and without a material: what damping and curl are worth on casts.
 
-Casts of each cable on each copy of the virtual laboratory are collected. The first are fitted with
-the ten parameters alone, and with a damping time where these casts ask for one; the others tell how
-far the simulated endpoint then is from the measured one.
+Casts of each cable on each copy of the virtual laboratory are collected, as `cablecast aim` makes
+them, and random ones. The first are fitted with the ten parameters alone, and with damping and curl
+where these casts ask for them; the random ones tell how far the simulated endpoint then is from the
+measured one.
 """
 
 import dataclasses
 import pathlib
 import tempfile
+from typing import Any
+
+import numpy as np
 
 from benchmarks.common import Table, write_json
 from cablecast.cli.progress import console_progress
 from cablecast.datasets.reader import Dataset
+from cablecast.datasets.store import CastStore
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.make import make_rig
@@ -25,23 +30,26 @@ COLUMNS = (
     "laboratory",
     "fit",
     "damping time [ms]",
-    "log evidence",
+    "curl [rad]",
+    "gain",
     "on the way, mean [%]",
     "at rest, median [%]",
     "q1",
     "q3",
 )
+NO_MATERIAL: dict[str, Any] = {"damping_times": (), "curls": ()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Args:
-    """Fits with and without a damping time of the material.
+    """Fits with and without a material.
 
     Attributes:
         cables: Names of the cables.
         labs: Seeds of the laboratories.
         fitted: Casts to fit.
-        others: Casts to measure the fit with.
+        sampling: How they are chosen: spread or uniform.
+        others: Random casts to measure the fit with.
         seed: Seed of the casts.
         workers: Who simulates for the fits: local, ray, or ray:ADDRESS.
         out: Folder that keeps the casts and lets a stopped run go on.
@@ -50,8 +58,9 @@ class Args:
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     labs: tuple[int, ...] = (0, 1, 2)
-    fitted: int = 20
-    others: int = 40
+    fitted: int = 5
+    sampling: str = "spread"
+    others: int = 60
     seed: int = 0
     workers: str = LOCAL
     out: pathlib.Path | None = None
@@ -65,45 +74,55 @@ def main(args: Args) -> None:
         for cable in args.cables:
             for lab in args.labs:
                 casts = collected(cable, lab, args, out)
-                for times in ((), FitConfig().damping_times):
-                    table.rows.append(fitted(casts, lab, times, args))
+                for settings in (NO_MATERIAL, {}):
+                    table.rows.append(fitted(casts, lab, settings, args))
                     print(*table.rows[-1], flush=True)
     print(table)
     write_json(args.json, [table])
 
 
 def collected(cable: str, lab: int, args: Args, out: pathlib.Path) -> Dataset:
+    """Return the casts to fit, and then the others."""
     setup = Setup(cable=cable)
     rig = make_rig(RigVirtual(setup, args.seed, VirtualConfig(lab_seed=lab)), setup)
+    every = CastStore(setup)
     with rig, console_progress() as progress:
-        return collect(
-            rig,
-            count=args.fitted + args.others,
-            seed=args.seed,
-            purpose="tune",
-            out=out / f"{cable}-{lab}",
-            progress=progress,
-        )
+        for purpose, count, sampling in (
+            ("tune", args.fitted, args.sampling),
+            ("real", args.others, "uniform"),
+        ):
+            made = collect(
+                rig,
+                count=count,
+                seed=args.seed,
+                purpose=purpose,
+                sampling=sampling,  # pyright: ignore[reportArgumentType]
+                out=out / f"{cable}-{lab}-{sampling}-{count}",
+                progress=progress,
+            )
+            every.add_dataset(made)
+    return every.dataset()
 
 
-def fitted(casts: Dataset, lab: int, times: tuple[float, ...], args: Args) -> tuple:
-    config = FitConfig(damping_times=times, seed=args.seed)
+def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tuple:
     with console_progress() as progress:
         tuned = tune(
             casts,
-            config=config,
+            config=FitConfig(seed=args.seed, **settings),
             validation_count=args.others,
             workers=args.workers,
             progress=progress,
         )
     row, material = tuned.metrics["validation"]["tuned"], tuned.dynamics.material
-    evidence = max((tried["evidence"] for tried in tuned.metrics["damping_evidence"]), default=None)
+    damping_time = 0.0 if material is None else float(np.asarray(material.damping_time))
+    curvature = 0.0 if material is None else float(np.asarray(material.rest_curvature))
     names = ("mean", "final_median", "final_first_quartile", "final_third_quartile")
     return (
         casts.cable.name,
         lab,
-        "damping tried" if times else "ten parameters",
-        0.0 if material is None else 1e3 * float(material.damping_time),
-        "-" if evidence is None else round(evidence, 1),
+        "ten parameters" if settings else "material tried",
+        1e3 * damping_time,
+        round(curvature * casts.cable.length, 2),
+        round(tuned.metrics["material_gain"], 1),
         *(row[f"{name}_pct"] for name in names),
     )
