@@ -122,7 +122,8 @@ class Aimer:
         known = other.experience
         known.residual = dataclasses.replace(known.residual, scales=self.experience.residual.scales)
         # A cast without a landing may have been near.
-        far = [np.linalg.norm(c.endpoint_xy - target_xy) if c.landed else 0.0 for c in self.casts]
+        ends = np.array([c.endpoint_xy if c.landed else target_xy for c in self.casts])
+        far = np.linalg.norm(ends.reshape(-1, 2) - target_xy, axis=1)
         near = np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
         ages = iter(self.experience.ages)
         known_ages = [next(ages) if cast.landed else 1.0 for cast in self.casts]
