@@ -83,7 +83,7 @@ def other_materials(material: Material, length: float) -> tuple[Material, ...]:
         material,
         changed(
             drag_coefficient=float(material.drag_coefficient) + _DRAG,
-            damping_time=float(material.damping_time) + _DAMPING_TIME,
+            damping_time=max(float(material.damping_time), _DAMPING_TIME),
         ),
         *(changed(friction_ratio=float(material.friction_ratio) * factor) for factor in _GRAINS),
         *(

@@ -62,8 +62,7 @@ class FitConfig:
         fine_iterations: Steps of these.
         coarse_segment_count: Number of segments of the coarse cable.
         coarse_dt: Step of the coarse simulation [s].
-        damping_times: Damping times of the material that are tried [s]; none where empty. Casts
-            tell factors of three apart, and hardly less.
+        damping_times: Damping times of the material that are tried [s]; none where empty.
         curls: Changes of the curl that are tried, by how far they turn the whole cable [rad]; none
             where empty.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
@@ -77,7 +76,7 @@ class FitConfig:
     fine_iterations: int = 4
     coarse_segment_count: int = 30
     coarse_dt: float = 1e-3
-    damping_times: tuple[float, ...] = (0.003, 0.01, 0.03)
+    damping_times: tuple[float, ...] = (0.005, 0.01, 0.02, 0.03)
     curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
     ensemble_iterations: int = 5
     seed: int = 0

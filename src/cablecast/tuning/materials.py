@@ -22,7 +22,7 @@ GAIN_MIN = 0.5
 CURL_DEVIATION = 0.3
 """Deviation of the believed curl about none: how far it turns the whole cable [rad]."""
 
-DAMPING_USUAL, DAMPING_FACTOR = 0.01, 3.3
+DAMPING_USUAL, DAMPING_FACTOR = 0.01, 2.0
 """Damping time beyond which a longer one is the less believed [s], and the factor of a standard
 deviation. Ropes lose their energy within some hundredths of a second."""
 
