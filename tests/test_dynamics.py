@@ -83,3 +83,12 @@ def test_several_dynamics_play_as_one_batch():
     landings = both.rollout(ENGINE, SETUP, paths).endpoint_xy[:, -1]
     np.testing.assert_allclose(landings, [landing(BARE), landing(other)], rtol=0, atol=1e-4)
     assert np.linalg.norm(landings[1] - landings[0]) > 1e-2
+
+
+def test_a_straight_cable_is_its_own_mirror_image_and_a_curled_one_is_not():
+    assert WHOLE.mirrored() is WHOLE.without_curl() is WHOLE
+    assert BARE.mirrored() is BARE.without_curl() is BARE
+    curled = dataclasses.replace(WHOLE, material=dataclasses.replace(MATERIAL, rest_curvature=0.4))
+    assert curled.mirrored().material.rest_curvature == -0.4
+    assert curled.without_curl().material == MATERIAL
+    assert curled.without_curl().servo is SERVO

@@ -29,10 +29,10 @@ TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch, blank_figures):
-    tune, simulate, train = aim_learning.tune, aim_learning.simulate, aim_learning.train
+    tune, simulate, train = aim_learning.tune, aim_learning.simulate_to_aim, aim_learning.train
     quick_tune = functools.partial(tune, config=SEARCH, **COARSE)
     monkeypatch.setattr(aim_learning, "tune", quick_tune)
-    monkeypatch.setattr(aim_learning, "simulate", functools.partial(simulate, **COARSE))
+    monkeypatch.setattr(aim_learning, "simulate_to_aim", functools.partial(simulate, **COARSE))
     few = {"epochs": 2}
     monkeypatch.setattr(aim_learning, "train", lambda casts, **given: train(casts, **(given | few)))
     monkeypatch.setattr("cablecast.pipeline.aim_beliefs._ACTION_COUNT", 5)

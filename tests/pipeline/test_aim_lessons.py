@@ -8,9 +8,11 @@ from formula_rig import LENGTH, SETUP, make_policy
 
 import cablecast as cc
 from cablecast.datasets.collect import collect_dataset
+from cablecast.material import Material
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.aim_casts import AimTrial
 from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
+from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import Judgement
@@ -188,6 +190,23 @@ def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, 
     planned = [session.propose(TARGET) for session in (whole, again, whole.fork())]
     for proposal in planned[1:]:
         np.testing.assert_array_equal(proposal.expected_xy, planned[0].expected_xy)
+
+
+def test_a_model_learns_from_the_first_simulator_without_its_curl(tuned):
+    first = tuned.ensemble.members[0]
+    curl = Material(damping_time=0.01, rest_curvature=0.3)
+    curled = dataclasses.replace(first, material=curl)
+    ensemble = dataclasses.replace(
+        tuned.ensemble, members=(curled, *tuned.ensemble.members[1:]), segment_count=12
+    )
+    casts = simulate_to_aim(SETUP, dataclasses.replace(tuned, ensemble=ensemble), count=50)
+    settings = casts.info["settings"]
+    assert settings["engine"]["segment_count"] == 12
+    assert settings["params"] == first.params.to_dict()
+    assert settings["material"] == Material(damping_time=0.01).to_dict()
+    alone = dataclasses.replace(tuned, ensemble=None)
+    casts = simulate_to_aim(SETUP, alone, count=50, segment_count=10, dt=2e-3)
+    assert casts.info["settings"]["params"] == tuned.params.to_dict()
 
 
 def test_casts_that_the_simulators_were_fitted_to_teach_them_nothing_new(tuned, lesson):

@@ -128,7 +128,7 @@ def test_aiming_without_refining_simulates_and_trains_nothing(model, tmp_path, m
         raise AssertionError("nothing may be trained")
 
     monkeypatch.setattr("cablecast.pipeline.aim_learning.train", refuse)
-    monkeypatch.setattr("cablecast.pipeline.aim_learning.simulate", refuse)
+    monkeypatch.setattr("cablecast.pipeline.aim_learning.simulate_to_aim", refuse)
     setup = cc.Setup(cable=other_cable())
     tuned = cc.Tuned.of(None, setup)
     with cc.make_rig("engine", setup) as rig:

@@ -92,7 +92,7 @@ def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Datase
     Args:
         setup: Cable, workspace, arm and motion settings.
         tuned: Simulator that `tune` found; the believed cable where None.
-        **options: Arguments of `simulate`.
+        **options: Arguments of `simulate`; a resolution that is given holds.
 
     Raises:
         DatasetError: See `simulate`.
@@ -103,8 +103,8 @@ def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Datase
     ensemble = tuned.ensemble
     first = dataclasses.replace(ensemble.members[0], servo=tuned.dynamics.servo)
     coarse = dataclasses.replace(tuned, dynamics=first)
-    resolution = {"segment_count": ensemble.segment_count, "dt": ensemble.dt}
-    return simulate(setup, coarse, **resolution, **options)
+    resolution: dict[str, Any] = {"segment_count": ensemble.segment_count, "dt": ensemble.dt}
+    return simulate(setup, coarse, **(resolution | options))
 
 
 def make_engine(
