@@ -75,7 +75,7 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
                 place.rig.reset()
                 landings.append(place.rig.execute(proposal.trajectory).final_xy / length)
             row = {
-                "landings": [xy.tolist() for xy in landings],
+                "landings": [xy.tolist() if np.isfinite(xy).all() else None for xy in landings],
                 "stated": proposal.scatter / length,
                 "simulated": (said.landing_xy[0] * (hands[0], 1.0) / length).tolist(),
                 "sensitivity": float(aimer.sensitivities(action)[0]),
@@ -99,8 +99,8 @@ def measured(rows: list[dict[str, Any]]) -> tuple[NDArray, NDArray, NDArray, NDA
     """
     found = []
     for row in rows:
-        every = np.array(row["landings"], dtype=float)
-        landings = every[np.isfinite(every).all(axis=1)]
+        every = row["landings"]
+        landings = np.array([xy for xy in every if xy is not None], dtype=float)
         if len(landings) < 2:
             found.append((np.nan, np.nan, np.nan, 1.0))
             continue
