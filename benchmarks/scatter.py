@@ -81,7 +81,6 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
                 "sensitivity": float(aimer.sensitivities(action)[0]),
                 "friction": float(said.frictions[0]),
                 "spread": float(said.spreads[0]),
-                "size": float(said.sizes[0]),
             }
             place.parts.put(name, row)
         rows.append(row)
@@ -125,7 +124,6 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
         "friction": told["friction"],
         "both": log_shakes(told["sensitivity"], told["friction"]),
         "spread of the simulators": np.array([row["spread"] for row in rows]),
-        "spread and friction": np.array([row["size"] for row in rows]),
     }
     return [
         (
