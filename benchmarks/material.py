@@ -17,7 +17,7 @@ from benchmarks.common import Table, write_json
 from cablecast.cli.progress import console_progress
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
-from cablecast.pipeline.collect import collect
+from cablecast.pipeline.collect import AnySampling, collect
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.make import make_rig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -48,7 +48,7 @@ class Args:
         cables: Names of the cables.
         labs: Seeds of the laboratories.
         fitted: Casts to fit.
-        sampling: How they are chosen: spread or uniform.
+        sampling: Sampling of the casts to fit: spread, uniform or grid.
         others: Random casts to measure the fit with.
         seed: Seed of the casts.
         workers: Who simulates for the fits: local, ray, or ray:ADDRESS.
@@ -59,7 +59,7 @@ class Args:
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     labs: tuple[int, ...] = (0, 1, 2)
     fitted: int = 5
-    sampling: str = "spread"
+    sampling: AnySampling = "spread"
     others: int = 60
     seed: int = 0
     workers: str = LOCAL
@@ -87,16 +87,17 @@ def collected(cable: str, lab: int, args: Args, out: pathlib.Path) -> Dataset:
     rig = make_rig(RigVirtual(setup, args.seed, VirtualConfig(lab_seed=lab)), setup)
     every = CastStore(setup)
     with rig, console_progress() as progress:
-        for purpose, count, sampling in (
+        parts: tuple[tuple[str, int, AnySampling], ...] = (
             ("tune", args.fitted, args.sampling),
             ("real", args.others, "uniform"),
-        ):
+        )
+        for purpose, count, sampling in parts:
             made = collect(
                 rig,
                 count=count,
                 seed=args.seed,
                 purpose=purpose,
-                sampling=sampling,  # pyright: ignore[reportArgumentType]
+                sampling=sampling,
                 out=out / f"{cable}-{lab}-{sampling}-{count}",
                 progress=progress,
             )

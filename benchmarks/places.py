@@ -56,7 +56,7 @@ REAL_MIN = {"correction": 19, "fine-tuning": 19}
 """Casts that a method needs."""
 
 
-class _Luck:
+class Luck:
     """A rig whose n-th cast at each target draws other chances."""
 
     def __init__(self, rig: CheckedRig, first: int):
@@ -73,19 +73,25 @@ class _Luck:
         return self.rig.execute(trajectory)
 
 
+def equal_casts(rig: Luck, motion: cc.Trajectory, count: int) -> list[NDArray[np.float64]]:
+    """Return the landings of some casts of one motion, each with other chances [m]."""
+    landings = []
+    for number in range(count):
+        rig.seek(number, "aim")
+        rig.reset()
+        landings.append(rig.execute(motion).final_xy)
+    return landings
+
+
 class FixedSession:
     """Casts the plan of a policy again and again, as without a loop."""
 
     def __init__(self, policy: ForwardSearchPolicy):
         self.policy = policy
 
-    def misses(self, rig: _Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
+    def misses(self, rig: Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
         motion = self.policy.plan(target).trajectories[0]
-        rows = []
-        for number in range(tries):
-            rig.seek(number, "aim")
-            rig.reset()
-            rows.append(rig.execute(motion).final_xy)
+        rows = equal_casts(rig, motion, tries)
         length = self.policy.setup.cable.length
         return {"miss_pct": [_miss(xy, target, length) for xy in rows], "square": []}
 
@@ -102,7 +108,7 @@ class LoopSession:
         self.session = session
         self.full_gain = full_gain
 
-    def misses(self, rig: _Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
+    def misses(self, rig: Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
         session = self.session.fork()
         rows: dict[str, list] = {"miss_pct": [], "square": []}
         for _ in range(tries):
@@ -283,7 +289,7 @@ class Place:
             if stored is None:
                 began = time.monotonic()
                 session = session or self.session(method, count)
-                luck = _Luck(self.rig, 1000 * (index + 1))
+                luck = Luck(self.rig, 1000 * (index + 1))
                 stored = session.misses(luck, target, self.args.tries)
                 stored["seconds"] = round(time.monotonic() - began, 2)
                 self.parts.put(name, stored)

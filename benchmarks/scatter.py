@@ -12,15 +12,14 @@ models with `benchmarks casts`.
 """
 
 import dataclasses
-import pathlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import casts as cast_benchmark
+from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
-from benchmarks.places import Place, some_targets
+from benchmarks.places import Luck, Place, equal_casts, some_targets
 from cablecast.cli.progress import console_progress
 from cablecast.motion.mirrored import rightward
 from cablecast.policies.shakes import log_shakes
@@ -31,29 +30,15 @@ RANK_COLUMNS = ("told by", "with the scatter", "with the error")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(AfterCasts):
     """Scatter of equal casts beside what is stated."""
 
-    rig: str = "virtual"
-    """Rig: virtual, strange, scattering, engine or example."""
-    labs: tuple[int, ...] = (0, 1, 2)
-    """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
-    calibration: int = 5
-    """Casts before the first target."""
     targets: int = 12
     """Targets in each laboratory."""
     repeats: int = 6
     """Equal casts at each."""
-    simulated: int = 16_000
-    """Simulated casts that each model learns from."""
-    epochs: int = 60
-    """Largest number of passes over them."""
-    candidates: int = 20_000
-    """Motions that planning chooses from."""
-    out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
-    """Folder of the results, which the same command goes on with."""
 
 
 def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
@@ -69,11 +54,8 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
             proposal = session.propose(target)
             action, hands = rightward(proposal.action.to_array()[None])
             said = aimer.ensemble.judge(action, hands)
-            landings = []
-            for number in range(args.repeats):
-                place.rig.seek(100_000 + 100 * index + number, "aim")
-                place.rig.reset()
-                landings.append(place.rig.execute(proposal.trajectory).final_xy / length)
+            luck = Luck(place.rig, 100_000 + 100 * index)
+            landings = np.array(equal_casts(luck, proposal.trajectory, args.repeats)) / length
             row = {
                 "landings": [xy.tolist() if np.isfinite(xy).all() else None for xy in landings],
                 "stated": proposal.scatter / length,
@@ -137,14 +119,7 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
 
 def main(args: Args) -> int:
     """Run the benchmark and print its tables."""
-    shared = cast_benchmark.Args(
-        rigs=(args.rig,),
-        counts=(args.calibration,),
-        simulated=args.simulated,
-        epochs=args.epochs,
-        candidates=args.candidates,
-        out=args.out,
-    )
+    shared = args.place_args()
     every, table = [], []
     with console_progress() as progress:
         for cable in args.cables:

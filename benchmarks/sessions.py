@@ -10,14 +10,13 @@ models with `benchmarks casts`.
 """
 
 import dataclasses
-import pathlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks import casts as cast_benchmark
+from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
 from benchmarks.places import MISSED_PCT, Place, some_targets
 from cablecast.cli.progress import console_progress
@@ -28,29 +27,15 @@ COLUMNS = ("cable", "lab", "model", "targets", "median", "q1", "q3", "missed", "
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(AfterCasts):
     """First tries of a session with and without new fits."""
 
-    rig: str = "virtual"
-    """Rig: virtual, strange, or scattering."""
-    labs: tuple[int, ...] = (0, 1, 2)
-    """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_2",)
     """Cables."""
-    calibration: int = 5
-    """Casts before the first target."""
     targets: int = 12
     """Targets of each session."""
     tries: int = 2
     """Casts at one target at most."""
-    simulated: int = 16_000
-    """Simulated casts that each model learns from."""
-    epochs: int = 60
-    """Largest number of passes over them."""
-    candidates: int = 20_000
-    """Motions that planning chooses from."""
-    out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
-    """Folder of the results, which the same command goes on with."""
 
 
 def aim_in_turn(place: Place, args: Args, refit: bool) -> list[dict[str, Any]]:
@@ -112,14 +97,7 @@ def after_refit(rows: list[dict[str, Any]], first: int) -> NDArray[np.bool_]:
 
 def main(args: Args) -> int:
     """Run the benchmark and print its table."""
-    shared = cast_benchmark.Args(
-        rigs=(args.rig,),
-        counts=(args.calibration,),
-        simulated=args.simulated,
-        epochs=args.epochs,
-        candidates=args.candidates,
-        out=args.out,
-    )
+    shared = args.place_args()
     table: list[tuple] = []
     with console_progress() as progress:
         for cable in args.cables:
