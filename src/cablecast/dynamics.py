@@ -86,23 +86,27 @@ class Dynamics:
 
     def rows(self, rows: NDArray[np.bool_] | NDArray[np.int_] | slice) -> "Dynamics":
         """Return the dynamics of some casts."""
-        return dataclasses.replace(self, params=self.params.rows(rows))
+        material = self.material
+        if material is not None and material.world_count is not None:
+            material = material.rows(rows)
+        return dataclasses.replace(self, params=self.params.rows(rows), material=material)
 
     def without_curl(self) -> "Dynamics":
         """Return the dynamics of a straight cable, whose casts to both sides are mirror images."""
-        if self.material is None or not np.any(self.material.rest_curvature):
-            return self
-        straight = dataclasses.replace(self.material, rest_curvature=0.0)
-        return dataclasses.replace(self, material=straight)
+        return self._with_curl(0.0)
 
     def mirrored(self) -> "Dynamics":
         """Return the dynamics of the mirror image of a cable, which curls to the other side."""
+        return self._with_curl(-1.0)
+
+    def _with_curl(self, factor: float) -> "Dynamics":
+        """Return the dynamics of a cable whose curl is multiplied; one without a curl as it is."""
         if self.material is None or not np.any(self.material.rest_curvature):
             return self
-        other = dataclasses.replace(
-            self.material, rest_curvature=-np.asarray(self.material.rest_curvature)
-        )
-        return dataclasses.replace(self, material=other)
+        # Not -0, which is another number in a file.
+        curvature = factor * self.material.rest_curvature + 0.0
+        material = dataclasses.replace(self.material, rest_curvature=curvature)
+        return dataclasses.replace(self, material=material)
 
     def follow(self, commanded: GripPath, setup: Setup) -> GripPath:
         """Return the paths that the gripper takes along commanded paths."""

@@ -87,7 +87,7 @@ class Material:
         """Return the values by name, shape [1] or [world]."""
         return {n: np.atleast_1d(np.asarray(getattr(self, n), float)) for n in MATERIAL_BOUNDS}
 
-    def rows(self, worlds: NDArray[np.int_]) -> "Material":
+    def rows(self, worlds: slice | NDArray[np.int_] | NDArray[np.bool_]) -> "Material":
         """Return the values of some worlds."""
         values = {name: getattr(self, name) for name in MATERIAL_BOUNDS}
         return Material(**{name: v if np.ndim(v) == 0 else v[worlds] for name, v in values.items()})

@@ -188,8 +188,7 @@ class FewCastResidual:
             Correlation, shape [action, other].
         """
         others = self.places if others is None else others
-        scales = self.scales.length * LENGTH_SCALES
-        return matern(places.inputs / scales, others.inputs / scales)
+        return _correlation(places, others, self.scales.length)
 
     def fitted(self, rows: NDArray[np.bool_] | None = None) -> "FewCastResidual":
         """Return the process with the most likely scales, given the prior and the casts.
@@ -233,8 +232,7 @@ class FewCastResidual:
         kernel *= (self.scales.amplitude**2 * self._sizes(places))[:, None]
         kernel *= self._sizes(self.places)
         # The factor of the length scales is that of g: it says nothing of h.
-        scales = FRICTION_REACH * LENGTH_SCALES
-        wide = matern(places.inputs / scales, self.places.inputs / scales)
+        wide = _correlation(places, self.places, FRICTION_REACH)
         wide *= (FRICTION_SIZE**2 * places.frictions)[:, None]
         wide *= self.places.frictions
         return kernel + wide
@@ -255,3 +253,9 @@ class FewCastResidual:
     @functools.cached_property
     def _solved(self) -> NDArray[np.float64]:
         return self._inverse @ self.residuals
+
+
+def _correlation(places: Places, others: Places, length: float) -> NDArray[np.float64]:
+    """Return the correlation at some factor of all length scales, shape [action, other]."""
+    scales = length * LENGTH_SCALES
+    return matern(places.inputs / scales, others.inputs / scales)

@@ -121,8 +121,8 @@ class EnsembleLandings:
         count = len(members)
         # All in one batch; worlds side by side follow the same motion, and rest at about one time.
         left = [member.mirrored() for member in members]
-        rows = [member for hand in hands for member in (left if hand < 0 else members)]
-        worlds = Dynamics.stack(rows, self.setup)
+        rows = np.arange(count) + np.where(hands < 0, count, 0)[:, None]
+        worlds = Dynamics.stack([*members, *left], self.setup).rows(rows.ravel())
         paths = paths[np.repeat(np.arange(len(actions)), count)]
         rollout = worlds.rollout(self.engine, self.setup, paths, sample_dt=_SAMPLE_DT)
         xy = rollout.endpoint_xy

@@ -1,8 +1,8 @@
 """Shakes: by how much more equal casts scatter than a usual cast.
 
 Small differences from cast to cast move a landing as a change of the action does, and as a change
-of the friction does: a cable that slides far, or that just tips over, is moved by either. The two
-together rank the scatter of casts far better than the action alone (docs/aim.md).
+of the friction does: a cable that slides far, or that just tips over, is moved by either. How well
+the two rank the scatter of casts is told in docs/aim.md.
 """
 
 import numpy as np

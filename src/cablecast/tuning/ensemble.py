@@ -17,7 +17,6 @@ from cablecast.checks import check_count, check_number
 from cablecast.dynamics import Dynamics
 from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.tuning.least_squares import FitState, TrackFit, run_fit
-from cablecast.tuning.objective import TrackObjective
 
 # Differences from the fitted material: air drags on a smooth cylinder with 1 to 1.2, ropes lose
 # energy within some hundredths of a second, the other two are as large as is hardly noticed by eye.
@@ -115,15 +114,13 @@ def fit_ensemble(
     """
     if not iterations:
         return None
-    objective = fit.objective
-    cable = objective.cable
+    cable = fit.objective.cable
     start = fit.space.to_unit(params)[None]
     members = []
     for material in other_materials(cable.material, cable.length):
-        other = TrackObjective(objective.engine, cable.with_material(material), objective.tracks)
-        tried = TrackFit(other, fit.space, fit.prior)
+        tried = fit.with_material(material)
         state = run_fit(tried, tried.start(start, misfit), iterations, on_step(tried))
         found = fit.space.to_params(np.asarray(state.best().points[0]))
         members.append(Dynamics(params=found, material=material))
-    engine = objective.engine
+    engine = fit.objective.engine
     return Ensemble(members=tuple(members), segment_count=engine.segment_count, dt=engine.dt)

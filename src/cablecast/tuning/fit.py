@@ -68,7 +68,7 @@ def fit_params(
     chosen = choose_material(
         fit, state, config, functools.partial(report.step, COARSE, extra=ITERATIONS)
     )
-    state = chosen.state if chosen.material is not None else state
+    state = chosen.state
     fitted = cable.with_material(chosen.material)
     fine = TrackObjective(engine, fitted, training)
     points = state.best(config.fine_start_count).points

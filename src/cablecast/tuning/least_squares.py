@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.checks import check_count, check_number, check_ranges, check_seed
+from cablecast.material import Material
 from cablecast.tuning.objective import NON_FINITE_DISTANCE, TrackObjective
 from cablecast.tuning.prior import ParamBelief
 from cablecast.tuning.search_space import SearchSpace
@@ -158,6 +159,12 @@ class TrackFit:
         self.space = space
         self.prior = prior
         self.simulation_count = 0
+
+    def with_material(self, material: Material) -> "TrackFit":
+        """Return the fit to the same tracks of a cable of another material."""
+        given = self.objective
+        other = TrackObjective(given.engine, given.cable.with_material(material), given.tracks)
+        return TrackFit(other, self.space, self.prior)
 
     def start(self, points: NDArray[np.float64], misfit: float) -> FitState:
         """Return the state of a fit that begins at some points."""

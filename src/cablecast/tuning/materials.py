@@ -14,7 +14,6 @@ import numpy as np
 
 from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.tuning.least_squares import FitConfig, FitState, TrackFit
-from cablecast.tuning.objective import TrackObjective
 
 GAIN_MIN = 0.5
 """Logarithm of the factor by which a change must make tracks and material more likely."""
@@ -64,24 +63,24 @@ def choose_material(
         config: Changes that are tried.
         on_step: Given the fit with a change, returns what is called after each of its steps.
     """
-    objective, own = fit.objective, fit.objective.cable.material
-    found, gain = MaterialChoice(material=None, state=state), 0.0
+    own, length = fit.objective.cable.material, fit.objective.cable.length
+    found = MaterialChoice(material=None, state=state)
     for _ in range(ROUNDS):
         material = found.material or own
-        changes = list(_changes(material, own, objective.cable.length, config))
-        if not changes:
-            break
         # Without a change, too: more steps alone make tracks more likely.
-        tried = [_fitted(fit, found.state, other, on_step) for other in (material, *changes)]
+        tried = [material, *_changes(material, own, length, config)]
+        if len(tried) == 1:
+            break
+        states = [_fitted(fit, found.state, other, on_step) for other in tried]
         costs = [
-            float(points.best().costs[0]) + _doubt(other, own, objective.cable.length)
-            for other, points in zip((material, *changes), tried, strict=True)
+            float(points.best().costs[0]) + _doubt(other, own, length)
+            for other, points in zip(tried, states, strict=True)
         ]
         best = int(np.argmin(costs))
-        if costs[0] - costs[best] < GAIN_MIN:
+        gain = costs[0] - costs[best]
+        if gain < GAIN_MIN:
             break
-        gain += costs[0] - costs[best]
-        found = MaterialChoice(material=changes[best - 1], state=tried[best], gain=gain)
+        found = MaterialChoice(material=tried[best], state=states[best], gain=found.gain + gain)
     return found
 
 
@@ -92,14 +91,11 @@ def _fitted(
     on_step: Callable[[TrackFit], Callable[[FitState], None]],
 ) -> FitState:
     """Return the best point after some steps with a material, at the misfit that was found."""
-    objective = fit.objective
-    changed = TrackObjective(
-        objective.engine, objective.cable.with_material(material), objective.tracks
-    )
-    other = TrackFit(changed, fit.space, fit.prior)
+    other = fit.with_material(material)
     after = on_step(other)
-    points = other.start(state.best().points, state.misfit)
-    for _ in range(ITERATIONS):
+    points = other.first_step(state.best().points, state.misfit)
+    after(points)
+    for _ in range(ITERATIONS - 1):
         points = other.step(points)
         after(points)
     return points
