@@ -97,6 +97,18 @@ def test_a_stack_evaluates_as_its_members_did():
         )
 
 
+def test_a_motion_of_a_stack_without_its_padding_is_that_before_it():
+    members = [hermite([0.0, 1.0]), hermite([0.0, 0.4, 0.4, 1.0]), hermite([0.0, 0.2, 0.5, 1, 2.0])]
+    stacked = GripPath.stack(members)
+    for world, member in enumerate(members):
+        alone = stacked[world].without_padding()
+        np.testing.assert_array_equal(alone.knots, member.knots)
+        np.testing.assert_array_equal(alone.coefficients, member.coefficients)
+    assert stacked.without_padding().knots.shape == stacked.knots.shape
+    held = GripPath.hold(np.zeros(5), 0.0)
+    assert held.without_padding().knots.shape == held.knots.shape
+
+
 def test_selecting_worlds_always_leaves_a_batch():
     path = GripPath.stack([hermite([0.0, 1.0]), hermite([0.0, 2.0]), hermite([0.0, 3.0])])
     assert [len(path[1]), len(path[:2]), len(path[np.array([True, False, True])])] == [1, 2, 2]

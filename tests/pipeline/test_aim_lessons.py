@@ -14,7 +14,7 @@ from cablecast.pipeline.aim_casts import AimTrial
 from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.policies.aimed import AimedCast
-from cablecast.policies.aiming import Aimer
+from cablecast.policies.aiming import _NEAR_COUNT, Aimer
 from cablecast.policies.ensemble import Judgement
 from cablecast.rigs.engine import RigEngine
 from cablecast.track import TrialStatus
@@ -171,7 +171,7 @@ def test_an_aimer_for_one_target_knows_the_nearest_casts_as_old_as_they_are(less
     taught = aimer.taught(MeasuredTracks.from_dataset(lesson), TARGET)
     kept = [[c is cast for c in casts].index(True) for cast in taught.casts]
     far = np.nan_to_num(np.linalg.norm(landings - TARGET, axis=1))
-    assert kept == sorted(np.argsort(far, kind="stable")[:32])
+    assert kept == sorted(np.argsort(far, kind="stable")[:_NEAR_COUNT])
     assert 3 in kept
     ages = np.array(aimer.experience.ages)
     rows = [k - (k > 3) for k in kept if k != 3]

@@ -22,6 +22,27 @@ def test_samples_at_the_start_are_not_compared_and_all_others_are(dataset, good)
     assert good.compared.sum(axis=1).tolist() == [lengths[row] - 1 for row in rows]
 
 
+def test_one_trial_alone_is_that_of_a_dataset_of_its_own(dataset):
+    every = MeasuredTracks.from_dataset(dataset)
+    lengths = [len(times) for times in dataset.extra["times"]]
+    first = int(np.argmin(lengths))
+    order = np.r_[first, np.delete(np.arange(len(dataset)), first)]
+    ordered = dataclasses.replace(
+        dataset,
+        actions=dataset.actions[order],
+        endpoint_xy=dataset.endpoint_xy[order],
+        status=dataset.status[order],
+        duration=dataset.duration[order],
+        extra={name: [column[row] for row in order] for name, column in dataset.extra.items()},
+    )
+    own, alone = MeasuredTracks.from_dataset(ordered, count=1), every.alone(first)
+    assert alone.times.shape[1] < every.times.shape[1]
+    for name in ("times", "endpoint_xy", "final_xy", "status", "actions"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(own, name))
+    np.testing.assert_array_equal(alone.grip_path.knots, own.grip_path.knots)
+    np.testing.assert_array_equal(alone.grip_path.coefficients, own.grip_path.coefficients)
+
+
 def test_resting_points_are_those_of_the_rig(dataset, good):
     rows = np.flatnonzero(dataset.status == "ok")
     np.testing.assert_array_equal(good.final_xy, dataset.endpoint_xy[rows])

@@ -74,6 +74,15 @@ class GripPath:
         roll = None if self.roll is None else self.roll[index]
         return GripPath(knots=self.knots[index], coefficients=self.coefficients[index], roll=roll)
 
+    def without_padding(self) -> "GripPath":
+        """Return the motions without the padding behind the longest of them."""
+        moves = np.flatnonzero(np.any(np.diff(self.knots, axis=1) > 0.0, axis=0))
+        count = 1 + int(moves.max(initial=0))
+        roll = None if self.roll is None else self.roll[:, :count]
+        return GripPath(
+            knots=self.knots[:, : count + 1], coefficients=self.coefficients[:, :count], roll=roll
+        )
+
     @property
     def duration(self) -> NDArray[np.float64]:
         """End time of each motion [s], shape [world]."""

@@ -285,9 +285,9 @@ class AimSession:
         targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
         if len(targets) != 1:
             raise InputError(f"a proposal has one target, not {len(targets)}")
-        choice = self._aimer_at(targets[0]).choose(targets[0])
+        earlier = self.trials_at(targets[0])
+        choice = self._aimer_at(targets[0]).choose(targets[0], tried=bool(earlier))
         action = Action.from_array(choice.action)
-        earlier = self.trials_at(choice.target_xy)
         return AimProposal(
             number=len(self._trials),
             try_number=len(earlier) + 1,

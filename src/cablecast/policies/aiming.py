@@ -41,11 +41,9 @@ from cablecast.tuning.tracks import MeasuredTracks
 # a cast. Of these, those whose expected landings are nearest, which the ensemble judges; and of
 # these, those with the least expected miss. Without an ensemble more than these would find actions
 # that the simulator is too sure of (`LocalSize`).
-_NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 128, 16
-# Casts that an aimer for one target knows at most.
-_NEAR_COUNT = 32
-# Candidates that tell the local size.
-_SIZE_COUNT = 400
+_NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 64, 16
+# Casts that an aimer for one target knows at most; candidates that tell the local size.
+_NEAR_COUNT, _SIZE_COUNT = 20, 400
 # Earlier casts that came this near to a target [cable lengths] are candidates, too.
 _EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
 # Newton steps of a correction, and the parts of it that are tried until the arm can follow.
@@ -87,10 +85,9 @@ class Aimer:
         self.ensemble = ensemble
         self._changes = deviations(policy.actions)
         self._usual = float(np.median(policy.sensitivity))
-        some = slice(None, None, max(1, len(policy.actions) // _SIZE_COUNT))
-        self.size = size or LocalSize(
-            landing_xy=policy.predicted_xy[some], values=policy.sensitivity[some]
-        )
+        xy, values = policy.predicted_xy, policy.sensitivity
+        some = slice(None, None, max(1, len(values) // _SIZE_COUNT))
+        self.size = size or LocalSize(landing_xy=xy[some], values=values[some])
 
     def copy(self) -> "Aimer":
         """Return an aimer that knows the same casts and learns on its own."""
@@ -244,17 +241,19 @@ class Aimer:
         xy = flip * (simulated_xy + self.length * mean[0])
         return xy, covariance * np.outer(flip, flip), float(np.sqrt(scatter[0])) * self.length
 
-    def choose(self, target_xy: ArrayLike) -> AimChoice:
+    def choose(self, target_xy: ArrayLike, *, tried: bool = False) -> AimChoice:
         """Choose the action with the least expected loss.
 
         Args:
             target_xy: Target [m], shape [2].
+            tried: Whether some of the casts were aimed at it. A small change of one of them is
+                nearly always best, so that few others are judged.
 
         Raises:
             TargetError: The target is not finite, out of reach, or off the table.
         """
         target = check_targets(self.policy.setup, target_xy)[0]
-        some = self._candidates(target)
+        some = self._candidates(target, tried)
         risk, failure = self._risks(some, target)
         if self.ensemble is not None:
             # Of actions that were moved it said what is true of those nearby.
@@ -314,13 +313,13 @@ class Aimer:
         places = self._places(some, simulated_xy, sensitivity)
         return simulated_xy + self.length * self.experience.residual.means(places)
 
-    def _candidates(self, target: NDArray[np.float64]) -> Candidates:
+    def _candidates(self, target: NDArray[np.float64], tried: bool) -> Candidates:
         """Return promising actions, those that are expected on the target, and some in between.
 
         What is known of an action holds the less, the farther it is changed: a part of the way to
         the target may miss by less than all of it.
         """
-        starts = self._shortlist(target)
+        starts = self._shortlist(target, tried)
         ends = self._moved(starts, target)
         if self.ensemble is not None:
             # It says something else of an action that was moved far.
@@ -347,7 +346,7 @@ class Aimer:
         """Distance that the free end must keep within the table's edges [m]."""
         return float(self.policy.info.get("table_margin", TABLE_MARGIN))
 
-    def _shortlist(self, target: NDArray[np.float64]) -> Candidates:
+    def _shortlist(self, target: NDArray[np.float64], tried: bool) -> Candidates:
         """Return the most promising candidates of the policy, and earlier actions, for a target."""
         side = -1.0 if target[0] < 0 else 1.0
         places, actions, simulated_xy, turns = self._known_candidates
@@ -361,12 +360,14 @@ class Aimer:
         some.inputs[:, -1] = hands[near]
         mean = self.experience.residual.means(some)
         distance = np.linalg.norm(simulated_xy[near] + self.length * mean - goals[near], axis=1)
-        kept = _SHORTLIST_COUNT if self.ensemble is None else _JUDGED_COUNT
+        earlier = self._earlier(target)
+        few = self.ensemble is None or (tried and len(earlier) > 0)
+        kept = _SHORTLIST_COUNT if few else _JUDGED_COUNT
         short = near[np.argsort(distance)[:kept]]
         chosen = self._judge(actions[short], hands[short])
         if len(chosen) > _SHORTLIST_COUNT:
             chosen = self._least_missing(chosen, target)
-        return Candidates.join([chosen, self._judge(*rightward(self._earlier(target)))])
+        return Candidates.join([chosen, self._judge(*rightward(earlier))])
 
     def _least_missing(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
         """Return the candidates with the least expected miss as they are."""

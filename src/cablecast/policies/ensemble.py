@@ -18,10 +18,9 @@ from cablecast.engines.base import Engine
 from cablecast.machine import core_count
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.setup import Setup
-from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.tuning.update import updated_params
+from cablecast.tuning.update import ParamUpdate
 
 OWN_MISS, SPREAD_FACTOR = 0.05, 1.25
 """A landing misses by about the spread of the ensemble times a factor, and by a part of its own
@@ -131,7 +130,7 @@ class EnsembleLandings:
     def taught(self, tracks: MeasuredTracks) -> "EnsembleLandings":
         """Return the simulators after they learned from a few casts more.
 
-        Each takes one step from its parameters towards the tracks (`updated_params`). Simulators
+        Each takes one step from its parameters towards the tracks (`ParamUpdate`). Simulators
         without a posterior stay as they are.
 
         Args:
@@ -139,17 +138,24 @@ class EnsembleLandings:
         """
         if self.posterior is None or not tracks.compared.any():
             return self
-        posterior = self.posterior
-
-        def learned(member: Dynamics) -> Dynamics:
-            cable = self.setup.cable.with_material(member.material)
-            objective = TrackObjective(self.engine, cable, tracks)
-            return member.with_params(updated_params(objective, posterior, member.params))
-
         # A few casts are too small a batch for several cores: the simulators share these instead.
         with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
-            members = list(pool.map(learned, self.members))
-        return EnsembleLandings(self.setup, members, self.engine, posterior, self.reference)
+            learned = list(pool.map(lambda update: update.params_after(tracks), self._updates))
+        members = [
+            member.with_params(params) for member, params in zip(self.members, learned, strict=True)
+        ]
+        return EnsembleLandings(self.setup, members, self.engine, self.posterior, self.reference)
+
+    @functools.cached_property
+    def _updates(self) -> list[ParamUpdate]:
+        """Steps from the parameters of each simulator; none without a posterior."""
+        if self.posterior is None:
+            return []
+        cable, posterior = self.setup.cable, self.posterior
+        return [
+            ParamUpdate(self.engine, cable.with_material(one.material), posterior, one.params)
+            for one in self.members
+        ]
 
     def judge(
         self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None

@@ -10,13 +10,13 @@ however well it is fitted, estimated from the fit itself. A sum of distances, no
 one strange cast from deciding the fit: each step solves the least-squares problem in which sample i
 of cast k is weighted by the reciprocal of its distance.
 
-Derivatives are finite differences. All starting points times eleven parameter sets times all casts
+Derivatives are finite differences. All starting points times ten parameter sets times all casts
 are one batch of the engine, and five damping factors per starting point are another. A step takes
 two batches, however many starting points there are.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,8 @@ class FitConfig:
         coarse_iterations: Steps from each at the coarse resolution.
         fine_start_count: Starting points that go on at full resolution.
         fine_iterations: Steps of these.
-        coarse_segment_count: Number of segments of the coarse cable.
+        coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
+            time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
         damping_times: Damping times of the material that are tried [s]; none where empty.
         curls: Changes of the curl that are tried, by how far they turn the whole cable [rad]; none
@@ -75,7 +76,7 @@ class FitConfig:
     coarse_iterations: int = 8
     fine_start_count: int = 4
     fine_iterations: int = 4
-    coarse_segment_count: int = 30
+    coarse_segment_count: int = 28
     coarse_dt: float = 1e-3
     damping_times: tuple[float, ...] = (0.005, 0.01, 0.02, 0.03)
     curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
@@ -177,17 +178,32 @@ class TrackFit:
             misfit=misfit,
         )
 
-    def first_step(self, points: NDArray[np.float64], misfit: float) -> FitState:
-        """Take the first step of a fit, without simulating the points on their own before."""
+    def first_step(
+        self,
+        points: NDArray[np.float64],
+        misfit: float,
+        curvatures: Sequence[Curvature] | None = None,
+    ) -> FitState:
+        """Take the first step of a fit, without simulating the points on their own before.
+
+        Args:
+            points: Unit coordinates, shape [point, 10].
+            misfit: Scale b of the model's own error [cable lengths].
+            curvatures: Quadratic models of F at the points where they are known.
+        """
         unknown = np.full(len(points), np.nan)
         dampings = np.ones(len(points))
-        return self.step(
-            FitState(points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit)
+        state = FitState(
+            points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit
         )
+        return self._step(state, curvatures or self.curvatures(points, misfit))
 
     def step(self, state: FitState) -> FitState:
         """Take one damped Gauss-Newton step from every point; a point that it worsens stays."""
-        curvatures = self.curvatures(state.points, state.misfit)
+        return self._step(state, self.curvatures(state.points, state.misfit))
+
+    def _step(self, state: FitState, curvatures: Sequence[Curvature]) -> FitState:
+        """Take a step from points at which F is known up to the second order."""
         here = np.array([curve.loss for curve in curvatures])
         state = dataclasses.replace(
             state, costs=self._cost(state.points, here, state.misfit), losses=here
@@ -239,10 +255,12 @@ class TrackFit:
         count, dimension = points.shape
         # Differences point inwards, so that no point leaves the cube.
         signs = np.where(points > 0.5, -1.0, 1.0) * _DIFFERENCE
-        shifted = points[:, None] + np.eye(dimension)[None] * signs[:, None]
+        # A simulation knows the product of the two frictions only.
+        moved = np.delete(np.arange(dimension), _WORKSURFACE)
+        shifted = points[:, None] + np.eye(dimension)[moved] * signs[:, None]
         batch = np.concatenate([points[:, None], shifted], axis=1).reshape(-1, dimension)
         offsets = self._offsets(batch)
-        offsets = offsets.reshape(count, dimension + 1, *offsets.shape[1:])
+        offsets = offsets.reshape(count, dimension, *offsets.shape[1:])
         weights = self._weights(offsets[:, 0], misfit)
         if expected:
             # Of exp(-|r| / b) in the plane, the information along each axis is 1 / (2 b²).
@@ -253,9 +271,8 @@ class TrackFit:
         curvatures = []
         for row in range(count):
             base = offsets[row, 0]
-            jacobian = (offsets[row, 1:] - base) / signs[row][:, None, None, None]
-            # A simulation knows the product of the two frictions only. Differences of both would
-            # differ by their curvature, as if the casts told them apart.
+            jacobian = np.empty((dimension, *base.shape))
+            jacobian[moved] = (offsets[row, 1:] - base) / signs[row, moved, None, None, None]
             jacobian[_WORKSURFACE] = jacobian[_LATERAL] * self._friction_ratio(points[row])
             weighted = weights[row][..., None] * base
             hessian = np.einsum("atic,ti,btic->ab", jacobian, weights[row], jacobian)

@@ -62,6 +62,17 @@ class MeasuredTracks:
         rows = ("grip_path", "times", "endpoint_xy", "final_xy", "status", "actions")
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in rows})
 
+    def alone(self, row: int) -> "MeasuredTracks":
+        """Return one trial, padded no more than if it were the only one."""
+        one = self[[row]]
+        count = 1 + int(np.argmax(one.times[0] >= one.times[0, -1]))
+        return dataclasses.replace(
+            one,
+            grip_path=one.grip_path.without_padding(),
+            times=one.times[:, :count],
+            endpoint_xy=one.endpoint_xy[:, :count],
+        )
+
     @property
     def compared(self) -> NDArray[np.bool_]:
         """Samples that equation 4 sums over, shape [trial, sample]."""
