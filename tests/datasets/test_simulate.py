@@ -14,6 +14,7 @@ from stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
 from cablecast.cable import load_cable
 from cablecast.datasets import read_dataset
 from cablecast.datasets.simulate import SAMPLE_DT, engine_settings
+from cablecast.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError
 from cablecast.material import Material
 from cablecast.motion.action import ActionRanges
@@ -314,3 +315,6 @@ def test_a_curled_cable_is_refused_because_planning_mirrors_casts(tmp_path):
     curled = dataclasses.replace(CABLE, material=Material(rest_curvature=1.0))
     with pytest.raises(InputError, match="rest_curvature = 1 1/m"):
         simulate(tmp_path / "curled", setup=dataclasses.replace(SETUP, cable=curled))
+    found = Dynamics(params=CABLE.params, material=Material(rest_curvature=-0.5))
+    with pytest.raises(InputError, match=r"rest_curvature = 0\.5 1/m"):
+        simulate(tmp_path / "curled", params=found)

@@ -82,7 +82,7 @@ def simulate_dataset(
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
-        InputError: A count that is not positive, or not that of the parameters.
+        InputError: A count that is not positive, or not that of the parameters; a curled cable.
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_count("shard_rows", shard_rows)
@@ -90,6 +90,7 @@ def simulate_dataset(
     made = None if check_workers(workers) == LOCAL else remade(engine)
     dynamics = Dynamics.of(dynamics, setup)
     ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
+    _check_mirrored(setup, dynamics)
     actions = _choose_actions(count, setup, dynamics.params, ranges, seed)
     settings = {
         **_settings(setup, dynamics, engine, ranges),
@@ -138,14 +139,15 @@ def _settings(
     }
 
 
-def _check_mirrored(setup: Setup) -> None:
+def _check_mirrored(setup: Setup, dynamics: Dynamics) -> None:
     """Check that casts to the left are mirrored casts to the right, which planning takes them for.
 
     Raises:
         InputError: The cable is curled.
     """
-    curl = setup.cable.material.rest_curvature
-    if np.any(curl):
+    material = setup.cable.with_material(dynamics.material).material
+    curl = float(np.max(np.abs(material.rest_curvature)))
+    if curl > 0.0:
         raise InputError(
             "planning takes casts to the left for mirrored ones to the right, which those of a "
             f"cable with rest_curvature = {curl:g} 1/m are not"
@@ -156,7 +158,6 @@ def _choose_actions(
     count: int, setup: Setup, params: CableParams, ranges: ActionRanges, seed: int
 ) -> NDArray[np.float64]:
     """Return feasible actions: of a grid for one cable, drawn at random for many."""
-    _check_mirrored(setup)
     if params.world_count is None:
         return feasible_grid(count, setup, ranges, seed)
     if params.world_count != count:
