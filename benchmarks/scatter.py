@@ -21,12 +21,15 @@ from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
 from benchmarks.places import Luck, Place, equal_casts, some_targets
 from cablecast.cli.progress import console_progress
+from cablecast.models.few_casts import FRICTION_SIZE
 from cablecast.motion.mirrored import rightward
+from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR
 from cablecast.policies.shakes import log_shakes
 from cablecast.runs.progress import Progress
 
 COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
 RANK_COLUMNS = ("told by", "with the scatter", "with the error")
+SIZE_COLUMNS = ("size along each axis", "targets", "error", "q1", "q3", "within 8 %")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -117,6 +120,21 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
     ]
 
 
+def size_rows(rows: list[dict[str, Any]], parts: int = 3) -> list[tuple]:
+    """Return the errors where small, usual and great ones are expected."""
+    error = measured(rows)[2]
+    spread, friction = (np.array([row[key] for row in rows]) for key in ("spread", "friction"))
+    size = np.hypot(np.hypot(OWN_MISS, SPREAD_FACTOR * spread), FRICTION_SIZE * friction)
+    known = np.flatnonzero(np.isfinite(error))
+    found = []
+    for part in np.array_split(known[np.argsort(size[known])], parts):
+        sizes, errors = 100.0 * size[part], 100.0 * error[part]
+        quartiles = (f"{value:.1f}" for value in np.quantile(errors, (0.5, 0.25, 0.75)))
+        near = f"{100.0 * np.mean(errors < 8.0):.0f} %"
+        found.append((f"{sizes[0]:.1f} to {sizes[-1]:.1f}", len(part), *quartiles, near))
+    return found
+
+
 def main(args: Args) -> int:
     """Run the benchmark and print its tables."""
     shared = args.place_args()
@@ -136,4 +154,6 @@ def main(args: Args) -> int:
     print(Table(title=title, columns=COLUMNS, rows=table))
     title = f"Rank correlation at {len(every)} targets"
     print(Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every)))
+    title = "Error by the size that spread and friction tell, in % of cable length"
+    print(Table(title=title, columns=SIZE_COLUMNS, rows=size_rows(every)))
     return 0

@@ -144,15 +144,15 @@ class EngineWarp:
             plays_material=True,
         )
         cables = CableRows.of(cable)
+        material = cables.material
         features = Features(
             table=self.table,
-            remembers=cables.material.remembers,
-            drags=cables.material.drags,
-            grained=cables.material.is_grained and self.table,
+            remembers=material.remembers,
+            surface=material.remembers or material.drags or (material.is_grained and self.table),
         )
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
-        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(cables.material.damping_time)))
+        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(material.damping_time)))
         fastest = fastest_wave(stiffness, segment_mass, cables.length / self.segment_count)
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
         kinds = cables.kinds(plan.world_count)

@@ -36,7 +36,7 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
     elastic = elastic_functions(precision, lane_count)
     material = material_functions(precision, lane_count, features.remembers)
     integrate = integrate_functions(precision, lane_count)
-    air = air_functions(precision, lane_count, features.drags)
+    air = air_functions(precision, lane_count, features.surface)
     energy = energy_functions(precision, lane_count, features.remembers)
     table = table_functions(precision, lane_count, features)
     length = length_functions(precision, lane_count)

@@ -28,7 +28,7 @@ def table_functions(precision: str, lane_count: int, features: Features) -> Simp
     s = world_structs(precision, lane_count)
     contact = contact_functions(precision, lane_count)
     spinning = spinning_functions(precision, lane_count)
-    sliding = sliding_functions(precision, lane_count, features.grained)
+    sliding = sliding_functions(precision, lane_count, features.surface)
     rolling = rolling_functions(precision, lane_count)
     Model, State, Scratch = s.Model, s.State, s.Scratch
 
