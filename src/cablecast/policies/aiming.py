@@ -181,8 +181,13 @@ class Aimer:
         simulated_xy: NDArray[np.float64],
         sensitivity: NDArray[np.float64],
     ) -> Places:
-        """Return the places of candidates; one that was not judged has the size of its place."""
+        """Return the places of candidates.
+
+        Of two actions that land at one place the ensemble may trust one more. It is right by half:
+        the action that it trusts most is trusted too much (docs/aim.md).
+        """
         usual = self.size.log_sizes(simulated_xy)
+        own = np.where(np.isnan(some.log_sizes), usual, some.log_sizes)
         inputs = np.hstack(
             [
                 self.model.normalize(some.actions).astype(float),
@@ -192,7 +197,7 @@ class Aimer:
         )
         return Places(
             inputs=inputs,
-            log_sizes=np.where(np.isnan(some.log_sizes), usual, some.log_sizes),
+            log_sizes=0.5 * (usual + own),
             log_shakes=log_shakes(sensitivity, some.frictions),
             frictions=some.frictions,
         )
