@@ -16,6 +16,7 @@ NAMES = {
     "material": "fits with and without damping and curl, on casts",
     "mocap": "motion capture of cables held at both ends, beside published figures",
     "casts": "error at targets against the number of real casts and corrections",
+    "preparation": "time from five casts to the first aimed one",
     "scatter": "scatter of equal casts, and what tells it and the error beforehand",
     "sessions": "first tries of a session with and without new fits to all its casts",
     "informative": "fits to the casts that teach most beside fits to random ones",
