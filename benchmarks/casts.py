@@ -122,7 +122,7 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
             inside = [100.0 * np.mean(known < -2.0 * np.log1p(-share)) for share in (0.5, 0.9)]
             shares = (f"{share:.0f}" for share in inside)
             rows_of_regions.append((name, cable, count, method, number + 1, len(known), *shares))
-    title = "Miss of each try in % of cable length; missed: casts without a landing [%]"
+    title = "Miss of each try in % of cable length; missed: no landing, or a length off or more [%]"
     print(Table(title=title, columns=COLUMNS, rows=rows_of_misses))
     title = "Landings within the regions that were stated before the cast [%]"
     print(Table(title=title, columns=REGION_COLUMNS, rows=rows_of_regions))
