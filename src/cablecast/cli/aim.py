@@ -69,7 +69,7 @@ class Aim:
     """Casts that the rig makes to begin with."""
     count: int = 16_000
     """Number of simulated casts that the model learns from."""
-    candidate_count: Annotated[int | None, argument("INT", "50,000, or 20,000 with --model")] = None
+    candidate_count: int = 20_000
     """Number of motions to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
     """Folder of all casts and results."""

@@ -14,7 +14,7 @@ class Demo:
 
     The rig makes five casts, the simulator is fitted to them, a model is trained on many simulated
     casts, and the rig casts at the paper's 32 targets, up to three times each: after every cast the
-    model learns, and the next one is corrected. Takes up to ten minutes on two cores. The same
+    model learns, and the next one is corrected. Takes five minutes on two cores. The same
     command resumes an interrupted demo, and shows the results of a finished one. `cablecast aim`
     does the same at targets of your own.
     """
@@ -41,7 +41,7 @@ class Demo:
     """Number of simulated casts; fewer are faster and less accurate."""
     epochs: int = 60
     """Largest number of passes of the training over them."""
-    candidate_count: int = 50_000
+    candidate_count: int = 20_000
     """Number of candidate motions that planning searches."""
     rig: Annotated[str, argument("RIG")] = "virtual"
     """Rig that makes the casts: virtual, engine, or your own robot as package.module:factory."""

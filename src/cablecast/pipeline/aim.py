@@ -20,7 +20,7 @@ from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
-from cablecast.pipeline.many_cables import REFINE_COUNT
+from cablecast.pipeline.many_cables import CANDIDATE_COUNT, REFINE_COUNT
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.base import check_targets
 from cablecast.policies.forward_search import ForwardSearchPolicy
@@ -86,7 +86,7 @@ def prepare_aim(
     calibration_count: int = CALIBRATION_COUNT,
     count: int = SIMULATED_COUNT,
     epochs: int = EPOCHS,
-    candidate_count: int | None = None,
+    candidate_count: int = CANDIDATE_COUNT,
     within_pct: float = WITHIN_PCT,
     tries: int = TRIES,
     seed: int = 0,
@@ -108,7 +108,7 @@ def prepare_aim(
         calibration_count: Casts to make where none were given.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
-        candidate_count: Motions to choose from; 50,000, or 20,000 with `model`, where None.
+        candidate_count: Motions to choose from.
         within_pct: Distance from a target at which a cast has hit [% of cable length].
         tries: Casts at one target at most.
         seed: Seed of everything that is drawn by chance.

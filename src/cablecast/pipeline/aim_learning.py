@@ -16,7 +16,7 @@ from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
 from cablecast.pipeline.tuned import Tuned, load_tuned
-from cablecast.policies.forward_search import CANDIDATE_COUNT, ForwardSearchPolicy
+from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -48,7 +48,7 @@ class AimLearning:
         refine: Simulated casts that the model of many cables learns from first.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
-        candidate_count: Motions to choose from; 50,000, or 20,000 with `model`, where None.
+        candidate_count: Motions to choose from.
         seed: Seed of everything that is drawn by chance.
         device: "cpu" or "cuda".
         folder: Folder that keeps the results; none where None.
@@ -63,7 +63,7 @@ class AimLearning:
     refine: int = many_cables.REFINE_COUNT
     count: int
     epochs: int
-    candidate_count: int | None = None
+    candidate_count: int = many_cables.CANDIDATE_COUNT
     seed: int = 0
     device: str = "cpu"
     folder: pathlib.Path | None = None
@@ -73,8 +73,7 @@ class AimLearning:
         if self.model is not None:
             self.model.check_setup(self.setup)
         check_count("count", self.count, 50, ACTION_COUNT_MAX)
-        if self.candidate_count is not None:
-            check_count("candidate_count", self.candidate_count, 1, ACTION_COUNT_MAX)
+        check_count("candidate_count", self.candidate_count, 1, ACTION_COUNT_MAX)
         check_seed(self.seed)
 
     def learned(
@@ -149,10 +148,9 @@ class AimLearning:
         place: pathlib.Path | None,
         progress: ProgressCallback | None,
     ) -> ForwardSearchPolicy:
-        usual = CANDIDATE_COUNT if self.model is None else many_cables.CANDIDATE_COUNT
         shared: dict[str, Any] = {"seed": self.seed, "progress": progress}
         search: dict[str, Any] = {
-            "candidate_count": self.candidate_count or usual,
+            "candidate_count": self.candidate_count,
             "out": None if place is None else place / MODEL_FOLDER,
             **shared,
         }

@@ -16,9 +16,9 @@ from cablecast.pipeline.aim import (
 )
 from cablecast.pipeline.aim_report import aim_evaluation, last_tries, write_aim_report
 from cablecast.pipeline.aim_session import WITHIN_PCT
+from cablecast.pipeline.many_cables import CANDIDATE_COUNT
 from cablecast.pipeline.places import require
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.forward_search import CANDIDATE_COUNT
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
