@@ -22,7 +22,9 @@ def test_spread_casts_are_those_of_the_believed_cable_and_a_stopped_collection_g
     rig, tmp_path
 ):
     casts = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
-    expected = spread_actions(SETUP, 3, make_engine(30, 1e-3), seed=2)
+    coarse = cc.FitConfig()
+    engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
+    expected = spread_actions(SETUP, 3, engine, seed=2)
     np.testing.assert_array_equal(casts.actions, expected)
     again = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
     np.testing.assert_array_equal(again.actions, expected)
