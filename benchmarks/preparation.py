@@ -2,7 +2,7 @@
 
 The rig makes its casts before the clock starts. Then each part is timed: the fit with its six
 simulators, the simulated casts and the model that learns from them, and the choice of the first
-cast. Kernels are compiled before, unless --cold says not to: once on a computer.
+cast. A short warm-up run compiles missing kernels first; --cold skips it.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ class Args:
     target: tuple[float, float] = (1.05, 15.0)
     """Target of the first aimed cast: distance from the base [m] and angle to the right [deg]."""
     cold: bool = False
-    """Do nothing before the clock starts, so that kernels that this computer lacks are compiled."""
+    """Skip the warm-up run: times then include the compilation of missing kernels."""
 
 
 def timed(cable: str, args: Args) -> tuple[float, ...]:

@@ -23,7 +23,7 @@ from benchmarks.places import Luck, Place, equal_casts, some_targets
 from cablecast.cli.progress import console_progress
 from cablecast.models.few_casts import FRICTION_SIZE
 from cablecast.motion.mirrored import rightward
-from cablecast.policies.ensemble import OWN_MISS, SPREAD_FACTOR
+from cablecast.policies.ensemble import miss_sizes
 from cablecast.policies.shakes import log_shakes
 from cablecast.runs.progress import Progress
 
@@ -121,10 +121,10 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
 
 
 def size_rows(rows: list[dict[str, Any]], parts: int = 3) -> list[tuple]:
-    """Return the errors where small, usual and great ones are expected."""
+    """Return error statistics of the targets, grouped by the expected size of the error."""
     error = measured(rows)[2]
     spread, friction = (np.array([row[key] for row in rows]) for key in ("spread", "friction"))
-    size = np.hypot(np.hypot(OWN_MISS, SPREAD_FACTOR * spread), FRICTION_SIZE * friction)
+    size = np.hypot(miss_sizes(spread), FRICTION_SIZE * friction)
     known = np.flatnonzero(np.isfinite(error))
     found = []
     for part in np.array_split(known[np.argsort(size[known])], parts):

@@ -75,7 +75,7 @@ class GripPath:
         return GripPath(knots=self.knots[index], coefficients=self.coefficients[index], roll=roll)
 
     def without_padding(self) -> "GripPath":
-        """Return the motions without the padding behind the longest of them."""
+        """Return the same motions without the trailing pieces that are padding in every row."""
         moves = np.flatnonzero(np.any(np.diff(self.knots, axis=1) > 0.0, axis=0))
         count = 1 + int(moves.max(initial=0))
         roll = None if self.roll is None else self.roll[:, :count]

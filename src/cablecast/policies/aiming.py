@@ -246,8 +246,8 @@ class Aimer:
 
         Args:
             target_xy: Target [m], shape [2].
-            tried: Whether some of the casts were aimed at it. A small change of one of them is
-                nearly always best, so that few others are judged.
+            tried: True if earlier casts were aimed at this target. A small change of one of them
+                nearly always wins, so fewer other candidates are judged.
 
         Raises:
             TargetError: The target is not finite, out of reach, or off the table.

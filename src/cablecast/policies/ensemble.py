@@ -59,7 +59,16 @@ class Judgement:
     @property
     def sizes(self) -> NDArray[np.float64]:
         """Size of the misses that the spread tells, along each axis [cable lengths], [action]."""
-        return np.hypot(OWN_MISS, SPREAD_FACTOR * self.spreads)
+        return miss_sizes(self.spreads)
+
+
+def miss_sizes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the expected size of misses along each axis [cable lengths].
+
+    Args:
+        spreads: Standard deviations of the simulated landings along each axis [cable lengths].
+    """
+    return np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
 
 
 class EnsembleLandings:
@@ -136,7 +145,7 @@ class EnsembleLandings:
         Args:
             tracks: Casts that they were not fitted to.
         """
-        if self.posterior is None or not tracks.compared.any():
+        if not self._updates or not tracks.compared.any():
             return self
         # A few casts are too small a batch for several cores: the simulators share these instead.
         with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
@@ -148,7 +157,7 @@ class EnsembleLandings:
 
     @functools.cached_property
     def _updates(self) -> list[ParamUpdate]:
-        """Steps from the parameters of each simulator; none without a posterior."""
+        """Update of each simulator's parameters; none without a posterior."""
         if self.posterior is None:
             return []
         cable, posterior = self.setup.cable, self.posterior

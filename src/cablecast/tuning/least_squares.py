@@ -189,7 +189,7 @@ class TrackFit:
         Args:
             points: Unit coordinates, shape [point, 10].
             misfit: Scale b of the model's own error [cable lengths].
-            curvatures: Quadratic models of F at the points where they are known.
+            curvatures: Quadratic models of F at the points; simulated where None.
         """
         unknown = np.full(len(points), np.nan)
         dampings = np.ones(len(points))

@@ -63,7 +63,7 @@ class MeasuredTracks:
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in rows})
 
     def alone(self, row: int) -> "MeasuredTracks":
-        """Return one trial, padded no more than if it were the only one."""
+        """Return one trial as a batch of its own, without padding to the length of the others."""
         one = self[[row]]
         count = 1 + int(np.argmax(one.times[0] >= one.times[0, -1]))
         return dataclasses.replace(

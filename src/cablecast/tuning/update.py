@@ -23,10 +23,10 @@ that are right for casts like them; the model's own error differs from place to 
 
 
 class ParamUpdate:
-    """Steps from the parameters of one simulator towards some new casts, and then towards others.
+    """Single-step updates of one simulator's parameters towards new casts.
 
-    Every step begins at the same parameters. So what a cast says there is simulated once, however
-    many steps it has a part in.
+    Every update starts from the same parameters, so the gradient of a cast is simulated once and
+    reused by later updates.
 
     Args:
         engine: Simulator.
@@ -76,7 +76,7 @@ class ParamUpdate:
         return TrackFit(TrackObjective(self.engine, self.cable, tracks), self._space, self._belief)
 
     def _curvature(self, track: MeasuredTracks) -> Curvature:
-        """Return what one cast says of parameters near those at the start."""
+        """Return the quadratic model of one cast's cost at the start parameters."""
         measured = (track.actions, track.times, track.endpoint_xy)
         key = b"".join(values.tobytes() for values in measured)
         if key not in self._known:
