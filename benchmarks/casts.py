@@ -20,6 +20,7 @@ from benchmarks.places import LOOPS, MANY, METHODS, MISSED_PCT, REAL_MIN, Place
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.intervals import difference_interval, median_interval
+from cablecast.pipeline.aim_casts import region_square
 from cablecast.runs.progress import ProgressCallback
 from cablecast.runs.workers import LOCAL
 
@@ -119,7 +120,7 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
                 continue
             squares = [row["square"][number] for row in rows]
             known = np.array([s for s in squares if s is not None])
-            inside = [100.0 * np.mean(known < -2.0 * np.log1p(-share)) for share in (0.5, 0.9)]
+            inside = [100.0 * np.mean(known < region_square(share)) for share in (0.5, 0.9)]
             shares = (f"{share:.0f}" for share in inside)
             rows_of_regions.append((name, cable, count, method, number + 1, len(known), *shares))
     title = "Miss of each try in % of cable length; missed: no landing, or a length off or more [%]"

@@ -283,20 +283,26 @@ class Place:
     def results(self, method: str, count: int, targets: int) -> list[dict[str, Any]]:
         """Return the results at the targets of this place, and make those that are missing."""
         rows, session = [], None
+        task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
         for index, target in enumerate(some_targets(targets, self.lab)):
             name = f"{method.replace(' ', '-')}-{count}-{self.args.tries}-{index:03d}"
             stored = self.parts.get(name)
             if stored is None:
+                if session is None:
+                    # From here on it takes time, which is what progress is told by.
+                    self._report(task, index, targets)
+                    session = self.session(method, count)
                 began = time.monotonic()
-                session = session or self.session(method, count)
                 luck = Luck(self.rig, 1000 * (index + 1))
                 stored = session.misses(luck, target, self.args.tries)
                 stored["seconds"] = round(time.monotonic() - began, 2)
                 self.parts.put(name, stored)
+                self._report(task, index + 1, targets)
             rows.append(stored)
-            task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
-            self.report(Progress(task=task, done=index + 1, total=targets, unit="targets"))
         return rows
+
+    def _report(self, task: str, done: int, total: int) -> None:
+        self.report(Progress(task=task, done=done, total=total, unit="targets"))
 
 
 def policy_dataset(models: pathlib.Path, count: int, paper: bool) -> pathlib.Path:

@@ -16,6 +16,24 @@ from cablecast.track import TrialStatus
 SAME_TARGET = 1e-6
 """Two targets nearer to each other than this are the same [m]."""
 
+TAIL_FREEDOM = 5.0
+"""Degrees of freedom of Student's t distribution that landings follow about the expected one: most
+land nearer than those of a Gaussian of the same covariance would, and a few far off [-]."""
+
+
+def region_square(share: float) -> float:
+    """Return the squared distance within which landings lie with some probability.
+
+    Args:
+        share: Probability [-].
+
+    Returns:
+        Bound of d' C^-1 d, where d is the offset from the expected landing and C the covariance
+        [-]: of Student's t in the plane with that covariance.
+    """
+    check_number("share", share, 0.01, 0.9999)
+    return (TAIL_FREEDOM - 2.0) * math.expm1(-2.0 / TAIL_FREEDOM * math.log1p(-share))
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AimProposal:
@@ -59,10 +77,8 @@ class AimProposal:
             Both half axes [m], the longer one first, and the angle of that one from the x axis
             towards the y axis [rad].
         """
-        check_number("share", share, 0.01, 0.9999)
         values, vectors = np.linalg.eigh(self.covariance)
-        # A Gaussian in the plane lies within k standard deviations with 1 - exp(-k² / 2).
-        minor, major = np.sqrt(values * -2.0 * math.log1p(-share))
+        minor, major = np.sqrt(values * region_square(share))
         return float(major), float(minor), float(math.atan2(vectors[1, 1], vectors[0, 1]))
 
     def to_note(self) -> dict[str, Any]:
