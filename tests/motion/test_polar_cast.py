@@ -28,6 +28,8 @@ RADIAL = 0.02
 RADIAL_LANDED = 0.10
 ASTRAY_MEDIAN = 0.04
 ASTRAY_LARGEST = 0.12
+# A hanging cable swings a little; the column of the UR5's base has a radius of 75 mm [m].
+CLEAR, BASE = 0.05, 0.10
 
 
 def places(setup, count=5):
@@ -157,3 +159,13 @@ def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
     astray = np.linalg.norm(endpoint - xy, axis=1) / cable.length
     assert np.median(astray) < ASTRAY_MEDIAN
     assert np.max(astray) < ASTRAY_LARGEST
+
+
+@pytest.mark.parametrize("name", CABLE_NAMES)
+def test_the_free_end_keeps_clear_of_the_base_and_of_the_near_edge(name):
+    setup = Setup(cable=name)
+    paths = GripPath.stack([polar_cast_path(p, setup) for p in places(setup, 9)])
+    engine = EngineWarp(segment_count=30, dt=1e-3)
+    xy = engine.rollout(setup.cable, setup.cable.params, paths, sample_dt=0.05).endpoint_xy
+    assert np.min(xy[..., 1]) - setup.workspace.y_min > CLEAR
+    assert np.min(np.linalg.norm(xy, axis=-1)) > BASE

@@ -6,6 +6,8 @@ at rest. A swing forward lays the cable out straight along the azimuth of the ta
 then drags it towards the robot until the endpoint is as far from the base as the target.
 """
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -24,7 +26,14 @@ Array = NDArray[np.float64]
 
 
 def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float = 0.0) -> PlanePath:
-    """Append the lift, from any low pose to the cable hanging in the plane at an azimuth [rad]."""
+    """Append the lift, from any low pose to the cable hanging in the plane at an azimuth [rad].
+
+    Args:
+        path: Path to append to.
+        cable: Cable with its nominal parameters.
+        config: Settings of the lift; `rise_time` is that of its rise.
+        azimuth: Azimuth of the plane, positive to the right [rad].
+    """
     place = path.place
     rise = abs(config.carry_height - place["height"])
     path.move(max(config.carry_time_min, rise / config.carry_speed), height=config.carry_height)
@@ -140,7 +149,8 @@ def polar_cast_path(
         )
     r, theta = xy_to_polar(endpoint_xy).tolist()
     path = PlanePath(reset_pose(workspace) if start is None else start)
-    lift(path, cable, config, theta).hold(config.hang_time)
+    slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
+    lift(path, cable, slow, theta).hold(config.hang_time)
     swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
     return pull_back(path, r - cable.length, config).grip_path()
 

@@ -76,6 +76,9 @@ class PolarCastConfig:
             and the cable's length are corrected [-].
         draw_time, rise_time, arc_time, lift_time: Durations of these moves and of the final,
             straight lift [s].
+        cast_rise_time: Duration of the rise of a polar cast [s], in place of `rise_time`. The cable
+            was dragged aside and lies askew of the plane; with a faster rise its free end swings in
+            over the base.
         hang_time: Time for the hanging cable to come to rest [s] (section V-A).
         swing: Casting motion.
         cast_radius: Largest radius at which the gripper comes down [m]. It leaves room below r_max
@@ -102,6 +105,7 @@ class PolarCastConfig:
     bend_up_share: float = 0.593
     draw_time: float = 0.919
     rise_time: float = 1.293
+    cast_rise_time: float = 3.0
     arc_time: float = 1.505
     lift_time: float = 3.727
     hang_time: float = 3.0
@@ -126,6 +130,7 @@ class PolarCastConfig:
                 "bend_up_share": (0.0, 2.0, ""),
                 "draw_time": (0.2, 30.0, "s"),
                 "rise_time": (0.2, 30.0, "s"),
+                "cast_rise_time": (0.2, 30.0, "s"),
                 "arc_time": (0.2, 30.0, "s"),
                 "clearance": (0.0, 0.3, "m"),
                 "hang_height_max": (0.1, 2.0, "m"),
