@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Table
-from benchmarks.places import LOOPS, MANY, METHODS, MISSED_PCT, REAL_MIN, Place
+from benchmarks.places import LOOPS, MANY, METHODS, MISSED_PCT, REAL_MIN, Place, some_targets
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.intervals import difference_interval, median_interval
 from cablecast.pipeline.aim_casts import region_square
+from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
 from cablecast.runs.workers import LOCAL
 
@@ -64,6 +65,12 @@ class Args:
     figure: pathlib.Path | None = None
     """Picture of the medians to write, such as docs/images/casts.png."""
 
+    @property
+    def shares(self) -> list[int]:
+        """Number of targets in each laboratory."""
+        count = len(self.labs)
+        return [len(range(place, self.targets, count)) for place in range(count)]
+
 
 QUICK: dict[str, Any] = {
     "rigs": ("strange",),
@@ -84,8 +91,7 @@ def run(args: Args, report: ProgressCallback) -> dict[tuple[str, str, int, str],
     found: dict[tuple[str, str, int, str], list[dict]] = {}
     for name in args.rigs:
         for cable in args.cables:
-            for place, lab in enumerate(args.labs):
-                own = len(range(place, args.targets, len(args.labs)))
+            for lab, own in zip(args.labs, args.shares, strict=True):
                 here = Place(args, name, lab, cable, report)
                 for count in args.counts:
                     for method in args.methods:
@@ -147,6 +153,17 @@ def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> Non
         print(Table(title=title, columns=columns, rows=rows))
 
 
+def print_blind(args: Args) -> None:
+    """Print how many targets lie where the camera of the virtual rig is blind."""
+    xy = np.concatenate(
+        [some_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
+    )
+    places = np.array(CameraErrorModel.load().blind)
+    away = np.linalg.norm(xy[:, None] - places[:, :2], axis=2)
+    count = np.count_nonzero(np.any(away < places[:, 2], axis=1))
+    print(f"The virtual rig's camera is blind at {count} of these {len(xy)} targets.\n")
+
+
 def draw(found: dict[tuple[str, str, int, str], list[dict]], path: pathlib.Path) -> None:
     """Draw the medians of first and corrected tries over the number of casts."""
     import matplotlib.pyplot as plt
@@ -186,6 +203,8 @@ def main(args: Args) -> int:
     with console_progress() as progress:
         found = run(args, progress)
     print_tables(found, args.tries)
+    if "virtual" in args.rigs:
+        print_blind(args)
     print_differences(found)
     if args.figure is not None:
         draw(found, args.figure)
