@@ -67,9 +67,12 @@ class ResidualScales:
         )
 
 
-PRIOR_DEVIATIONS = np.array([0.5, 0.6, 0.4, 0.25])
+PRIOR_DEVIATIONS = np.array([0.5, 0.2, 0.4, 0.25])
 """Standard deviations of the numbers of `ResidualScales.to_array` about its defaults. The defaults
-are near those of the residuals between two simulators of other parameters and resolution."""
+are near those of the residuals between two simulators of other parameters and resolution. That of
+the noise is small: casts far from each other cannot tell an error of the simulator from scatter,
+and with too much scatter corrections stop half-way. Where equal casts do scatter more, casts near
+each other tell it (`Experience`)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
