@@ -14,7 +14,7 @@ FAILURE_SHARE = 0.02
 # Casts that the belief about scatter and failures is worth.
 _SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
 _SCATTER_MIN, _SCATTER_MAX = 0.25, 25.0
-# Casts that the simulator was fitted to count as if they scattered more, by so many times the usual.
+# A cast that the simulator was fitted to counts as if it scattered more, by this share.
 _FITTED_NOISE = 0.5
 # A drift is noticed where so many casts surprise by so much on average (1 is expected), of which
 # none counts for more than a few, and not before there are enough casts to know the usual. The
