@@ -24,6 +24,7 @@ from cablecast.pipeline.aim import CALIBRATION_COUNT
 from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.policies.forward_search import ForwardSearchPolicy
+from cablecast.rigs.attempts import seek_trial
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -64,7 +65,7 @@ class Luck:
         self.setup, self.description = rig.setup, rig.description
 
     def seek(self, index: int, purpose: str = "") -> None:
-        self.rig.seek(self.first + index, purpose)
+        seek_trial(self.rig, self.first + index, purpose)
 
     def reset(self) -> None:
         self.rig.reset()
