@@ -109,3 +109,25 @@ def test_casts_of_the_fit_do_not_tell_the_scales():
     none = np.zeros(6, dtype=bool)
     assert process.fitted(none).scales == SCALES
     assert process.fitted().scales.amplitude < 0.5 * SCALES.amplitude
+
+
+def test_errors_of_casts_far_from_each_other_are_not_taken_for_scatter():
+    rng = np.random.default_rng(4)
+    process = FewCastResidual.empty()
+    for number in range(30):
+        # Most casts are off by little, and one in six by much.
+        size = 0.2 if number % 6 == 0 else 0.03
+        process = process.with_cast(places(np.full(7, 20.0 * number)), size * rng.normal(size=2))
+    believed, found = process.believed, process.fitted().scales
+    assert found.noise < 1.3 * believed.noise
+    # So what was seen at a place is still known there.
+    seen = process.fitted().predict(places(np.full(7, 0.0)))[0]
+    np.testing.assert_allclose(seen[0], process.residuals[0], atol=0.03)
+
+
+def test_casts_at_one_place_that_differ_are_scatter():
+    rng = np.random.default_rng(5)
+    process = FewCastResidual.empty()
+    for _ in range(40):
+        process = process.with_cast(HERE, 0.08 * rng.normal(size=2))
+    assert process.fitted().scales.noise > 2.5 * process.believed.noise
