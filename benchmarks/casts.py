@@ -158,9 +158,7 @@ def print_blind(args: Args) -> None:
     xy = np.concatenate(
         [some_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
     )
-    places = np.array(CameraErrorModel.load().blind)
-    away = np.linalg.norm(xy[:, None] - places[:, :2], axis=2)
-    count = np.count_nonzero(np.any(away < places[:, 2], axis=1))
+    count = np.count_nonzero(CameraErrorModel.load().is_blind_at(xy))
     print(f"The virtual rig's camera is blind at {count} of these {len(xy)} targets.\n")
 
 
