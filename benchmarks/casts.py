@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Table
-from benchmarks.places import LOOPS, MANY, METHODS, MISSED_PCT, REAL_MIN, Place, some_targets
+from benchmarks.places import MANY, METHODS, MISSED_PCT, REAL_MIN, Place, some_targets, try_count
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.intervals import difference_interval, median_interval
@@ -100,11 +100,6 @@ def run(args: Args, report: ProgressCallback) -> dict[tuple[str, str, int, str],
                         rows = here.results(method, count, own)
                         found.setdefault((name, cable, count, method), []).extend(rows)
     return found
-
-
-def try_count(method: str, tries: int) -> int:
-    """Return the tries of a method that count: without a loop all of them are equal casts."""
-    return tries if method in (*LOOPS, MANY) else 1
 
 
 def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int) -> None:

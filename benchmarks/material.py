@@ -37,7 +37,7 @@ COLUMNS = (
     "q1",
     "q3",
 )
-NO_MATERIAL: dict[str, Any] = {"damping_times": (), "curls": ()}
+NO_MATERIAL: dict[str, Any] = {"damping_times": (), "curls": (), "arms": ()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -53,8 +53,8 @@ MISSED_PCT = 100.0
 """Miss of a cast without a landing [% of cable length]."""
 FIT_MAX = 20
 """Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
-REAL_MIN = {"correction": 19, "fine-tuning": 19}
-"""Casts that a method needs."""
+REAL_MIN = {"correction": 50, "fine-tuning": 50}
+"""Casts that a method needs: some of them have no landing to learn from."""
 
 
 class Luck:
@@ -125,6 +125,11 @@ class LoopSession:
             square = float(offset @ np.linalg.solve(proposal.covariance, offset))
             rows["square"].append(square if np.isfinite(square) else None)
         return rows
+
+
+def try_count(method: str, tries: int) -> int:
+    """Return the tries of a method at a target: one where no cast depends on those before."""
+    return tries if method in (*LOOPS, MANY) else 1
 
 
 def _miss(xy: NDArray[np.float64], target: NDArray[np.float64], length: float) -> float:
@@ -284,9 +289,10 @@ class Place:
     def results(self, method: str, count: int, targets: int) -> list[dict[str, Any]]:
         """Return the results at the targets of this place, and make those that are missing."""
         rows, session = [], None
+        tries = try_count(method, self.args.tries)
         task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
         for index, target in enumerate(some_targets(targets, self.lab)):
-            name = f"{method.replace(' ', '-')}-{count}-{self.args.tries}-{index:03d}"
+            name = f"{method.replace(' ', '-')}-{count}-{tries}-{index:03d}"
             stored = self.parts.get(name)
             if stored is None:
                 if session is None:
@@ -295,7 +301,7 @@ class Place:
                     session = self.session(method, count)
                 began = time.monotonic()
                 luck = Luck(self.rig, 1000 * (index + 1))
-                stored = session.misses(luck, target, self.args.tries)
+                stored = session.misses(luck, target, tries)
                 stored["seconds"] = round(time.monotonic() - began, 2)
                 self.parts.put(name, stored)
                 self._report(task, index + 1, targets)

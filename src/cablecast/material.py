@@ -14,6 +14,7 @@ MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
     "rest_curvature": (-50.0, 50.0, "1/m"),
     "drag_coefficient": (0.0, 50.0, ""),
     "friction_ratio": (0.1, 10.0, ""),
+    "attachment_arm": (0.0, 0.3, "m"),
 }
 """Allowed range of each value of a `Material`, bounds included."""
 
@@ -37,12 +38,16 @@ class Material:
             [-].
         friction_ratio: Coulomb coefficient along the cable over that across it, which is the
             product of the two parameters [-].
+        attachment_arm: Two thirds of the length of an attachment that the cable's end clamps, a
+            uniform rod that goes on as the cable ends; a point mass at the cable's end where 0. A
+            rod moves like a quarter of its mass there and the rest an arm beyond [m].
     """
 
     damping_time: float | NDArray[np.float64] = 0.0
     rest_curvature: float | NDArray[np.float64] = 0.0
     drag_coefficient: float | NDArray[np.float64] = 0.0
     friction_ratio: float | NDArray[np.float64] = 1.0
+    attachment_arm: float | NDArray[np.float64] = 0.0
 
     def __post_init__(self):
         for name, (low, high, unit) in MATERIAL_BOUNDS.items():
@@ -81,7 +86,8 @@ class Material:
     @property
     def is_plain(self) -> bool:
         """True if the material does nothing."""
-        return not (self.remembers or self.drags or self.is_grained)
+        has_arm = bool(np.any(self.attachment_arm))
+        return not (self.remembers or self.drags or self.is_grained or has_arm)
 
     def to_columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the values by name, shape [1] or [world]."""
@@ -130,7 +136,8 @@ class Material:
             raise InputError("only a material that all worlds share can be written to a file")
         values = {name: float(getattr(self, name)) for name in MATERIAL_BOUNDS}
         # Left out where they do nothing, so that casts from before there were any still belong.
-        for name, nothing in (("drag_coefficient", 0.0), ("friction_ratio", 1.0)):
+        nothing_by = {"drag_coefficient": 0.0, "friction_ratio": 1.0, "attachment_arm": 0.0}
+        for name, nothing in nothing_by.items():
             if values[name] == nothing:
                 del values[name]
         return values

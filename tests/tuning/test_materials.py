@@ -1,4 +1,4 @@
-"""Damping and curl are taken up where the casts ask for them, and only there."""
+"""Damping, curl and an arm are taken up where the casts ask for them, and only there."""
 
 import dataclasses
 
@@ -14,7 +14,9 @@ from cablecast.tuning.materials import GAIN_MIN
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.result import params_file, read_dynamics, write_params
 
-CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
+WITH_ARMS = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
+# The hook of most of these casts is a point mass.
+CONFIG = dataclasses.replace(WITH_ARMS, arms=())
 # Whether materials are tried does not depend on how good the fit is.
 POOR = dataclasses.replace(CONFIG, start_count=1, coarse_iterations=1, fine_iterations=1)
 DAMPED = Material(damping_time=0.03)
@@ -50,9 +52,10 @@ def test_the_damping_time_of_a_damped_cable_is_found(fitted):
     assert fitted.material_gain > GAIN_MIN
 
 
-def test_a_straight_cable_that_rates_of_damping_explain_gets_none(cable, tracks):
+def test_a_cable_that_rates_of_damping_explain_gets_no_damping_time(cable, tracks):
     engine = EngineWarp(**COARSE)
-    result = fit_params(cable, tracks, None, engine, engine, CONFIG)
+    no_curls = dataclasses.replace(CONFIG, curls=())
+    result = fit_params(cable, tracks, None, engine, engine, no_curls)
     assert result.material is None
     assert result.material_gain == 0.0
 
@@ -78,6 +81,21 @@ def test_what_the_cables_file_says_is_kept(cable, damped):
     known = fit_params(told, damped, None, engine, engine, POOR)
     assert known.material is None
     assert known.material_gain == 0.0
+
+
+def test_an_attachment_is_a_body_unless_the_casts_tell_a_point_mass(cable, truth, tracks):
+    engine = EngineWarp(**COARSE)
+    only_arms = dataclasses.replace(WITH_ARMS, damping_times=(), curls=())
+    point = fit_params(cable, tracks, None, engine, engine, only_arms)
+    assert point.material is None
+    assert point.material_gain > GAIN_MIN
+    arm = 2.0 / 3.0 * cable.attachment_length
+    body = tracks_of(cable, truth, tracks, Material(attachment_arm=arm))
+    found = fit_params(cable, body, None, engine, engine, only_arms)
+    assert found.material == Material(attachment_arm=arm)
+    no_arms = dataclasses.replace(only_arms, arms=())
+    without = fit_params(cable, body, None, engine, engine, no_arms)
+    assert found.training.loss[1] < 0.8 * without.training.loss[1]
 
 
 def test_the_material_is_kept_with_the_parameters(fitted, cable, tmp_path):

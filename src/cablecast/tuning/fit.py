@@ -17,7 +17,7 @@ from cablecast.tuning.least_squares import (
     TrackFit,
     run_fit,
 )
-from cablecast.tuning.materials import ITERATIONS, choose_material
+from cablecast.tuning.materials import ITERATIONS, choose_material, first_material
 from cablecast.tuning.objective import TrackDistances, TrackObjective
 from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
 from cablecast.tuning.prior import ParamPrior
@@ -58,16 +58,16 @@ def fit_params(
     """
     config = config or FitConfig()
     began = time.monotonic()
-    coarse = TrackObjective(coarse_engine, cable, training)
+    begun = cable.with_material(first_material(cable, config))
+    coarse = TrackObjective(coarse_engine, begun, training)
     space = SearchSpace.for_cable(cable)
     report = _Report(config, cable.length, progress, began)
     prior = ParamPrior.for_cable(cable, space)
     fit = TrackFit(coarse, space, prior)
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    chosen = choose_material(
-        fit, state, config, functools.partial(report.step, COARSE, extra=ITERATIONS)
-    )
+    steps = functools.partial(report.step, COARSE, extra=ITERATIONS)
+    chosen = choose_material(fit, state, cable.material, config, steps)
     state = chosen.state
     fitted = cable.with_material(chosen.material)
     fine = TrackObjective(engine, fitted, training)

@@ -67,6 +67,8 @@ class FitConfig:
         damping_times: Damping times of the material that are tried [s]; none where empty.
         curls: Changes of the curl that are tried, by how far they turn the whole cable [rad]; none
             where empty.
+        arms: Lengths of the attachment that are tried, over that in the cable's file; the fit
+            begins with the first one. The attachment is a point mass where 0 or empty.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -80,6 +82,7 @@ class FitConfig:
     coarse_dt: float = 1e-3
     damping_times: tuple[float, ...] = (0.005, 0.01, 0.02, 0.03)
     curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+    arms: tuple[float, ...] = (1.0, 0.0, 0.7, 1.4)
     ensemble_iterations: int = 5
     seed: int = 0
 
@@ -88,6 +91,8 @@ class FitConfig:
             check_number("damping_times", time, 1e-4, 1.0, "s")
         for turn in self.curls:
             check_number("curls", turn, -6.3, 6.3, "rad")
+        for arm in self.arms:
+            check_number("arms", arm, 0.0, 10.0)
         for name, low, high in (
             ("start_count", 1, 1000),
             ("coarse_iterations", 0, 1000),

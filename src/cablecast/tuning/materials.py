@@ -1,10 +1,12 @@
-"""Material that a fit takes up where the casts ask for it: damping and curl.
+"""Material that a fit takes up where the casts ask for it: damping, curl, and the attachment.
 
 Of the ten parameters, `angular_damping` stands for all bending losses: a rate at which segments
 stop turning. A material loses energy where it bends instead (`Material.damping_time`), and a cable
 that was wound on a reel keeps a curl (`rest_curvature`), which makes casts to the left and to the
-right differ. The fit changes one of them at a time, fits the parameters anew, and keeps the change
-that makes the tracks and what is believed of materials most likely, as long as there is one.
+right differ. An attachment is a body that the cable's end clamps (`attachment_arm`), of the length
+that its file gives unless the casts tell another one. The fit changes one of them at a time, fits
+the parameters anew, and keeps the change that makes the tracks and what is believed of materials
+most likely, as long as there is one.
 """
 
 import dataclasses
@@ -12,8 +14,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from cablecast.cable import Attachment, Cable
 from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.tuning.least_squares import FitConfig, FitState, TrackFit
+
+ROD_ARM = 2.0 / 3.0
+"""Arm of a uniform rod over its length (`Material.attachment_arm`)."""
 
 GAIN_MIN = 0.5
 """Logarithm of the factor by which a change must make tracks and material more likely."""
@@ -24,6 +30,10 @@ CURL_DEVIATION = 0.3
 DAMPING_USUAL, DAMPING_FACTOR = 0.01, 2.0
 """Damping time beyond which a longer one is the less believed [s], and the factor of a standard
 deviation. Ropes lose their energy within some hundredths of a second."""
+
+ARM_FACTOR, POINT_DOUBT = 1.5, 2.0
+"""Factor of a standard deviation by which an attachment acts as if it were longer or shorter than
+it is, and minus the logarithm of how likely it acts as a point mass."""
 
 ITERATIONS = 3
 """Steps of the parameters with each change, and without one."""
@@ -47,9 +57,23 @@ class MaterialChoice:
     gain: float = 0.0
 
 
+def first_material(cable: Cable, config: FitConfig) -> Material | None:
+    """Return the material that a fit begins with; None for that of the cable."""
+    own = cable.material
+    if not config.arms or np.any(own.attachment_arm) or not _usual_arm(cable):
+        return None
+    return dataclasses.replace(own, attachment_arm=config.arms[0] * _usual_arm(cable))
+
+
+def _usual_arm(cable: Cable) -> float:
+    """Return the arm of an attachment that is a uniform rod [m]; 0 without one."""
+    return 0.0 if cable.attachment is Attachment.NONE else ROD_ARM * cable.attachment_length
+
+
 def choose_material(
     fit: TrackFit,
     state: FitState,
+    own: Material,
     config: FitConfig,
     on_step: Callable[[TrackFit], Callable[[FitState], None]],
 ) -> MaterialChoice:
@@ -58,22 +82,23 @@ def choose_material(
     What a cable's file says of damping or curl is kept.
 
     Args:
-        fit: Fit with the material of the cable, at the resolution of the first steps.
+        fit: Fit with the first material, at the resolution of the first steps.
         state: Points of it.
+        own: Material in the cable's file.
         config: Changes that are tried.
         on_step: Given the fit with a change, returns what is called after each of its steps.
     """
-    own, length = fit.objective.cable.material, fit.objective.cable.length
-    found = MaterialChoice(material=None, state=state)
+    cable = fit.objective.cable
+    found = MaterialChoice(material=cable.material, state=state)
     for _ in range(ROUNDS):
         material = found.material or own
         # Without a change, too: more steps alone make tracks more likely.
-        tried = [material, *_changes(material, own, length, config)]
+        tried = [material, *_changes(material, own, cable, config)]
         if len(tried) == 1:
             break
         states = [_fitted(fit, found.state, other, on_step) for other in tried]
         costs = [
-            float(points.best().costs[0]) + _doubt(other, own, length)
+            float(points.best().costs[0]) + _doubt(other, own, cable)
             for other, points in zip(tried, states, strict=True)
         ]
         best = int(np.argmin(costs))
@@ -81,7 +106,7 @@ def choose_material(
         if gain < GAIN_MIN:
             break
         found = MaterialChoice(material=tried[best], state=states[best], gain=found.gain + gain)
-    return found
+    return dataclasses.replace(found, material=None) if found.material == own else found
 
 
 def _fitted(
@@ -102,7 +127,7 @@ def _fitted(
 
 
 def _changes(
-    material: Material, own: Material, length: float, config: FitConfig
+    material: Material, own: Material, cable: Cable, config: FitConfig
 ) -> Iterator[Material]:
     """Return materials that differ in one value from one, unless the cable's file gives it."""
     if not np.any(own.damping_time):
@@ -112,18 +137,27 @@ def _changes(
     if not np.any(own.rest_curvature):
         bound = MATERIAL_BOUNDS["rest_curvature"][1]
         for turn in config.curls:
-            curvature = float(np.asarray(material.rest_curvature)) + turn / length
+            curvature = float(np.asarray(material.rest_curvature)) + turn / cable.length
             if abs(curvature) <= bound:
                 yield dataclasses.replace(material, rest_curvature=curvature)
+    if not np.any(own.attachment_arm):
+        usual = _usual_arm(cable)
+        for arm in {factor * usual: None for factor in config.arms}:
+            if arm != material.attachment_arm:
+                yield dataclasses.replace(material, attachment_arm=arm)
 
 
-def _doubt(material: Material, own: Material, length: float) -> float:
+def _doubt(material: Material, own: Material, cable: Cable) -> float:
     """Return minus the logarithm of how likely a material is; that of the file is certain."""
     doubt = 0.0
     if not np.any(own.damping_time):
         longer = np.log(max(float(np.asarray(material.damping_time)) / DAMPING_USUAL, 1.0))
         doubt += 0.5 * float(longer / np.log(DAMPING_FACTOR)) ** 2
     if not np.any(own.rest_curvature):
-        turn = float(np.asarray(material.rest_curvature)) * length
+        turn = float(np.asarray(material.rest_curvature)) * cable.length
         doubt += 0.5 * (turn / CURL_DEVIATION) ** 2
+    if not np.any(own.attachment_arm) and (usual := _usual_arm(cable)):
+        arm = float(np.asarray(material.attachment_arm))
+        longer = np.log(arm / usual) / np.log(ARM_FACTOR) if arm else 0.0
+        doubt += 0.5 * float(longer) ** 2 if arm else POINT_DOUBT
     return doubt

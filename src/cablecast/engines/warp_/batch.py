@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import CableState, Rollout
+from cablecast.engines.warp_.attachment import JOINT_CELLS, EndSegment
 from cablecast.engines.warp_.constants import model_constants
 from cablecast.engines.warp_.energy import UNKNOWN_ENERGY
 from cablecast.motion.grip_path import GripPath
@@ -47,15 +48,25 @@ class Batch:
         segment_count: Number of segments.
         world_count: Number of worlds.
         duration: Duration of the motions [s], one or one per world.
+        end: Attachment beyond the cable's end, if there is one: a segment more.
     """
 
-    def __init__(self, layout: Layout, segment_count: int, world_count: int, duration: ArrayLike):
+    def __init__(
+        self,
+        layout: Layout,
+        segment_count: int,
+        world_count: int,
+        duration: ArrayLike,
+        end: EndSegment | None = None,
+    ):
         self.layout = layout
         self.build = layout.build
         self.world_count = world_count
         self.group_count = -(-world_count // layout.lane_count)
-        self.segment_count = segment_count
-        self.node_count = segment_count + 1
+        self.cable_segment_count = segment_count
+        self.end = end
+        self.segment_count = segment_count + (end is not None)
+        self.node_count = self.segment_count + 1
         longest_first = -np.broadcast_to(np.asarray(duration), world_count)
         self.order = np.argsort(longest_first, kind="stable")
 
@@ -105,10 +116,14 @@ class Batch:
         model.node_count = self.node_count
         model.far_is_held = int(far_is_held)
         model.dt = dt
-        model.segment_length = cable.length / self.segment_count
+        model.endpoint = self.cable_segment_count
+        model.joint_cells = 1.0 if self.end is None else JOINT_CELLS
+        model.segment_length = cable.length / self.cable_segment_count
         model.radius = cable.radius
         model.gravity = gravity
-        constants = model_constants(cable, params, self.segment_count, dt, far_is_held)
+        constants = model_constants(
+            cable, params, self.cable_segment_count, dt, far_is_held, self.end
+        )
         for name, values in constants.items():
             lanes = self.to_lanes(values.reshape(len(values), -1))
             packed = lanes[:, 0] if values.ndim == 1 else lanes
@@ -147,6 +162,7 @@ class Batch:
         """
         build, shape = self.build, (self.group_count, self.node_count)
         state = build.State()
+        initial = initial if self.end is None else self.end.appended(initial)
         for name, values in (("position", initial.positions), ("velocity", initial.velocities)):
             lanes = self.to_lanes(values.reshape(len(values), -1))
             lanes = lanes.reshape(*shape, 3, self.layout.lane_count)
@@ -204,13 +220,15 @@ class Batch:
     def read(self, state, samples, sample_dt: float, far_is_held: bool) -> Rollout:
         """Unpack what a rollout left, with the time between samples [s]."""
         endpoint = self.to_worlds(samples.endpoint)
-        positions = self.to_worlds(state.position)
+        # What lies beyond the cable's end is not told.
+        count = self.cable_segment_count
+        positions = self.to_worlds(state.position)[:, : count + 1]
         rolls = np.cumsum(self.to_worlds(state.twist), axis=1)
         final = CableState(
             positions=positions,
-            velocities=self.to_worlds(state.velocity),
-            roll=rolls[:, :-1],
-            roll_rate=self.to_worlds(state.spin),
+            velocities=self.to_worlds(state.velocity)[:, : count + 1],
+            roll=rolls[:, :count],
+            roll_rate=self.to_worlds(state.spin)[:, :count],
             far_roll=rolls[:, -1] if far_is_held else np.zeros(1),
         )
         finite = np.isfinite(endpoint).all(axis=(1, 2))
@@ -218,7 +236,9 @@ class Batch:
         # Once a world is broken, no later sample of it may look like a position.
         broken = np.logical_or.accumulate(~np.isfinite(endpoint).all(axis=2), axis=1)
         endpoint[broken] = np.nan
-        nodes = self.to_worlds(samples.nodes) if samples.record_nodes else None
+        nodes = None
+        if samples.record_nodes:
+            nodes = self.to_worlds(samples.nodes)[:, :, : count + 1]
         if nodes is not None:
             nodes[broken] = np.nan
         return Rollout(

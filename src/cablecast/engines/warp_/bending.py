@@ -31,7 +31,10 @@ it a chain of segments no longer resembles a rod, and the moment stops growing."
 
 
 def filter_factors(
-    bending: NDArray[np.float64], mass: NDArray[np.float64], dt: float
+    bending: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    dt: float,
+    joint: tuple[NDArray[np.float64], float] | None = None,
 ) -> tuple[NDArray[np.float64], ...]:
     """Factor M + dt^2 K / 12 = L D L^T, with K the stiffness matrix of a nearly straight rod.
 
@@ -39,6 +42,8 @@ def filter_factors(
         bending: EI / l^3 [N/m], shape [world].
         mass: Node masses [kg], infinite where held, shape [world, node].
         dt: Step [s].
+        joint: Length of the other segments over that of the last one, an attachment's, shape
+            [world], and stiffness of its joint over that of a whole cell; None without one.
 
     Returns:
         1 / D [1/kg], shape [world, node], and the first and second lower diagonals of L [-], with
@@ -52,13 +57,16 @@ def filter_factors(
     off2 = np.zeros_like(diagonal)  # couples i and i + 2
     diagonal[:, 1] += 2.0 * k
     diagonal[:, -2] += np.where(free[:, -1], 0.0, 2.0 * k)
+    ratio, cells = (np.ones_like(k), 1.0) if joint is None else joint
     for i in range(1, node_count - 1):
-        diagonal[:, i - 1] += k
-        diagonal[:, i] += 4.0 * k
-        diagonal[:, i + 1] += k
-        off1[:, i - 1] -= 2.0 * k
-        off1[:, i] -= 2.0 * k
-        off2[:, i - 1] += k
+        s, c = (ratio, cells * k) if i == node_count - 2 else (np.ones_like(k), k)
+        # The bend x[i-1] - (1 + s) x[i] + s x[i+1], squared.
+        diagonal[:, i - 1] += c
+        diagonal[:, i] += (1.0 + s) ** 2 * c
+        diagonal[:, i + 1] += s**2 * c
+        off1[:, i - 1] -= (1.0 + s) * c
+        off1[:, i] -= (1.0 + s) * s * c
+        off2[:, i - 1] += s * c
     # Held nodes do not accelerate: take them out of the system.
     off1[:, :-1] *= free[:, :-1] & free[:, 1:]
     off2[:, :-2] *= free[:, :-2] & free[:, 2:]

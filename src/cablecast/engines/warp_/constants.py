@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
+from cablecast.engines.warp_.attachment import JOINT_CELLS, EndSegment
 from cablecast.engines.warp_.bending import filter_factors
 from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
 from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
@@ -15,8 +16,14 @@ MOST_VISCOSITY = 0.25
 more would let short segments ring. The default resolution stays far below it."""
 
 
+# long: one line for each of the constants, and a comment for those that need one.
 def model_constants(
-    cable: Cable, params: CableParams, segment_count: int, dt: float, far_is_held: bool
+    cable: Cable,
+    params: CableParams,
+    segment_count: int,
+    dt: float,
+    far_is_held: bool,
+    end: EndSegment | None = None,
 ) -> dict[str, NDArray[np.float64]]:
     """Return the lane values of `Model` (world.py), with units as there.
 
@@ -26,6 +33,7 @@ def model_constants(
         segment_count: Number of segments.
         dt: Step [s].
         far_is_held: Whether a second gripper holds the far end.
+        end: Attachment beyond the cable's end, if there is one.
 
     Returns:
         Values by attribute of `Model`, shape [world], [world, node] or [world, segment].
@@ -33,6 +41,7 @@ def model_constants(
     values = dict(zip(params.names(), np.atleast_2d(params.to_array()).T, strict=True))
     material = cable.material.to_columns()
     world_count = max(len(values["mass"]), *(len(column) for column in material.values()))
+    last_ratio = np.ones(world_count) if end is None else np.broadcast_to(end.ratio, world_count)
     values, material = (
         {name: np.broadcast_to(column, world_count) for name, column in columns.items()}
         for columns in (values, material)
@@ -42,21 +51,41 @@ def model_constants(
     segment_mass = values["mass"] / segment_count
     mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
     mass[:, -1] = 0.5 * segment_mass + values["endpoint_mass"]
+    squared_lengths = np.full((world_count, segment_count), segment_length**2)
+    if end is not None:
+        mass[:, -1] = 0.5 * segment_mass + end.joint_mass
+        mass = np.concatenate([mass, np.broadcast_to(end.tip_mass, world_count)[:, None]], axis=1)
+        squared_lengths = np.pad(squared_lengths, [(0, 0), (0, 1)], constant_values=1.0)
+        squared_lengths[:, -1] = end.arm**2
     mass[:, 0] = np.inf
     if far_is_held:
         mass[:, -1] = np.inf
     bending = values["bend_stiffness"] / segment_length**3
     lag_ratio = lag_ratios(damping_time)
     lag_time = np.maximum(damping_time / LAG_RATIO, 1e-9)
-    diagonal, lower1, lower2 = filter_factors(bending * (1.0 + lag_ratio), mass, dt)
+    diagonal, lower1, lower2 = filter_factors(
+        bending * (1.0 + lag_ratio),
+        mass,
+        dt,
+        None if end is None else (last_ratio, JOINT_CELLS),
+    )
     torsion = values["twist_stiffness"] / segment_length
     most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / dt**2
     # Segments and endpoint are solid cylinders of the cable's radius.
     rolling_mass = np.repeat(segment_mass[:, None], segment_count, axis=1)
-    rolling_mass[:, -1] += values["endpoint_mass"]
+    if end is None:
+        rolling_mass[:, -1] += values["endpoint_mass"]
+    else:
+        attached = np.broadcast_to(values["endpoint_mass"], world_count)[:, None]
+        rolling_mass = np.concatenate([rolling_mass, attached], axis=1)
     spin_inertia = 0.5 * rolling_mass * cable.radius**2
     mass_ratio = np.ones_like(mass)
-    mass_ratio[:, -1] = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
+    if end is None:
+        mass_ratio[:, -1] = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
+    else:
+        # The cable's end lies on both its segments, the attachment's on one.
+        mass_ratio[:, -2] = 0.5 + end.joint_mass / segment_mass
+        mass_ratio[:, -1] = 2.0 * end.tip_mass / segment_mass
     # Friction that spins a segment within a step must overcome its inertia, and the neighbours that
     # torsion ties to it.
     squared_time = dt * (dt + damping_time)
@@ -68,6 +97,8 @@ def model_constants(
         2.0 * spin_response[:, 0], (1.0 + mass_ratio[:, -1]) * spin_response[:, -1]
     )
     return {
+        "last_ratio": last_ratio,
+        "squared_length": squared_lengths,
         "inverse_mass": 1.0 / mass,
         "segment_mass": segment_mass,
         "bending": bending,

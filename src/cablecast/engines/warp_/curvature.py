@@ -58,6 +58,14 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return segment
 
     @wp.func
+    def last_segment(model: Model, state: State, group: int):
+        """Return the last `Segment`, stretched to the length of the others."""
+        segment = read_segment(state, group, model.node_count - 2)
+        segment.edge = scale(model.last_ratio[group], segment.edge)
+        segment.edge_rate = scale(model.last_ratio[group], segment.edge_rate)
+        return segment
+
+    @wp.func
     def gripper_segment(model: Model, path: Path, group: int):
         """Return a gripper as the `Segment` that it holds."""
         segment = Segment()
@@ -157,7 +165,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         pivots = model.spin_pivot[group]
         moments = scratch.bending_moment[group]
         right_sides = scratch.torque[group]
-        after = read_segment(state, group, last - 1)
+        after = last_segment(model, state, group)
         torque_after = lane()
         if model.far_is_held == 1:
             gripper = gripper_segment(model, far_path, group)
@@ -181,6 +189,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
             eliminated = mul(mul(coupling, pivots[node]), right_side)
             torque_after = torque
             after = before
+        moments[last - 1] = moments[last - 1] * model.joint_cells
         gripper = gripper_segment(model, path, group)
         torque = held_torque(model, state, scratch, group, 0, gripper, after, previous_dt)
         table_torque = mul(torque_per_impulse, axial_impulses[0])
@@ -189,6 +198,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
     return SimpleNamespace(
         Segment=Segment,
         read_segment=read_segment,
+        last_segment=last_segment,
         gripper_segment=gripper_segment,
         measure_curvature=measure_curvature,
     )

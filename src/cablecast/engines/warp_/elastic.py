@@ -110,15 +110,19 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
             w_after = moments[last]
             turned = twists[last] + mul(torsion_time, far_path.spin[group] - spin_before)
             q_after = twist.shape_force(model, state, group, last, turned) * real(2.0)
+        # A last segment of another length turns the farther, the shorter it is.
+        longer = scale(model.last_ratio[group] - one, w + q)
         i = last - 1
         force = (
-            (w * real(2.0) - w_before - w_after + q_after - q_before)
+            (w * real(2.0) - w_before - w_after + q_after - q_before + longer)
             - scale(lower1[i], force1)
             - scale(lower2[i], force2)
         )
         forces[i] = force
         forces[last] = (
-            (w_after * real(2.0) - w - q) - scale(lower1[last], force) - scale(lower2[last], force1)
+            (w_after * real(2.0) - w - q - longer)
+            - scale(lower1[last], force)
+            - scale(lower2[last], force1)
         )
 
     return SimpleNamespace(elastic_forces=elastic_forces)

@@ -48,6 +48,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
     material = material_functions(precision, lane_count, remembers)
     bend_energy = bending_functions(precision, lane_count).bend_energy
     real, lane, dot, mul, node_mass = f.real, f.lane, f.dot, f.mul, f.reciprocal
+    scale = f.scale
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
     count = wp.constant(lane_count)
     least_scale = wp.constant(LEAST_SCALE)
@@ -76,11 +77,16 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         mass = node_mass(inverse_mass[1])
         kinetic = mul(mass, dot(velocity[1], velocity[1]))
         height = mul(mass, x[2])
+        ratio = one
+        cells = real(1.0)
         for node in range(2, last + 1):
             x_after = position[node]
-            edge_after = x_after - x
+            at_last = real(wp.max(node + 1 - last, 0))
+            ratio = one + (model.last_ratio[group] - one) * at_last
+            cells = real(1.0) + (model.joint_cells - real(1.0)) * at_last
+            edge_after = scale(ratio, x_after - x)
             bend = edge_after - edge
-            bent += bend_energy(dot(bend, bend) * quarter)
+            bent += bend_energy(dot(bend, bend) * quarter) * cells
             twisted += mul(twists[node - 1], twists[node - 1])
             spin = spins[node - 1]
             rolling += mul(mul(spin, spin), one + mass_ratios[node])
@@ -161,6 +167,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             active: 1, or 0 for worlds at rest.
         """
         last = model.node_count - 1
+        end = model.endpoint
         energy = energies(model, path, far_path, state, group)
         gained = energy[0] - state.energy[group] - state.work[group]
         growth = wp.max(state.growth[group] + gained, lane())
@@ -168,20 +175,20 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         weight = model.segment_mass[group] * (model.gravity * real(last))
         least = weight * (length * real(least_scale))
         moving = wp.max(state.energy_scale[group], energy[1])  # pyright: ignore
-        scale = wp.max(moving, least)
+        largest = wp.max(moving, least)
         state.energy[group] = energy[0]
         state.work[group] = lane()
         state.growth[group] = growth
-        state.energy_scale[group] = scale
-        endpoint = state.position[group, last]
+        state.energy_scale[group] = largest
+        endpoint = state.position[group, end]
         sound = active
         for k in range(count):
             # Not a number is not sound either.
-            if active[k] > real(0.0) and not (growth[k] <= real(most_growth) * scale[k]):
+            if active[k] > real(0.0) and not (growth[k] <= real(most_growth) * largest[k]):
                 sound[k] = real(0.0)
                 for c in range(3):
                     endpoint[c, k] = real(wp.nan)
-        state.position[group, last] = endpoint
+        state.position[group, end] = endpoint
         return sound
 
     return SimpleNamespace(

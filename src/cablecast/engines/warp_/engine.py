@@ -12,6 +12,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, plan_rollout
 from cablecast.engines.cables import CableRows
 from cablecast.engines.parts import merge, rows_of
+from cablecast.engines.warp_.attachment import EndSegment, fastest_at_end, has_end
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.features import Features
@@ -153,13 +154,20 @@ class EngineWarp:
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
         stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(material.damping_time)))
-        fastest = fastest_wave(stiffness, segment_mass, cables.length / self.segment_count)
+        segment_length = cables.length / self.segment_count
+        fastest = fastest_wave(stiffness, segment_mass, segment_length)
+        ends = has_end(material, params) & (far_path is None)
+        if ends.any():
+            end = EndSegment.of(segment_length, material, params)
+            at_end = fastest_at_end(stiffness, segment_mass, segment_length, end)
+            fastest = np.maximum(fastest, np.where(ends, at_end, 0.0))
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
+        ends = np.broadcast_to(ends, plan.world_count)
         kinds = cables.kinds(plan.world_count)
 
         def play(part: NDArray[np.int_]) -> tuple[NDArray[np.int_], Rollout]:
-            kind, count = part.tolist()
-            worlds = np.flatnonzero((kinds == kind) & (counts == count))
+            kind, count, has = part.tolist()
+            worlds = np.flatnonzero((kinds == kind) & (counts == count) & (ends == has))
             played = self._play(
                 features,
                 cables.cable(worlds),
@@ -174,10 +182,11 @@ class EngineWarp:
                 ),
                 self.dt / count,
                 record_nodes,
+                bool(has),
             )
             return worlds, played
 
-        parts = np.unique(np.stack([kinds, counts], axis=1), axis=0)[::-1]
+        parts = np.unique(np.stack([kinds, counts, ends], axis=1), axis=0)[::-1]
         if len(cables.cables) == 1 or self.device.is_cuda:
             return merge([play(part) for part in parts])
         # Cables that differ are small parts, which share the cores once the kernel is loaded.
@@ -195,16 +204,23 @@ class EngineWarp:
         plan: RolloutPlan,
         dt: float,
         record_nodes: bool,
+        with_end: bool,
     ) -> Rollout:
-        """Simulate worlds of one length and diameter that take the same step dt [s]."""
+        """Simulate worlds of one length and diameter that take the same step dt [s].
+
+        All or none of them have an attachment that is a body.
+        """
         layout = self._layout(features)
-        batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration)
+        end = None
+        if with_end:
+            end = EndSegment.of(cable.length / self.segment_count, cable.material, params)
+        batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration, end)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
         if far_path is not None:
             motion_end = np.maximum(
                 motion_end, batch.to_lanes(np.asarray(far_path.duration)[:, None])[:, 0]
             )
-        rest_bend = self._rest_bend(cable, grip_path, plan) if features.remembers else None
+        rest_bend = self._rest_bend(cable, grip_path, plan, end) if features.remembers else None
         state = batch.state(plan.initial_state, rest_bend)
         samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
         build = layout.build
@@ -224,10 +240,10 @@ class EngineWarp:
         return batch.read(state, samples, plan.steps_per_sample * dt, far_path is not None)
 
     def _rest_bend(
-        self, cable: Cable, grip_path: GripPath, plan: RolloutPlan
+        self, cable: Cable, grip_path: GripPath, plan: RolloutPlan, end: EndSegment | None
     ) -> NDArray[np.float64]:
         """Return the bend at which nodes feel no moment [m], shape [world, node, 3]."""
-        initial = plan.initial_state
+        initial = plan.initial_state if end is None else end.appended(plan.initial_state)
         curvature = np.atleast_1d(np.asarray(cable.material.rest_curvature, dtype=float))
         worlds = max(len(grip_path), initial.world_count, len(curvature))
         return rest_bends(
@@ -236,6 +252,7 @@ class EngineWarp:
             grip_path,
             np.broadcast_to(curvature, worlds),
             cable.length / self.segment_count,
+            has_joint=end is not None,
         )
 
 

@@ -104,7 +104,7 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         velocity = state.velocity[group]
         spins = state.spin[group]
         predicted_spins = scratch.spin[group]
-        lifted = wp.max(position[last][2] - lane(model.radius * real(1.5)), lane())
+        lifted = wp.max(position[model.endpoint][2] - lane(model.radius * real(1.5)), lane())
         fastest = lifted * real(airborne_weight)
         for node in range(last + 1):
             v = scale(active, velocity[node])

@@ -103,7 +103,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """
         last = model.node_count - 1
         dt = model.dt
-        squared_length = lane(model.segment_length * model.segment_length)
+        squared_lengths = model.squared_length[group]
         position = state.position[group]
         velocity = state.velocity[group]
         inverse_mass = model.inverse_mass[group]
@@ -137,6 +137,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             below = -mul(w, dot(predicted, d_before))
             above = -mul(w_after, dot(predicted, d_after))
             diagonal = mul(w + w_after, dot(predicted, d)) * real(yielding)
+            squared_length = squared_lengths[segment]
             error = (dot(predicted, predicted) - squared_length) * real(0.5)
             inverse_pivot = f.div(lane(real(1.0)), diagonal - mul(below, upper))
             right_side = mul(error - mul(below, right_side), inverse_pivot)
@@ -174,7 +175,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         dt = model.dt
         inverse_dt = real(1.0) / dt
         inverse_squared_length = real(1.0) / (model.segment_length * model.segment_length)
-        squared_length = lane(model.segment_length * model.segment_length)
+        squared_lengths = model.squared_length[group]
         position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
@@ -200,6 +201,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             end = x + pulled * dt
             edge = end_after - end
             # There is no edge after the last node.
+            squared_length = squared_lengths[wp.min(node, last - 1)]
             error = absolute(dot(edge, edge) - squared_length) * real(wp.min(back, 1))
             largest = wp.max(largest, error)
             end_after = end
@@ -207,7 +209,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             x = x_before
             v = v_before
         edge = end_after - (x + v * dt)
-        largest = wp.max(largest, absolute(dot(edge, edge) - squared_length))
+        largest = wp.max(largest, absolute(dot(edge, edge) - squared_lengths[0]))
         return largest * inverse_squared_length
 
     @wp.func
@@ -233,7 +235,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             x = state.position[group, node]
             edge = x + scratch.velocity[group, node] * dt - end
             size = f.root(dot(edge, edge) + lane(real(1.0e-20)))
-            end = end + scale(f.div(lane(model.segment_length), size), edge)
+            end = end + scale(f.div(f.root(model.squared_length[group, node - 1]), size), edge)
             v = state.velocity[group, node]
             # What the segments pass on to each other cancels out; the rest comes from the gripper.
             change = (end - x) * inverse_dt - scratch.velocity[group, node]

@@ -51,6 +51,7 @@ def rest_bends(
     grip_path: GripPath,
     rest_curvature: NDArray[np.float64],
     segment_length: float,
+    has_joint: bool = False,
 ) -> NDArray[np.float64]:
     """Return the bend of each node at which it feels no moment [m], shape [world, node, 3].
 
@@ -61,6 +62,7 @@ def rest_bends(
         grip_path: Path whose start gives the direction of the grip, one row or one per world.
         rest_curvature: Curvature, positive to the left of the gripper [1/m], shape [world].
         segment_length: Length of a segment [m].
+        has_joint: Whether the node before the last clamps an attachment.
     """
     edges = np.diff(positions, axis=1)
     tangents = edges / np.maximum(np.linalg.norm(edges, axis=-1, keepdims=True), 1e-12)
@@ -83,9 +85,9 @@ def rest_bends(
         bends[:, node] = turned
         before = after
     bends[:, -1] = bends[:, -2]
-    # At a gripper lies half a cell.
+    # At a gripper and at an attachment lies half a cell.
     cells = np.ones(positions.shape[1])
-    cells[[0, -1]] = 0.5
+    cells[[0, -2 if has_joint else -1]] = 0.5
     return bends * cells[:, None] * (rest_curvature * segment_length**2)[:, None, None]
 
 
@@ -197,7 +199,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         right_sides = scratch.torque[group]
         coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
         half = real(0.5)
-        after = read_segment(state, group, last - 1)
+        after = segments.last_segment(model, state, group)
         torque_after = lane()
         if model.far_is_held == 1:
             gripper = segments.gripper_segment(model, far_path, group)
@@ -206,17 +208,19 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             )
         # What the torque on a segment and those beyond it leaves after the elimination of these.
         eliminated = lane()
+        cells = model.joint_cells
         for back in range(1, last):
             node = last - back
             before = read_segment(state, group, node - 1)
             torque = remember_node(
-                model, state, scratch, group, node, before, after, real(1.0), previous_dt
+                model, state, scratch, group, node, before, after, cells, previous_dt
             )
             right_side = (torque + torque_after) * half + eliminated
             right_sides[node] = right_sides[node] + right_side
             eliminated = mul(mul(coupling, pivots[node]), right_side)
             torque_after = torque
             after = before
+            cells = real(1.0)
         gripper = segments.gripper_segment(model, path, group)
         torque = remember_node(
             model, state, scratch, group, 0, gripper, after, real(2.0), previous_dt
@@ -246,11 +250,15 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         position = state.position[group]
         edge = path.next_direction[group] * model.segment_length
         energy = lane()
-        for node in range(last):
+        for node in range(last - 1):
             edge_after = position[node + 1] - position[node]
             cells = real(wp.max(2 - node, 1))
             energy += node_energy(model, state, group, node, edge_after - edge) * cells
             edge = edge_after
+        edge_after = scale(model.last_ratio[group], position[last] - position[last - 1])
+        bend = edge_after - edge
+        energy += node_energy(model, state, group, last - 1, bend) * model.joint_cells
+        edge = edge_after
         if model.far_is_held == 1:
             bend = far_path.next_direction[group] * model.segment_length - edge
             energy += node_energy(model, state, group, last, bend) * real(2.0)

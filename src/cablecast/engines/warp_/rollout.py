@@ -148,8 +148,7 @@ def rollout_kernel(precision: str, lane_count: int, features: Features) -> Simpl
     @wp.func
     def record(model: Model, state: State, samples: Samples, group: int, sample: int):
         """Write the endpoint, and the shape where asked for [m]."""
-        last = model.node_count - 1
-        samples.endpoint[group, sample] = state.position[group, last]
+        samples.endpoint[group, sample] = state.position[group, model.endpoint]
         if samples.record_nodes == 1:
             for node in range(model.node_count):
                 samples.nodes[group, sample, node] = state.position[group, node]

@@ -55,6 +55,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         """
         last = model.node_count - 1
         inverse_dt = real(1.0) / model.dt
+        one = lane(real(1.0))
         half_inverse_length = real(0.5) / model.segment_length
         position = state.position[group]
         velocity = state.velocity[group]
@@ -67,6 +68,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         # The endpoint has only the segment before it, which stands for both.
         x_after = x
         share = real(2.0)
+        ratio = model.last_ratio[group]
         roll_after = Roll()
         pull_after = vec3()
         for back in range(last):
@@ -76,7 +78,9 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             roll = rolling.node_roll(roll_before, roll_after, share)
             pull_before = scale(tension[node - 1], x - x_before)
             tensed = scale(inverse_mass[node], pull_after - pull_before) * inverse_dt
-            axis = (x_after - x_before) * (half_inverse_length * share)
+            # As if the segment after the node had the length of the others.
+            stretched_edge = scale(ratio, x - x_before)
+            axis = (x_after - x + stretched_edge) * (half_inverse_length * share)
             normal_impulse = normal_impulses[node]
             free = predicted[node]
             loss = friction_loss(
@@ -94,8 +98,9 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             v[2] = v[2] + normal_impulse
             predicted[node] = v
             velocity[node] = v
-            x_after = x
+            x_after = x_before + stretched_edge
             x = x_before
+            ratio = one
             roll_after = roll_before
             pull_after = pull_before
             share = real(1.0)

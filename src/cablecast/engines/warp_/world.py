@@ -29,11 +29,17 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
 
         Attributes:
             node_count: Number of nodes.
+            endpoint: Index of the cable's end: the last node, or that before an attachment's.
+            joint_cells: Stiffness of the node before the last over that of a whole cell [-]: 2
+                where it clamps an attachment, else 1.
             far_is_held: 1 where a second gripper holds the far end, else 0.
             dt: Step [s].
             segment_length: Length of a segment [m].
             radius: Radius of the cable, and height of a node that lies on the table [m].
             gravity: Acceleration of free fall [m/s²].
+            last_ratio: Length of a segment over that of the last one, which is an attachment's or
+                1 [-], shape [group].
+            squared_length: Square of each segment's length [m²], shape [group, segment].
             inverse_mass: Inverse mass of each node [1/kg], 0 where held, shape [group, node].
             segment_mass: Mass of a segment [kg], shape [group].
             bending: EI / l^3 [N/m], shape [group].
@@ -69,11 +75,15 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         """
 
         node_count: int
+        endpoint: int
+        joint_cells: real
         far_is_held: int
         dt: real
         segment_length: real
         radius: real
         gravity: real
+        last_ratio: wp.array(dtype=lane)
+        squared_length: wp.array2d(dtype=lane)
         inverse_mass: wp.array2d(dtype=lane)
         segment_mass: wp.array(dtype=lane)
         bending: wp.array(dtype=lane)

@@ -1,0 +1,145 @@
+"""An attachment that is a body: its closed forms, and where it is a point mass again."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import Cable, CableParams, load_cable
+from cablecast.conventions import GRAVITY
+from cablecast.engines.base import CableState, reset_state
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.material import Material
+from cablecast.motion.grip_path import GripPath
+
+LENGTH, ARM = 0.3, 0.06
+BARE = {name: 0.0 for name in CableParams.names()}
+
+
+def held_cable(arm, **values):
+    params = CableParams(**(BARE | values))
+    material = Material(attachment_arm=arm)
+    return Cable(name="rod", length=LENGTH, diameter=0.002, params=params, material=material)
+
+
+def free_engine(segment_count, dt):
+    return EngineWarp(
+        segment_count=segment_count, dt=dt, precision="double", table=False, rest_speed=0.0
+    )
+
+
+def chain_frequencies(masses, lengths):
+    """Return the frequencies of a hanging chain of point masses [rad/s], the lowest first."""
+    tension = GRAVITY * np.cumsum(masses[::-1])[::-1] / lengths
+    stiffness = np.diag(tension + np.append(tension[1:], 0.0))
+    stiffness -= np.diag(tension[1:], 1) + np.diag(tension[1:], -1)
+    return np.sqrt(np.sort(np.linalg.eigvals(stiffness / masses[:, None]).real))
+
+
+def test_hanging_attachment_swings_like_a_rod_on_a_thread():
+    # A rod of mass m and length 3/2 arm is m/4 at the thread's end and 3 m/4 an arm beyond it.
+    count, mass, end = 12, 1e-3, 0.02
+    cable = held_cable(ARM, mass=mass, endpoint_mass=end)
+    s = np.linspace(0.0, LENGTH, count + 1)
+    positions = np.zeros((1, count + 1, 3))
+    # Straight, at a small angle: the first two modes hold nearly all of the energy.
+    angle = 0.01
+    positions[0, :, 0], positions[0, :, 2] = s * np.sin(angle), 1.0 - s * np.cos(angle)
+    down = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, -np.pi / 2]), 1.0)
+    rollout = free_engine(count, 5e-4).rollout(
+        cable, cable.params, down, CableState.at_rest(positions), duration=4.0, sample_dt=2e-3
+    )
+    masses = np.append(np.full(count, mass / count), 0.75 * end)
+    masses[-2] = 0.5 * mass / count + 0.25 * end
+    lengths = np.append(np.full(count, LENGTH / count), ARM)
+    expected = chain_frequencies(masses, lengths)
+    waves = expected * rollout.times[:, None]
+    design = np.concatenate([np.cos(waves), np.sin(waves)], axis=1)
+    x = rollout.endpoint_xyz[0, :, 0]
+    left = x - design @ np.linalg.lstsq(design, x, rcond=None)[0]
+    assert np.std(left) < 0.01 * np.std(x)
+    # A point mass swings otherwise.
+    other = chain_frequencies(np.append(masses[:-2], masses[-2:].sum()), lengths[:-1])
+    assert abs(other[0] / expected[0] - 1.0) > 0.02
+
+
+@pytest.mark.parametrize("count", [8, 24])
+def test_weight_of_the_attachment_bends_a_cantilever(count):
+    stiffness, mass, end = 0.05, 5e-4, 4e-3
+    level = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1.0)
+    positions = np.zeros((1, count + 1, 3))
+    positions[0, :, 1], positions[0, :, 2] = np.linspace(0.0, LENGTH, count + 1), 1.0
+    sag = []
+    for arm in (0.0, ARM):
+        cable = held_cable(
+            arm, mass=mass, endpoint_mass=end, bend_stiffness=stiffness, linear_damping=5.0
+        )
+        rollout = free_engine(count, 5e-4).rollout(
+            cable, cable.params, level, CableState.at_rest(positions), duration=5.0, sample_dt=0.5
+        )
+        sag.append(1.0 - rollout.endpoint_xyz[0, -1, 2])
+    # A force F at the end, and the couple 3/4 F arm: F l^3 / (3 EI) + 3/4 F arm l^2 / (2 EI).
+    force = end * GRAVITY
+    by_force = force * LENGTH**3 / (3.0 * stiffness)
+    by_cable = mass * GRAVITY * LENGTH**3 / (8.0 * stiffness)
+    by_couple = 0.75 * force * ARM * LENGTH**2 / (2.0 * stiffness)
+    assert sag[0] == pytest.approx(by_force + by_cable, rel=0.01)
+    assert sag[1] - sag[0] == pytest.approx(by_couple, rel=0.02)
+
+
+def test_energy_of_an_undamped_swing_is_kept():
+    cable = held_cable(ARM, mass=0.02, endpoint_mass=0.02, bend_stiffness=5e-4)
+    count = 20
+    positions = np.zeros((1, count + 1, 3))
+    positions[0, :, 1], positions[0, :, 2] = np.linspace(0.0, LENGTH, count + 1), 1.0
+    level = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1.0)
+    rollout = free_engine(count, 2.5e-4).rollout(
+        cable, cable.params, level, CableState.at_rest(positions), duration=5.0, sample_dt=1e-2
+    )
+    assert rollout.finite.all()
+    height = rollout.endpoint_xyz[0, :, 2]
+    first, last = height[:100].max(), height[-150:].max()
+    assert last <= first + 0.01
+
+
+def test_worlds_with_and_without_an_arm_share_a_batch():
+    cable = load_cable("cable_1")
+    actions_path = GripPath.hold(np.array([0.0, 0.42, 0.02, 0.0, 0.0]), 0.2)
+    engine = EngineWarp(segment_count=20, dt=1e-3)
+
+    def play(arms):
+        material = Material(attachment_arm=np.array(arms))
+        return engine.rollout(
+            cable.with_material(material), cable.params, actions_path, duration=0.6
+        )
+
+    both = play([0.0, 0.03, 0.02])
+    for world, arm in enumerate([0.0, 0.03, 0.02]):
+        alone = play([arm])
+        np.testing.assert_allclose(both.endpoint_xyz[world], alone.endpoint_xyz[0], atol=1e-6)
+    assert both.final_state.positions.shape == (3, 21, 3)
+
+
+def test_a_held_far_end_has_no_arm():
+    cable = load_cable("cable_1")
+    near = GripPath.hold(np.array([0.0, 0.0, 0.3, 0.0, 0.0]), 0.1)
+    far = GripPath.hold(np.array([0.0, 0.5, 0.3, 0.0, 0.0]), 0.1)
+    state = reset_state(cable, cable.params, near, 20)
+    positions = np.array(state.positions)
+    s = np.linspace(0.0, 1.0, 21)
+    positions[0, :, 1], positions[0, :, 2] = 0.5 * s, 0.3 - 0.7 * s * (1.0 - s)
+    state = dataclasses.replace(state, positions=positions)
+    ends = [
+        EngineWarp(segment_count=20, dt=1e-3, table=False)
+        .rollout(
+            cable.with_material(Material(attachment_arm=arm)),
+            cable.params,
+            near,
+            state,
+            duration=0.3,
+            far_path=far,
+        )
+        .final_state.positions
+        for arm in (0.0, 0.03)
+    ]
+    np.testing.assert_array_equal(*ends)
