@@ -82,7 +82,7 @@ class FitConfig:
     coarse_dt: float = 1e-3
     damping_times: tuple[float, ...] = (0.005, 0.01, 0.02, 0.03)
     curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
-    arms: tuple[float, ...] = (1.0, 0.0, 0.7, 1.4)
+    arms: tuple[float, ...] = (1.0, 0.0)
     ensemble_iterations: int = 5
     seed: int = 0
 
