@@ -1,8 +1,8 @@
-"""Fit with and without a material: what damping and curl are worth on casts.
+"""Fit with and without a material: what damping, curl and an attachment with size are worth.
 
 Casts of each cable on each copy of the virtual laboratory are collected, as `cablecast aim` makes
-them, and random ones. The first are fitted with the ten parameters alone, and with damping and curl
-where these casts ask for them; the random ones tell how far the simulated endpoint then is from the
+them, and random ones. The first are fitted with the ten parameters alone, and with an attachment
+that is a body, damping and curl where these casts ask for them; the random ones tell how far the simulated endpoint then is from the
 measured one.
 """
 
@@ -17,6 +17,7 @@ from benchmarks.common import Table, write_json
 from cablecast.cli.progress import console_progress
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
+from cablecast.material import ROD_ARM
 from cablecast.pipeline.collect import AnySampling, collect
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.make import make_rig
@@ -31,6 +32,7 @@ COLUMNS = (
     "fit",
     "damping time [ms]",
     "curl [rad]",
+    "attachment [mm]",
     "gain",
     "on the way, mean [%]",
     "at rest, median [%]",
@@ -114,9 +116,12 @@ def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tu
             workers=args.workers,
             progress=progress,
         )
-    row, material = tuned.metrics["validation"]["tuned"], tuned.dynamics.material
-    damping_time = 0.0 if material is None else float(np.asarray(material.damping_time))
-    curvature = 0.0 if material is None else float(np.asarray(material.rest_curvature))
+    row = tuned.metrics["validation"]["tuned"]
+    material = tuned.dynamics.material or casts.cable.material
+    damping_time, curvature, arm = (
+        float(np.asarray(value))
+        for value in (material.damping_time, material.rest_curvature, material.attachment_arm)
+    )
     names = ("mean", "final_median", "final_first_quartile", "final_third_quartile")
     return (
         casts.cable.name,
@@ -124,6 +129,7 @@ def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tu
         "ten parameters" if settings else "material tried",
         1e3 * damping_time,
         round(curvature * casts.cable.length, 2),
+        round(1e3 * arm / ROD_ARM, 1),
         round(tuned.metrics["material_gain"], 1),
         *(row[f"{name}_pct"] for name in names),
     )

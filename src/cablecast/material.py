@@ -18,6 +18,9 @@ MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
 }
 """Allowed range of each value of a `Material`, bounds included."""
 
+ROD_ARM = 2.0 / 3.0
+"""Arm of an attachment that is a uniform rod, over its length [-]."""
+
 AIR_DENSITY = 1.2
 """Density of air at 20 degrees at sea level [kg/m³]."""
 

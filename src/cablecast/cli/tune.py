@@ -7,6 +7,9 @@ from typing import Annotated, Any
 
 from cablecast.cli.options import Device, argument
 
+if typing.TYPE_CHECKING:
+    from cablecast.material import Material
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tune:
@@ -100,9 +103,28 @@ class Tune:
         for line in tuned.metrics["open"]:
             print(f"note: {line}")
         if (material := tuned.dynamics.material) is not None:
-            time_ms = 1e3 * material.damping_time
-            print(f"note: the casts ask for a material with a damping time of {time_ms:g} ms")
+            words = material_words(material, casts.cable.length)
+            print(f"note: the casts are followed best with {words}")
         print(f"parameters  {out / PARAMS_FILE}\ntracks      {out / TRACKS_FILE}")
+
+
+def material_words(material: "Material", length: float) -> str:
+    """Return what a fit found beside the ten parameters, in words.
+
+    Args:
+        material: Material that was found; one value each.
+        length: Length of the cable [m].
+    """
+    from cablecast.material import ROD_ARM
+
+    words = []
+    if material.damping_time:
+        words.append(f"a damping time of {1e3 * material.damping_time:g} ms")
+    if material.rest_curvature:
+        words.append(f"a curl of {material.rest_curvature * length:.2g} rad over the cable")
+    if material.attachment_arm:
+        words.append(f"an attachment of {1e3 * material.attachment_arm / ROD_ARM:.0f} mm")
+    return ", ".join(words)
 
 
 def print_table(metrics: dict[str, Any], cable_name: str) -> None:

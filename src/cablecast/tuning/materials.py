@@ -15,11 +15,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from cablecast.cable import Attachment, Cable
-from cablecast.material import MATERIAL_BOUNDS, Material
+from cablecast.material import MATERIAL_BOUNDS, ROD_ARM, Material
 from cablecast.tuning.least_squares import FitConfig, FitState, TrackFit
-
-ROD_ARM = 2.0 / 3.0
-"""Arm of a uniform rod over its length (`Material.attachment_arm`)."""
 
 GAIN_MIN = 0.5
 """Logarithm of the factor by which a change must make tracks and material more likely."""

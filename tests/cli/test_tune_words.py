@@ -1,0 +1,15 @@
+"""What `cablecast tune` says of the material that it found."""
+
+from cablecast.cli.tune import material_words
+from cablecast.material import Material
+
+
+def test_what_was_found_beside_the_ten_parameters_is_said_with_units():
+    found = Material(damping_time=0.01, rest_curvature=0.8, attachment_arm=0.02)
+    words = material_words(found, 0.5)
+    expected = "a damping time of 10 ms, a curl of 0.4 rad over the cable, an attachment of 30 mm"
+    assert words == expected
+
+
+def test_what_was_not_found_is_not_said():
+    assert material_words(Material(attachment_arm=0.02), 0.5) == "an attachment of 30 mm"
