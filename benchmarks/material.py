@@ -2,8 +2,8 @@
 
 Casts of each cable on each copy of the virtual laboratory are collected, as `cablecast aim` makes
 them, and random ones. The first are fitted with the ten parameters alone, and with an attachment
-that is a body, damping and curl where these casts ask for them; the random ones tell how far the simulated endpoint then is from the
-measured one.
+that is a body, damping and curl where these casts ask for them; the random ones tell how far the
+simulated endpoint then is from the measured one.
 """
 
 import dataclasses
