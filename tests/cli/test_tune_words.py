@@ -1,4 +1,4 @@
-"""What `cablecast tune` says of the material that it found."""
+"""Words of `cablecast tune` about the material that it found."""
 
 from cablecast.cli.tune import material_words
 from cablecast.material import Material

@@ -87,7 +87,7 @@ def test_weight_of_the_attachment_bends_a_cantilever(count):
     assert sag[1] - sag[0] == pytest.approx(by_couple, rel=0.02)
 
 
-def test_energy_of_an_undamped_swing_is_kept():
+def test_an_undamped_swing_with_an_attachment_gains_no_height():
     cable = held_cable(ARM, mass=0.02, endpoint_mass=0.02, bend_stiffness=5e-4)
     count = 20
     positions = np.zeros((1, count + 1, 3))

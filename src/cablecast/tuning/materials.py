@@ -139,9 +139,9 @@ def _changes(
                 yield dataclasses.replace(material, rest_curvature=curvature)
     if not np.any(own.attachment_arm):
         usual = _usual_arm(cable)
-        for arm in {factor * usual: None for factor in config.arms}:
-            if arm != material.attachment_arm:
-                yield dataclasses.replace(material, attachment_arm=arm)
+        for factor in config.arms:
+            if factor * usual != material.attachment_arm:
+                yield dataclasses.replace(material, attachment_arm=factor * usual)
 
 
 def _doubt(material: Material, own: Material, cable: Cable) -> float:

@@ -162,7 +162,6 @@ class Batch:
         """
         build, shape = self.build, (self.group_count, self.node_count)
         state = build.State()
-        initial = initial if self.end is None else self.end.appended(initial)
         for name, values in (("position", initial.positions), ("velocity", initial.velocities)):
             lanes = self.to_lanes(values.reshape(len(values), -1))
             lanes = lanes.reshape(*shape, 3, self.layout.lane_count)
@@ -239,7 +238,6 @@ class Batch:
         nodes = None
         if samples.record_nodes:
             nodes = self.to_worlds(samples.nodes)[:, :, : count + 1]
-        if nodes is not None:
             nodes[broken] = np.nan
         return Rollout(
             times=np.arange(endpoint.shape[1]) * sample_dt,

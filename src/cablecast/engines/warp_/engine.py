@@ -214,13 +214,16 @@ class EngineWarp:
         end = None
         if with_end:
             end = EndSegment.of(cable.length / self.segment_count, cable.material, params)
+            plan = dataclasses.replace(plan, initial_state=end.appended(plan.initial_state))
         batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration, end)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
         if far_path is not None:
             motion_end = np.maximum(
                 motion_end, batch.to_lanes(np.asarray(far_path.duration)[:, None])[:, 0]
             )
-        rest_bend = self._rest_bend(cable, grip_path, plan, end) if features.remembers else None
+        rest_bend = (
+            self._rest_bend(cable, grip_path, plan, with_end) if features.remembers else None
+        )
         state = batch.state(plan.initial_state, rest_bend)
         samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
         build = layout.build
@@ -240,10 +243,10 @@ class EngineWarp:
         return batch.read(state, samples, plan.steps_per_sample * dt, far_path is not None)
 
     def _rest_bend(
-        self, cable: Cable, grip_path: GripPath, plan: RolloutPlan, end: EndSegment | None
+        self, cable: Cable, grip_path: GripPath, plan: RolloutPlan, with_end: bool
     ) -> NDArray[np.float64]:
         """Return the bend at which nodes feel no moment [m], shape [world, node, 3]."""
-        initial = plan.initial_state if end is None else end.appended(plan.initial_state)
+        initial = plan.initial_state
         curvature = np.atleast_1d(np.asarray(cable.material.rest_curvature, dtype=float))
         worlds = max(len(grip_path), initial.world_count, len(curvature))
         return rest_bends(
@@ -252,7 +255,7 @@ class EngineWarp:
             grip_path,
             np.broadcast_to(curvature, worlds),
             cable.length / self.segment_count,
-            has_joint=end is not None,
+            has_joint=with_end,
         )
 
 
