@@ -1,4 +1,4 @@
-"""Material: damping, curl, drag and grain of a cable, beside the ten parameters of the paper."""
+"""Material: damping, curl, yield, drag and grain of a cable, beside the ten of the paper."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -15,6 +15,8 @@ MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
     "drag_coefficient": (0.0, 50.0, ""),
     "friction_ratio": (0.1, 10.0, ""),
     "attachment_arm": (0.0, 0.3, "m"),
+    "yield_curvature": (0.0, 1000.0, "1/m"),
+    "yield_time": (0.0, 100.0, "s"),
 }
 """Allowed range of each value of a `Material`, bounds included."""
 
@@ -44,6 +46,10 @@ class Material:
         attachment_arm: Two thirds of the length of an attachment that the cable's end clamps, a
             uniform rod that goes on as the cable ends; a point mass at the cable's end where 0. A
             rod moves like a quarter of its mass there and the rest an arm beyond [m].
+        yield_curvature: Elastic curvature beyond which a bend stays in the cable; 0 for a cable
+            that springs back from every bend [1/m].
+        yield_time: Time in which all but 1 / e of the curvature beyond goes over into the cable's
+            shape; 0 for at once [s].
     """
 
     damping_time: float | NDArray[np.float64] = 0.0
@@ -51,6 +57,8 @@ class Material:
     drag_coefficient: float | NDArray[np.float64] = 0.0
     friction_ratio: float | NDArray[np.float64] = 1.0
     attachment_arm: float | NDArray[np.float64] = 0.0
+    yield_curvature: float | NDArray[np.float64] = 0.0
+    yield_time: float | NDArray[np.float64] = 0.0
 
     def __post_init__(self):
         for name, (low, high, unit) in MATERIAL_BOUNDS.items():
@@ -73,8 +81,11 @@ class Material:
 
     @property
     def remembers(self) -> bool:
-        """True if bends are remembered: bending is damped or the cable is curled."""
-        return bool(np.any(self.damping_time) or np.any(self.rest_curvature))
+        """True if bends are remembered: bending is damped, or the cable is curled or yields."""
+        return any(
+            np.any(value)
+            for value in (self.damping_time, self.rest_curvature, self.yield_curvature)
+        )
 
     @property
     def drags(self) -> bool:
@@ -139,7 +150,13 @@ class Material:
             raise InputError("only a material that all worlds share can be written to a file")
         values = {name: float(getattr(self, name)) for name in MATERIAL_BOUNDS}
         # Left out where they do nothing, so that casts from before there were any still belong.
-        nothing_by = {"drag_coefficient": 0.0, "friction_ratio": 1.0, "attachment_arm": 0.0}
+        nothing_by = {
+            "drag_coefficient": 0.0,
+            "friction_ratio": 1.0,
+            "attachment_arm": 0.0,
+            "yield_curvature": 0.0,
+            "yield_time": 0.0,
+        }
         for name, nothing in nothing_by.items():
             if values[name] == nothing:
                 del values[name]

@@ -1,4 +1,4 @@
-"""Materials that damp and curl, against closed forms."""
+"""Materials that damp, curl and yield, against closed forms."""
 
 import dataclasses
 
@@ -12,9 +12,14 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.material import LAG_RATIO
 from cablecast.errors import InputError
 from cablecast.material import Material
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
+from cablecast.setup import Setup
 
 LENGTH, DENSITY, HEIGHT = 0.6, 0.05, 2.0
+# A pull that sags the cantilever by a few hundredths of its length [m/s²].
+GENTLE_PULL = 0.5
 SEGMENT_COUNT = 30
 # First solution of cos(x) cosh(x) = -1: the first mode of a cantilever.
 FIRST_MODE = 1.8751041
@@ -158,11 +163,59 @@ def test_the_energy_of_a_material_is_no_growth():
     assert rollout.finite.all()
 
 
+def sagging(cable, duration):
+    """Return how far the end of a cantilever hangs down, after 3 s and at the end [m]."""
+    slow = dataclasses.replace(cable, params=dataclasses.replace(cable.params, linear_damping=0.5))
+    engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0, gravity=GENTLE_PULL)
+    path = GripPath.hold([*START, 0.0, 0.0], 0.1)
+    state = CableState.at_rest(straight())
+    rollout = engine.rollout(slow, slow.params, path, state, duration, 1.0)
+    return HEIGHT - rollout.endpoint_xyz[:, [3, -1], 2]
+
+
+@pytest.mark.parametrize("curvature", [0.02, 0.05])
+def test_a_cantilever_that_yields_under_its_weight_creeps(curvature):
+    damping_time, time = 0.05, 2.0
+    cable = made_of(damping_time=damping_time, yield_curvature=curvature, yield_time=time)
+    before, after = sagging(cable, 6.0)[0]
+    # Statics tell the elastic curvature, w x² / (2 EI) at x from the end. All beyond the yield
+    # curvature goes over into the cable's shape, and lowers the end by x. The damping adds its
+    # time.
+    stiffness, load = CABLE.params.bend_stiffness, DENSITY * GENTLE_PULL
+    start = np.sqrt(2.0 * stiffness * curvature / load)
+    rate = load * (LENGTH**4 - start**4) / (8.0 * stiffness)
+    rate = (rate - curvature * (LENGTH**2 - start**2) / 2.0) / (time + damping_time)
+    assert (after - before) / 3.0 == pytest.approx(rate, rel=0.01)
+
+
+def test_a_cable_springs_back_from_bends_below_its_yield_curvature():
+    # A cable that is let go swings to twice the bend in which it comes to rest, and a little more.
+    greatest = 2.2 * DENSITY * GENTLE_PULL * LENGTH**2 / (2.0 * CABLE.params.bend_stiffness)
+    elastic, yielding, over = (
+        sagging(made_of(damping_time=0.05, yield_curvature=curvature), 4.0)[0]
+        for curvature in (0.0, greatest, 0.3 * greatest)
+    )
+    # Rounding alone.
+    np.testing.assert_allclose(yielding, elastic, atol=2e-6)
+    assert over[1] > elastic[1] + 1e-4
+
+
+def test_bends_that_stay_are_no_growth_of_energy():
+    setup = Setup()
+    actions = feasible_uniform(64, setup, seed=3)
+    limits = np.linspace(5.0, 40.0, 64)
+    material = Material(damping_time=0.005, yield_curvature=limits, yield_time=0.1)
+    cable = setup.cable.with_material(material)
+    rollout = EngineWarp(28, 1e-3).rollout(cable, cable.params, cast_grip_paths(actions, setup))
+    assert rollout.finite.all()
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [
         ({"damping_time": -0.1}, "damping_time = -0.1 s is outside"),
         ({"rest_curvature": np.array([0.0, 80.0])}, "rest_curvature = 80 1/m is outside"),
+        ({"yield_curvature": -1.0}, "yield_curvature = -1 1/m is outside"),
         ({"damping_time": "long"}, "damping_time must be a number"),
     ],
 )
@@ -172,7 +225,7 @@ def test_values_out_of_bounds_are_refused(values, words):
 
 
 def test_a_material_is_written_with_its_cable_and_read_again():
-    cable = made_of(damping_time=0.02)
+    cable = made_of(damping_time=0.02, yield_curvature=20.0, yield_time=0.3)
     assert Cable.from_dict(cable.to_dict()) == cable
     assert "material" not in CABLE.to_dict()
 

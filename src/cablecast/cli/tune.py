@@ -122,6 +122,8 @@ def material_words(material: "Material", length: float) -> str:
         words.append(f"a damping time of {1e3 * material.damping_time:g} ms")
     if material.rest_curvature:
         words.append(f"a curl of {material.rest_curvature * length:.2g} rad over the cable")
+    if material.yield_curvature:
+        words.append(f"bends that stay if they are sharper than {material.yield_curvature:g} 1/m")
     if material.attachment_arm:
         words.append(f"an attachment of {1e3 * material.attachment_arm / ROD_ARM:.0f} mm")
     return ", ".join(words)

@@ -69,6 +69,8 @@ class FitConfig:
             where empty.
         arms: Lengths of the attachment that are tried, over that in the cable's file; the fit
             begins with the first one. The attachment is a point mass where 0 or empty.
+        yield_curvatures: Curvatures beyond which a bend stays in the cable that are tried [1/m]; 0
+            is a cable that springs back from every bend.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -83,6 +85,7 @@ class FitConfig:
     damping_times: tuple[float, ...] = (0.005, 0.01, 0.02, 0.03)
     curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
     arms: tuple[float, ...] = (1.0, 0.0)
+    yield_curvatures: tuple[float, ...] = (0.0, 10.0, 20.0, 40.0)
     ensemble_iterations: int = 5
     seed: int = 0
 
@@ -93,6 +96,8 @@ class FitConfig:
             check_number("curls", turn, -6.3, 6.3, "rad")
         for arm in self.arms:
             check_number("arms", arm, 0.0, 10.0)
+        for curvature in self.yield_curvatures:
+            check_number("yield_curvatures", curvature, 0.0, 1000.0, "1/m")
         for name, low, high in (
             ("start_count", 1, 1000),
             ("coarse_iterations", 0, 1000),

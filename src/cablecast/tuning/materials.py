@@ -32,6 +32,13 @@ ARM_FACTOR, POINT_DOUBT = 1.5, 2.0
 """Factor of a standard deviation by which an attachment acts as if it were longer or shorter than
 it is, and minus the logarithm of how likely it acts as a point mass."""
 
+YIELD_USUAL, YIELD_FACTOR, YIELD_DOUBT = 20.0, 2.5, 0.5
+"""Usual curvature beyond which bends stay in a cable [1/m], the factor of a standard deviation, and
+minus the logarithm of how likely any bend stays. A rope that was bent about a finger keeps it."""
+
+YIELD_TIME = 0.4
+"""Time in which such a bend stays in the cable [s]."""
+
 ITERATIONS = 3
 """Steps of the parameters with each change, and without one."""
 
@@ -137,6 +144,11 @@ def _changes(
             curvature = float(np.asarray(material.rest_curvature)) + turn / cable.length
             if abs(curvature) <= bound:
                 yield dataclasses.replace(material, rest_curvature=curvature)
+    if not np.any(own.yield_curvature):
+        for curvature in config.yield_curvatures:
+            if curvature != material.yield_curvature:
+                time = YIELD_TIME if curvature else 0.0
+                yield dataclasses.replace(material, yield_curvature=curvature, yield_time=time)
     if not np.any(own.attachment_arm):
         usual = _usual_arm(cable)
         for factor in config.arms:
@@ -153,6 +165,10 @@ def _doubt(material: Material, own: Material, cable: Cable) -> float:
     if not np.any(own.rest_curvature):
         turn = float(np.asarray(material.rest_curvature)) * cable.length
         doubt += 0.5 * (turn / CURL_DEVIATION) ** 2
+    yields = float(np.asarray(material.yield_curvature))
+    if yields and not np.any(own.yield_curvature):
+        farther = float(np.log(yields / YIELD_USUAL) / np.log(YIELD_FACTOR))
+        doubt += YIELD_DOUBT + 0.5 * farther**2
     if not np.any(own.attachment_arm) and (usual := _usual_arm(cable)):
         arm = float(np.asarray(material.attachment_arm))
         longer = np.log(arm / usual) / np.log(ARM_FACTOR) if arm else 0.0

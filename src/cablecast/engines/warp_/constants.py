@@ -11,6 +11,9 @@ from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
 from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
 from cablecast.material import AIR_DENSITY
 
+NEVER_CURVED = 1e9
+"""Curvature that no cable reaches [1/m]."""
+
 MOST_VISCOSITY = 0.25
 """Share of a difference of velocity that damped rotation may exchange between neighbours in a step:
 more would let short segments ring. The default resolution stays far below it."""
@@ -47,6 +50,8 @@ def model_constants(
         for columns in (values, material)
     )
     damping_time = material["damping_time"]
+    yields = material["yield_curvature"] > 0.0
+    yield_curvature = np.where(yields, material["yield_curvature"], NEVER_CURVED)
     segment_length = cable.length / segment_count
     segment_mass = values["mass"] / segment_count
     mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
@@ -106,6 +111,8 @@ def model_constants(
         "torsion_time": dt + damping_time,
         "lag_ratio": lag_ratio,
         "lag_kept": np.exp(-dt / lag_time),
+        "yield_bend": yield_curvature * segment_length**2,
+        "yield_share": dt / (dt + material["yield_time"]),
         "shape_torsion": np.minimum(torsion, most_torsion),
         "friction": values["lateral_friction"] * values["worksurface_friction"],
         "rolling_friction": values["rolling_friction"] / cable.radius,

@@ -1,4 +1,4 @@
-"""Material: bending that lags behind, and a cable that is curved when nothing bends it.
+"""Material: bending that lags behind, a curl, and sharp bends that stay in the cable.
 
 Each node remembers two bends as vectors that turn with the cable's material: `rest`, the bend at
 which it feels no moment, and `lag`, the bend to which a dashpot has yielded so far. With b the bend
@@ -9,6 +9,9 @@ of the node (bending.py), its moment over the segment length is
 This is Zener's solid: a spring beside a spring of R times its stiffness that a dashpot stretches.
 For motions slower than T it is Kelvin's and Voigt's, EI (curvature + R T d curvature / dt); faster
 ones find it stiffer, but never rigid, so that no step is too long for it.
+
+Where the elastic bend b - rest is greater than that of the yield curvature, rest follows it by the
+excess over the yield time, as in Bingham's solid: a sharp bend that lasts stays in the cable.
 
 What is remembered is carried by the tangent without turning, and turned by the spin about it. So
 the moment of a memory has a part that turns segments about their axis: a bent cable that rolls is
@@ -108,6 +111,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
     segments = curvature_functions(precision, lane_count)
     Segment, read_segment = segments.Segment, segments.read_segment
     folded = wp.constant(0.01)
+    tiny = wp.constant(1e-12)
 
     @wp.func
     def turned(a: vec3, half_turn: vec3, damp: lane):
@@ -158,6 +162,11 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         # In the first step, the dashpot is where the cable is.
         kept = mul(model.lag_kept[group], previous_dt) * (real(1.0) / model.dt)
         lag = bend + scale(kept, lag - bend)
+        elastic = bend - rest
+        size = f.root(dot(elastic, elastic) + lane(squared_length * real(tiny)))
+        excess = wp.max(size - model.yield_bend[group] * (real(1.0) / cells), lane())
+        yielded = mul(model.yield_share[group], previous_dt) * (real(1.0) / model.dt)
+        rest = rest + scale(mul(yielded, f.div(excess, size)), elastic)
         state.rest_bend[group, node] = rest
         state.lag_bend[group, node] = lag
         stiffness = model.bending[group] * cells

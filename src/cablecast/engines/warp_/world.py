@@ -48,6 +48,10 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             lag_ratio: Stiffness of the spring before the dashpot, over that of bending [-],
                 shape [group].
             lag_kept: Share of its stretch that this spring keeps in a step [-], shape [group].
+            yield_bend: Elastic bend of a whole cell beyond which the cable yields [m],
+                shape [group].
+            yield_share: Share of what lies beyond it that stays in the cable after a step [-],
+                shape [group].
             shape_torsion: GJ / l as far as it acts on the shape (twist.py) [N·m], shape [group].
             friction: Coulomb coefficient [-], shape [group].
             rolling_friction: Lever arm of rolling friction over the radius [-], shape [group].
@@ -91,6 +95,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         torsion_time: wp.array(dtype=lane)
         lag_ratio: wp.array(dtype=lane)
         lag_kept: wp.array(dtype=lane)
+        yield_bend: wp.array(dtype=lane)
+        yield_share: wp.array(dtype=lane)
         shape_torsion: wp.array(dtype=lane)
         friction: wp.array(dtype=lane)
         rolling_friction: wp.array(dtype=lane)
