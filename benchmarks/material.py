@@ -39,7 +39,13 @@ COLUMNS = (
     "q1",
     "q3",
 )
-NO_MATERIAL: dict[str, Any] = {"damping_times": (), "curls": (), "arms": ()}
+NO_MATERIAL: dict[str, Any] = {
+    "drag_coefficient": 0.0,
+    "damping_times": (),
+    "curls": (),
+    "yield_curvatures": (),
+    "arms": (),
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Damping, curl and an arm are taken up where the casts ask for them, and only there."""
+"""Damping, curl, yield and an arm are taken up where the casts ask for them, and only there."""
 
 import dataclasses
 
@@ -10,11 +10,18 @@ from cablecast.material import Material
 from cablecast.setup import Setup
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
-from cablecast.tuning.materials import GAIN_MIN
+from cablecast.tuning.materials import GAIN_MIN, first_material
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.result import params_file, read_dynamics, write_params
 
-WITH_ARMS = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
+WITH_ARMS = FitConfig(
+    start_count=2,
+    coarse_iterations=6,
+    fine_start_count=1,
+    fine_iterations=2,
+    drag_coefficient=0.0,
+    yield_curvatures=(),
+)
 # The hook of most of these casts is a point mass.
 CONFIG = dataclasses.replace(WITH_ARMS, arms=())
 # Whether materials are tried does not depend on how good the fit is.
@@ -57,7 +64,8 @@ def test_a_cable_that_rates_of_damping_explain_gets_no_damping_time(cable, track
     no_curls = dataclasses.replace(CONFIG, curls=())
     result = fit_params(cable, tracks, None, engine, engine, no_curls)
     assert result.material is None
-    assert result.material_gain == 0.0
+    # The fit begins with the usual damping time.
+    assert result.material_gain > GAIN_MIN
 
 
 def test_the_curl_of_a_cable_is_found_with_a_handful_of_casts_to_both_sides(cable, truth, tracks):
@@ -72,6 +80,27 @@ def test_the_curl_of_a_cable_is_found_with_a_handful_of_casts_to_both_sides(cabl
     without = fit_params(cable, curled, None, engine, engine, straight)
     assert without.material is None
     assert result.training.loss[1] < 0.8 * without.training.loss[1]
+
+
+def test_bends_that_stay_in_a_cable_are_found(cable, truth, tracks):
+    yielding = Material(yield_curvature=10.0, yield_time=0.4)
+    bent = tracks_of(cable, truth, tracks, yielding)
+    engine = EngineWarp(**COARSE)
+    alone = dataclasses.replace(
+        CONFIG, curls=(), damping_times=(), yield_curvatures=(0.0, 10.0, 20.0, 40.0)
+    )
+    result = fit_params(cable, bent, None, engine, engine, alone)
+    assert result.material == yielding
+    assert result.material_gain > GAIN_MIN
+
+
+def test_air_drags_on_a_cable_and_damping_is_usual_unless_its_file_says_otherwise(cable):
+    usual = first_material(cable, FitConfig())
+    assert usual.drag_coefficient == FitConfig().drag_coefficient
+    assert usual.damping_time == FitConfig().damping_times[0]
+    own = Material(damping_time=0.002, drag_coefficient=0.6)
+    first = first_material(dataclasses.replace(cable, material=own), FitConfig())
+    assert (first.damping_time, first.drag_coefficient) == (0.002, 0.6)
 
 
 def test_what_the_cables_file_says_is_kept(cable, damped):

@@ -64,7 +64,10 @@ class FitConfig:
         coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
             time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
-        damping_times: Damping times of the material that are tried [s]; none where empty.
+        drag_coefficient: Drag of the air across the cable, unless the cable's file gives one: that
+            of a smooth cylinder; 0 for none.
+        damping_times: Damping times of the material that are tried [s]; the fit begins with the
+            first one. Bending is not damped where empty.
         curls: Changes of the curl that are tried, by how far they turn the whole cable [rad]; none
             where empty.
         arms: Lengths of the attachment that are tried, over that in the cable's file; the fit
@@ -82,7 +85,8 @@ class FitConfig:
     fine_iterations: int = 4
     coarse_segment_count: int = 28
     coarse_dt: float = 1e-3
-    damping_times: tuple[float, ...] = (0.005, 0.01, 0.02, 0.03)
+    drag_coefficient: float = 1.1
+    damping_times: tuple[float, ...] = (0.01, 0.0, 0.005, 0.02, 0.03)
     curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
     arms: tuple[float, ...] = (1.0, 0.0)
     yield_curvatures: tuple[float, ...] = (0.0, 10.0, 20.0, 40.0)
@@ -91,7 +95,7 @@ class FitConfig:
 
     def __post_init__(self):
         for time in self.damping_times:
-            check_number("damping_times", time, 1e-4, 1.0, "s")
+            check_number("damping_times", time, 0.0, 1.0, "s")
         for turn in self.curls:
             check_number("curls", turn, -6.3, 6.3, "rad")
         for arm in self.arms:
@@ -107,7 +111,7 @@ class FitConfig:
             ("coarse_segment_count", 2, 1000),
         ):
             check_count(name, getattr(self, name), low, high)
-        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s")})
+        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s"), "drag_coefficient": (0.0, 50.0, "")})
         check_seed(self.seed)
 
 

@@ -1,12 +1,13 @@
-"""Material that a fit takes up where the casts ask for it: damping, curl, and the attachment.
+"""Material that a fit takes up where the casts ask for it: damping, curl, yield, the attachment.
 
 Of the ten parameters, `angular_damping` stands for all bending losses: a rate at which segments
 stop turning. A material loses energy where it bends instead (`Material.damping_time`), and a cable
 that was wound on a reel keeps a curl (`rest_curvature`), which makes casts to the left and to the
-right differ. An attachment is a body that the cable's end clamps (`attachment_arm`), of the length
-that its file gives unless the casts tell another one. The fit changes one of them at a time, fits
-the parameters anew, and keeps the change that makes the tracks and what is believed of materials
-most likely, as long as there is one.
+right differ. A sharp bend that lasts stays in it (`yield_curvature`). An attachment is a body that
+the cable's end clamps (`attachment_arm`), of the length that its file gives unless the casts tell
+another one. The fit begins with usual values and changes one at a time, fits the parameters anew,
+and keeps the change that makes the tracks and what is believed of materials most likely, as long as
+there is one.
 """
 
 import dataclasses
@@ -61,12 +62,17 @@ class MaterialChoice:
     gain: float = 0.0
 
 
-def first_material(cable: Cable, config: FitConfig) -> Material | None:
-    """Return the material that a fit begins with; None for that of the cable."""
+def first_material(cable: Cable, config: FitConfig) -> Material:
+    """Return the material that a fit begins with: what the cable's file gives, and usual values."""
     own = cable.material
-    if not config.arms or np.any(own.attachment_arm) or not _usual_arm(cable):
-        return None
-    return dataclasses.replace(own, attachment_arm=config.arms[0] * _usual_arm(cable))
+    usual: dict[str, float] = {}
+    if config.drag_coefficient and not np.any(own.drag_coefficient):
+        usual["drag_coefficient"] = config.drag_coefficient
+    if config.damping_times and not np.any(own.damping_time):
+        usual["damping_time"] = config.damping_times[0]
+    if config.arms and not np.any(own.attachment_arm):
+        usual["attachment_arm"] = config.arms[0] * _usual_arm(cable)
+    return dataclasses.replace(own, **usual)
 
 
 def _usual_arm(cable: Cable) -> float:
@@ -135,7 +141,7 @@ def _changes(
 ) -> Iterator[Material]:
     """Return materials that differ in one value from one, unless the cable's file gives it."""
     if not np.any(own.damping_time):
-        for time in (0.0, *config.damping_times):
+        for time in config.damping_times:
             if time != material.damping_time:
                 yield dataclasses.replace(material, damping_time=time)
     if not np.any(own.rest_curvature):
