@@ -86,9 +86,13 @@ QUICK: dict[str, Any] = {
 }
 
 
-def run(args: Args, report: ProgressCallback) -> dict[tuple[str, str, int, str], list[dict]]:
+Found = dict[tuple[str, str, int, str], list[dict]]
+"""Results at the targets by rig, cable, number of casts and method."""
+
+
+def run(args: Args, report: ProgressCallback) -> Found:
     """Return the results by rig, cable, number of casts and method."""
-    found: dict[tuple[str, str, int, str], list[dict]] = {}
+    found: Found = {}
     for name in args.rigs:
         for cable in args.cables:
             for lab, own in zip(args.labs, args.shares, strict=True):
@@ -102,10 +106,9 @@ def run(args: Args, report: ProgressCallback) -> dict[tuple[str, str, int, str],
     return found
 
 
-def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int) -> None:
-    """Print the misses of every try, and how often the stated regions held."""
+def print_misses(found: Found, tries: int, which: str = "") -> None:
+    """Print the misses of every try."""
     rows_of_misses: list[tuple] = []
-    rows_of_regions: list[tuple] = []
     for (name, cable, count, method), rows in found.items():
         misses = np.array([row["miss_pct"] for row in rows])
         for number in range(try_count(method, tries)):
@@ -117,20 +120,27 @@ def print_tables(found: dict[tuple[str, str, int, str], list[dict]], tries: int)
             quartiles = (f"{q1:.1f}", f"{q3:.1f}", f"{lost:.1f}")
             row = (name, cable, count, method, len(values), number + 1, spread, *quartiles)
             rows_of_misses.append(row)
-            if method not in ("aim", "one simulator"):
-                continue
+    title = "Miss of each try in % of cable length; missed: no landing, or a length off or more [%]"
+    print(Table(title=title + which, columns=COLUMNS, rows=rows_of_misses))
+
+
+def print_regions(found: Found, tries: int) -> None:
+    """Print how often the regions held that were stated before each try."""
+    rows_of_regions: list[tuple] = []
+    for (name, cable, count, method), rows in found.items():
+        if method not in ("aim", "one simulator"):
+            continue
+        for number in range(tries):
             squares = [row["square"][number] for row in rows]
             known = np.array([s for s in squares if s is not None])
             inside = [100.0 * np.mean(known < region_square(share)) for share in (0.5, 0.9)]
             shares = (f"{share:.0f}" for share in inside)
             rows_of_regions.append((name, cable, count, method, number + 1, len(known), *shares))
-    title = "Miss of each try in % of cable length; missed: no landing, or a length off or more [%]"
-    print(Table(title=title, columns=COLUMNS, rows=rows_of_misses))
     title = "Landings within the regions that were stated before the cast [%]"
     print(Table(title=title, columns=REGION_COLUMNS, rows=rows_of_regions))
 
 
-def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> None:
+def print_differences(found: Found) -> None:
     """Print how much more other methods miss than aim, at the same targets."""
     rows = []
     for (name, cable, count, method), others in found.items():
@@ -148,16 +158,24 @@ def print_differences(found: dict[tuple[str, str, int, str], list[dict]]) -> Non
         print(Table(title=title, columns=columns, rows=rows))
 
 
-def print_blind(args: Args) -> None:
-    """Print how many targets lie where the camera of the virtual rig is blind."""
+def print_blind(found: Found, args: Args) -> None:
+    """Print how many targets the camera of the virtual rig is blind at, and misses without them."""
     xy = np.concatenate(
         [some_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
     )
-    count = np.count_nonzero(CameraErrorModel.load().is_blind_at(xy))
+    blind = CameraErrorModel.load().is_blind_at(xy)
+    count = np.count_nonzero(blind)
     print(f"The virtual rig's camera is blind at {count} of these {len(xy)} targets.\n")
+    seen = {
+        key: [row for row, unseen in zip(rows, blind, strict=True) if not unseen]
+        for key, rows in found.items()
+        if key[0] == "virtual"
+    }
+    if count:
+        print_misses(seen, args.tries, ", at the others")
 
 
-def draw(found: dict[tuple[str, str, int, str], list[dict]], path: pathlib.Path) -> None:
+def draw(found: Found, path: pathlib.Path) -> None:
     """Draw the medians of first and corrected tries over the number of casts."""
     import matplotlib.pyplot as plt
 
@@ -195,9 +213,10 @@ def main(args: Args) -> int:
         raise InputError(f"unknown method {unknown[0][:40]!r}: one of {', '.join(known)}")
     with console_progress() as progress:
         found = run(args, progress)
-    print_tables(found, args.tries)
+    print_misses(found, args.tries)
+    print_regions(found, args.tries)
     if "virtual" in args.rigs:
-        print_blind(args)
+        print_blind(found, args)
     print_differences(found)
     if args.figure is not None:
         draw(found, args.figure)
