@@ -15,6 +15,7 @@ MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
     "drag_coefficient": (0.0, 50.0, ""),
     "friction_ratio": (0.1, 10.0, ""),
     "attachment_arm": (0.0, 0.3, "m"),
+    "attachment_friction_ratio": (0.1, 10.0, ""),
     "yield_curvature": (0.0, 1000.0, "1/m"),
     "yield_time": (0.0, 100.0, "s"),
 }
@@ -46,6 +47,7 @@ class Material:
         attachment_arm: Two thirds of the length of an attachment that the cable's end clamps, a
             uniform rod that goes on as the cable ends; a point mass at the cable's end where 0. A
             rod moves like a quarter of its mass there and the rest an arm beyond [m].
+        attachment_friction_ratio: Coulomb coefficient of the attachment over that of the cable [-].
         yield_curvature: Elastic curvature beyond which a bend stays in the cable; 0 for a cable
             that springs back from every bend [1/m].
         yield_time: Time in which all but 1 / e of the curvature beyond goes over into the cable's
@@ -57,6 +59,7 @@ class Material:
     drag_coefficient: float | NDArray[np.float64] = 0.0
     friction_ratio: float | NDArray[np.float64] = 1.0
     attachment_arm: float | NDArray[np.float64] = 0.0
+    attachment_friction_ratio: float | NDArray[np.float64] = 1.0
     yield_curvature: float | NDArray[np.float64] = 0.0
     yield_time: float | NDArray[np.float64] = 0.0
 
@@ -100,8 +103,9 @@ class Material:
     @property
     def is_plain(self) -> bool:
         """True if the material does nothing."""
+        rubs = bool(np.any(np.asarray(self.attachment_friction_ratio) != 1.0))
         has_arm = bool(np.any(self.attachment_arm))
-        return not (self.remembers or self.drags or self.is_grained or has_arm)
+        return not (self.remembers or self.drags or self.is_grained or has_arm or rubs)
 
     def to_columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the values by name, shape [1] or [world]."""
@@ -150,14 +154,8 @@ class Material:
             raise InputError("only a material that all worlds share can be written to a file")
         values = {name: float(getattr(self, name)) for name in MATERIAL_BOUNDS}
         # Left out where they do nothing, so that casts from before there were any still belong.
-        nothing_by = {
-            "drag_coefficient": 0.0,
-            "friction_ratio": 1.0,
-            "attachment_arm": 0.0,
-            "yield_curvature": 0.0,
-            "yield_time": 0.0,
-        }
-        for name, nothing in nothing_by.items():
-            if values[name] == nothing:
+        plain = Material()
+        for name in set(MATERIAL_BOUNDS) - {"damping_time", "rest_curvature"}:
+            if values[name] == getattr(plain, name):
                 del values[name]
         return values

@@ -16,9 +16,9 @@ LENGTH, ARM = 0.3, 0.06
 BARE = {name: 0.0 for name in CableParams.names()}
 
 
-def held_cable(arm, **values):
+def held_cable(arm, friction_ratio=1.0, **values):
     params = CableParams(**(BARE | values))
-    material = Material(attachment_arm=arm)
+    material = Material(attachment_arm=arm, attachment_friction_ratio=friction_ratio)
     return Cable(name="rod", length=LENGTH, diameter=0.002, params=params, material=material)
 
 
@@ -143,3 +143,36 @@ def test_a_held_far_end_has_no_arm():
         for arm in (0.0, 0.03)
     ]
     np.testing.assert_array_equal(*ends)
+
+
+@pytest.mark.parametrize("arm", [0.0, ARM])
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_an_attachment_slides_to_rest_by_its_own_friction(arm, ratio):
+    count, friction, speed = 12, 0.4, 0.4
+    cable = held_cable(
+        arm,
+        ratio,
+        mass=5e-4,
+        endpoint_mass=0.2,
+        lateral_friction=friction,
+        worksurface_friction=1.0,
+        # A lever far above the radius: nothing rolls.
+        rolling_friction=0.1,
+    )
+    # A slack cable, light beside what it holds: out to one side and back.
+    s = np.linspace(0.0, LENGTH, count + 1)
+    positions = np.zeros((1, count + 1, 3))
+    positions[0, :, 0] = 0.6 * np.minimum(s, LENGTH - s)
+    positions[0, :, 1], positions[0, :, 2] = 0.8 * s, cable.radius
+    state = CableState.at_rest(positions)
+    velocities = np.zeros_like(positions)
+    # An attachment moves on as the cable's last segment does.
+    velocities[0, -2:, 1] = speed
+    state = dataclasses.replace(state, velocities=velocities)
+    path = GripPath.hold(np.array([0.0, 0.0, cable.radius, 0.6, 0.0]), 0.1)
+    engine = EngineWarp(segment_count=count, dt=2e-4, precision="double")
+    rollout = engine.rollout(cable, cable.params, path, state, duration=1.0)
+    way = rollout.endpoint_xyz[0, -1] - rollout.endpoint_xyz[0, 0]
+    expected = speed**2 / (2.0 * friction * ratio * GRAVITY)
+    assert way[1] == pytest.approx(expected, rel=0.02)
+    assert abs(way[0]) < 0.02 * expected

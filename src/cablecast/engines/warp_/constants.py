@@ -91,6 +91,15 @@ def model_constants(
         # The cable's end lies on both its segments, the attachment's on one.
         mass_ratio[:, -2] = 0.5 + end.joint_mass / segment_mass
         mass_ratio[:, -1] = 2.0 * end.tip_mass / segment_mass
+    # Where the attachment lies on a node together with the cable, each part rubs as it does.
+    rubs_more = material["attachment_friction_ratio"] - 1.0
+    joint_friction = np.ones(world_count)
+    if end is None:
+        attached = values["endpoint_mass"] / (values["endpoint_mass"] + 0.5 * segment_mass)
+        last_friction = 1.0 + rubs_more * attached
+    else:
+        last_friction = 1.0 + rubs_more
+        joint_friction += rubs_more * end.joint_mass / (end.joint_mass + 0.5 * segment_mass)
     # Friction that spins a segment within a step must overcome its inertia, and the neighbours that
     # torsion ties to it.
     squared_time = dt * (dt + damping_time)
@@ -115,6 +124,8 @@ def model_constants(
         "yield_share": dt / (dt + material["yield_time"]),
         "shape_torsion": np.minimum(torsion, most_torsion),
         "friction": values["lateral_friction"] * values["worksurface_friction"],
+        "last_friction": last_friction,
+        "joint_friction": joint_friction,
         "rolling_friction": values["rolling_friction"] / cable.radius,
         "spinning_friction": values["spinning_friction"] * segment_mass / segment_length,
         "linear_damping": values["linear_damping"],

@@ -56,6 +56,8 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         last = model.node_count - 1
         inverse_dt = real(1.0) / model.dt
         one = lane(real(1.0))
+        friction = mul(model.friction[group], model.last_friction[group])
+        friction_before = mul(model.friction[group], model.joint_friction[group])
         half_inverse_length = real(0.5) / model.segment_length
         position = state.position[group]
         velocity = state.velocity[group]
@@ -86,7 +88,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             loss = friction_loss(
                 model,
                 group,
-                normal_impulse,
+                mul(friction, normal_impulse),
                 losses[node],
                 velocity[node],
                 free + tensed,
@@ -101,6 +103,8 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             x_after = x_before + stretched_edge
             x = x_before
             ratio = one
+            friction = friction_before
+            friction_before = model.friction[group]
             roll_after = roll_before
             pull_after = pull_before
             share = real(1.0)
@@ -109,7 +113,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
     def friction_loss(
         model: Model,
         group: int,
-        normal_impulse: lane,
+        limit: lane,
         previous_loss: lane,
         start: vec3,
         end: vec3,
@@ -118,7 +122,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
     ):
         """Return the horizontal velocity that Coulomb friction takes from a node [m/s].
 
-        It is at most mu times the normal impulse. A node that slips on loses that along the mean
+        A node that slips on loses that along the mean
         slip velocity over the step, which makes sliding second order in time. A node that sticks
         loses what stops its contact point: all of its velocity along the cable; across it what it
         lost in the previous step, and of the slip that this leaves only the share of the effective
@@ -128,7 +132,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         Args:
             model: Constants of the batch.
             group: Group of worlds.
-            normal_impulse: Normal impulse per mass [m/s].
+            limit: Greatest loss: mu times the normal impulse per mass [m/s].
             previous_loss: Lateral velocity that the node lost in the previous step [m/s].
             start: Velocity of the node at the start of the step [m/s].
             end: Predicted velocity of the node without friction [m/s].
@@ -138,7 +142,6 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         one = lane(real(1.0))
         small = lane(real(tiny))
         radius = model.radius
-        limit = mul(model.friction[group], normal_impulse)
         start_slip = contact.add_lateral(start, roll.start * (-radius), axis)
         end_slip = contact.add_lateral(end, roll.end * (-radius), axis)
         # Stick: of the slip that the previous loss leaves, `to_roll` goes into spin.

@@ -54,6 +54,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 shape [group].
             shape_torsion: GJ / l as far as it acts on the shape (twist.py) [N·m], shape [group].
             friction: Coulomb coefficient [-], shape [group].
+            last_friction: Coulomb coefficient at the last node over it [-], shape [group].
+            joint_friction: Coulomb coefficient at the node before over it [-], shape [group].
             rolling_friction: Lever arm of rolling friction over the radius [-], shape [group].
             spinning_friction: Lever arm of spinning friction times mass per length: the impulse on
                 either node of a segment per normal impulse on it over its mass [kg], shape [group].
@@ -99,6 +101,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         yield_share: wp.array(dtype=lane)
         shape_torsion: wp.array(dtype=lane)
         friction: wp.array(dtype=lane)
+        last_friction: wp.array(dtype=lane)
+        joint_friction: wp.array(dtype=lane)
         rolling_friction: wp.array(dtype=lane)
         spinning_friction: wp.array(dtype=lane)
         linear_damping: wp.array(dtype=lane)
