@@ -104,12 +104,12 @@ class Tune:
             print(f"note: {line}")
         if (material := tuned.dynamics.material) is not None:
             words = material_words(material, casts.cable.length)
-            print(f"note: the casts are followed best with {words}")
+            print(f"note: beside the ten parameters, the cable has {words}")
         print(f"parameters  {out / PARAMS_FILE}\ntracks      {out / TRACKS_FILE}")
 
 
 def material_words(material: "Material", length: float) -> str:
-    """Return what a fit found beside the ten parameters, in words.
+    """Return what a fitted cable has beside the ten parameters, in words.
 
     Args:
         material: Material that was found; one value each.
@@ -118,6 +118,8 @@ def material_words(material: "Material", length: float) -> str:
     from cablecast.material import ROD_ARM
 
     words = []
+    if material.drag_coefficient:
+        words.append(f"a drag coefficient of {material.drag_coefficient:g}")
     if material.damping_time:
         words.append(f"a damping time of {1e3 * material.damping_time:g} ms")
     if material.rest_curvature:

@@ -54,7 +54,8 @@ class MaterialChoice:
     Attributes:
         material: Material to simulate with; None for that of the cable.
         state: Points of the fit with it.
-        gain: Logarithm of the factor by which tracks and material are more likely with it.
+        gain: Logarithm of the factor by which tracks and material are more likely with it than with
+            the first one.
     """
 
     material: Material | None
