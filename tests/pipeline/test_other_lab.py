@@ -26,7 +26,7 @@ MEDIAN_PCT_MAX = 100.0
 def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     setup = cc.load_setup(LAB)
     assert (setup.workspace.half_width, setup.workspace.y_max) == (0.6, 1.8)
-    targets = np.array([[0.2, 1.0], [-0.2, 1.0]])
+    targets = np.array([[0.2, 1.0], [-0.2, 1.0], [0.1, 0.9], [-0.1, 0.9]])
     with cc.make_rig("virtual", setup) as rig:
         casts = cc.collect(rig, count=5, out=tmp_path / "casts")
         tuned = cc.tune(casts, config=SEARCH, segment_count=10, dt=0.002)
