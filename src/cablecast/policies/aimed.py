@@ -15,11 +15,14 @@ class AimedCast:
         endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
         fitted: True if the simulator was fitted to it: it then lands nearer to its prediction than
             others will, and teaches less.
+        aimed: True if it was chosen for where it lands: others tell less of how far such casts
+            miss.
     """
 
     action: NDArray[np.float64]
     endpoint_xy: NDArray[np.float64]
     fitted: bool = False
+    aimed: bool = True
 
     @property
     def landed(self) -> bool:

@@ -147,7 +147,7 @@ class Aimer:
             place, simulated_xy, hand = self._place(cast.action)
             landing = cast.endpoint_xy * np.array([hand, 1.0])
             residual = (landing - simulated_xy) / self.length if cast.landed else None
-            self.experience.add(place, residual, fitted=cast.fitted, age=age)
+            self.experience.add(place, residual, fitted=cast.fitted, aimed=cast.aimed, age=age)
             self.casts.append(cast)
 
     def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:

@@ -32,12 +32,14 @@ class _Lesson:
         weight: Share of the scatter in the expected one: what the process did not know says
             nothing about scatter.
         fitted: Whether the simulator was fitted to the cast.
+        aimed: Whether the cast was chosen for where it lands.
         age: Factor of its noise, which a drift lets grow.
     """
 
     surprise: float
     weight: float
     fitted: bool
+    aimed: bool
     age: float = 1.0
 
 
@@ -80,6 +82,7 @@ class Experience:
         residual: NDArray[np.float64] | None,
         *,
         fitted: bool = False,
+        aimed: bool = True,
         age: float | None = None,
     ) -> None:
         """Learn from one cast.
@@ -89,6 +92,7 @@ class Experience:
             residual: Measured minus simulated landing [cable lengths], shape [2]; None for a cast
                 without a landing.
             fitted: Whether the simulator was fitted to the cast.
+            aimed: Whether the cast was chosen for where it lands.
             age: Factor of its noise as it is known; drifts are noticed where None.
         """
         self._ended = Places.join([self._ended, place])
@@ -103,6 +107,7 @@ class Experience:
                 surprise=float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)),
                 weight=0.0 if fitted else float(scatter[0]) / total,
                 fitted=fitted,
+                aimed=aimed,
                 age=age or 1.0,
             )
         )
@@ -112,8 +117,12 @@ class Experience:
         self._renew_scatter()
 
     def refit(self) -> None:
-        """Fit the scales of the process anew."""
-        telling = [not lesson.fitted for lesson in self._lessons]
+        """Fit the scales of the process anew to the casts that were aimed.
+
+        The others miss by less: a cast that is chosen for where it is expected to land is often one
+        whose expected landing is wrong, and many targets are reached by delicate casts only.
+        """
+        telling = [lesson.aimed and not lesson.fitted for lesson in self._lessons]
         self.residual = self.residual.fitted(np.array(telling, dtype=bool))
         self._renew_scatter()
 
