@@ -217,3 +217,15 @@ def test_casts_that_the_simulators_were_fitted_to_teach_them_nothing_new(tuned, 
     assert fitted._aimer_at(TARGET) is fitted.aimer
     session.relearn(without=[0])
     assert session._aimer_at(TARGET) is session.aimer
+
+
+def test_a_cast_that_was_not_aimed_is_known_as_such(tuned, lesson, slippery):
+    session = session_of(tuned)
+    session.add_casts(lesson)
+    assert [cast.aimed for cast in session.aimer.casts] == [False]
+    session.cast(slippery, session.propose(TARGET))
+    assert [cast.aimed for cast in session.aimer.casts] == [False, True]
+    # A dataset tells no targets, whatever its casts were for.
+    again = session_of(tuned)
+    again.add_casts(session.store.dataset())
+    assert [cast.aimed for cast in again.aimer.casts] == [False, False]

@@ -189,7 +189,7 @@ class AimSession:
                 action=cast.action,
                 endpoint_xy=cast.endpoint_xy,
                 fitted=self._was_fitted(number, cast),
-                aimed=cast.purpose == "aim",
+                aimed="target_xy" in cast.note,
             )
             for number, cast in casts
             if np.all(np.isfinite(cast.action))
