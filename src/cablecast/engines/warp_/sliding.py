@@ -122,12 +122,12 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
     ):
         """Return the horizontal velocity that Coulomb friction takes from a node [m/s].
 
-        A node that slips on loses that along the mean
-        slip velocity over the step, which makes sliding second order in time. A node that sticks
-        loses what stops its contact point: all of its velocity along the cable; across it what it
-        lost in the previous step, and of the slip that this leaves only the share of the effective
-        mass, as the rest goes into spin, unless rolling friction holds it. So a cable at rest is
-        held by what pulls at it, wherever that pulls, and does not creep.
+        A node that slips on loses the limit along the mean slip velocity over the step, which makes
+        sliding second order in time. A node that sticks loses what stops its contact point: all of
+        its velocity along the cable; across it what it lost in the previous step, and of the slip
+        that this leaves only the share of the effective mass, as the rest goes into spin, unless
+        rolling friction holds it. So a cable at rest is held by what pulls at it, wherever that
+        pulls, and does not creep.
 
         Args:
             model: Constants of the batch.
