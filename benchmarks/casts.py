@@ -164,15 +164,15 @@ def print_blind(found: Found, args: Args) -> None:
         [some_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
     )
     blind = CameraErrorModel.load().is_blind_at(xy)
-    count = np.count_nonzero(blind)
-    print(f"The virtual rig's camera is blind at {count} of these {len(xy)} targets.\n")
+    print(f"The virtual rig's camera is blind at {blind.sum()} of these {len(xy)} targets.\n")
+    if not blind.any():
+        return
     seen = {
         key: [row for row, unseen in zip(rows, blind, strict=True) if not unseen]
         for key, rows in found.items()
         if key[0] == "virtual"
     }
-    if count:
-        print_misses(seen, args.tries, ", at the others")
+    print_misses(seen, args.tries, ", at the others")
 
 
 def draw(found: Found, path: pathlib.Path) -> None:

@@ -1,22 +1,11 @@
-"""What casts tell of the scales of the residual, and which of them."""
+"""Scales of the residual are fitted to casts that were aimed, and to no others."""
 
 import numpy as np
 
 from cablecast.models.few_casts import PLACE_COUNT, Places
 from cablecast.policies.experience import Experience
 
-RNG = np.random.default_rng(4)
 CAST_COUNT = 30
-
-
-def places(count):
-    """Return usual places, far from each other."""
-    return Places(
-        inputs=4.0 * RNG.normal(size=(count, PLACE_COUNT)),
-        log_sizes=np.zeros(count),
-        log_shakes=np.zeros(count),
-        frictions=np.zeros(count),
-    )
 
 
 def learned(share, **options):
@@ -24,9 +13,13 @@ def learned(share, **options):
     experience = Experience()
     believed = experience.residual.believed
     size = share * np.hypot(believed.amplitude, believed.noise)
-    some = places(CAST_COUNT)
-    for row in range(CAST_COUNT):
-        experience.add(some[np.array([row])], size * RNG.normal(size=2), **options)
+    rng = np.random.default_rng(4)
+    none = np.zeros(1)
+    for _ in range(CAST_COUNT):
+        # Far from the others.
+        inputs = 4.0 * rng.normal(size=(1, PLACE_COUNT))
+        place = Places(inputs=inputs, log_sizes=none, log_shakes=none, frictions=none)
+        experience.add(place, size * rng.normal(size=2), **options)
     experience.refit()
     return experience
 

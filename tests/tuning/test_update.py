@@ -18,6 +18,12 @@ CONFIG = FitConfig(
     coarse_iterations=4,
     fine_start_count=1,
     fine_iterations=1,
+    # The cable of the updates has no material.
+    drag_coefficient=0.0,
+    damping_times=(),
+    curls=(),
+    yield_curvatures=(),
+    arms=(),
     ensemble_iterations=0,
 )
 ROUNDING = 1e-12
@@ -109,7 +115,7 @@ def test_a_step_towards_several_casts_is_that_of_a_fit_to_them(posterior, engine
     state = fit.first_step(point[None], posterior.misfit)
     # Casts that are simulated alone differ from those in a batch by rounding.
     apart = np.linalg.norm(posterior.space.to_unit(after) - state.points[0])
-    assert apart < 0.03 * np.linalg.norm(state.points[0] - point)
+    assert apart < 0.01 * np.linalg.norm(state.points[0] - point)
 
 
 def test_a_cast_is_simulated_once_for_all_steps_that_it_has_a_part_in(

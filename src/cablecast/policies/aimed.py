@@ -15,8 +15,7 @@ class AimedCast:
         endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
         fitted: True if the simulator was fitted to it: it then lands nearer to its prediction than
             others will, and teaches less.
-        aimed: True if it was chosen for where it lands: others tell less of how far such casts
-            miss.
+        aimed: True if it was aimed at a target: other casts do not tell how far such casts miss.
     """
 
     action: NDArray[np.float64]

@@ -32,7 +32,7 @@ class _Lesson:
         weight: Share of the scatter in the expected one: what the process did not know says
             nothing about scatter.
         fitted: Whether the simulator was fitted to the cast.
-        aimed: Whether the cast was chosen for where it lands.
+        aimed: True if the cast was aimed at a target.
         age: Factor of its noise, which a drift lets grow.
     """
 
@@ -92,7 +92,7 @@ class Experience:
             residual: Measured minus simulated landing [cable lengths], shape [2]; None for a cast
                 without a landing.
             fitted: Whether the simulator was fitted to the cast.
-            aimed: Whether the cast was chosen for where it lands.
+            aimed: True if the cast was aimed at a target.
             age: Factor of its noise as it is known; drifts are noticed where None.
         """
         self._ended = Places.join([self._ended, place])
