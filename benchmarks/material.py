@@ -1,9 +1,9 @@
 """Fit with and without a material: what damping, curl and an attachment with size are worth.
 
 Casts of each cable on each copy of the virtual laboratory are collected, as `cablecast aim` makes
-them, and random ones. The first are fitted with the ten parameters alone, and with an attachment
-that is a body, damping and curl where these casts ask for them; the random ones tell how far the
-simulated endpoint then is from the measured one.
+them, and random ones. The first are fitted with the ten parameters alone, and with the values of
+the material, too; the random ones tell how far the simulated endpoint then is from the measured
+one.
 """
 
 import dataclasses
@@ -33,19 +33,13 @@ COLUMNS = (
     "damping time [ms]",
     "curl [rad]",
     "attachment [mm]",
-    "gain",
+    "yield [1/m]",
     "on the way, mean [%]",
     "at rest, median [%]",
     "q1",
     "q3",
 )
-NO_MATERIAL: dict[str, Any] = {
-    "drag_coefficient": 0.0,
-    "damping_times": (),
-    "curls": (),
-    "yield_curvatures": (),
-    "arms": (),
-}
+NO_MATERIAL: dict[str, Any] = {"materials": ()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -132,10 +126,10 @@ def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tu
     return (
         casts.cable.name,
         lab,
-        "ten parameters" if settings else "material tried",
+        "ten parameters" if settings else "with material",
         1e3 * damping_time,
         round(curvature * casts.cable.length, 2),
         round(1e3 * arm / ROD_ARM, 1),
-        round(tuned.metrics["material_gain"], 1),
+        round(float(np.asarray(material.yield_curvature))),
         *(row[f"{name}_pct"] for name in names),
     )

@@ -120,6 +120,8 @@ def test_reset_states_that_are_turned_into_place_equal_those_worked_out_there(
     path = dataclasses.replace(good.grip_path, coefficients=coefficients)
     objective = TrackObjective(engine, cable, dataclasses.replace(good, grip_path=path))
     trial = np.arange(len(good))
-    state = objective._initial_state(truth.to_array()[None], trial, np.zeros_like(trial))
+    state = objective._initial_state(
+        objective.cable, truth.to_array()[None], trial, np.zeros_like(trial)
+    )
     expected = reset_state(cable, truth, path, objective.engine.segment_count)
     np.testing.assert_allclose(state.positions, expected.positions, atol=STATE)

@@ -19,11 +19,7 @@ CONFIG = FitConfig(
     fine_start_count=1,
     fine_iterations=1,
     # The cable of the updates has no material.
-    drag_coefficient=0.0,
-    damping_times=(),
-    curls=(),
-    yield_curvatures=(),
-    arms=(),
+    materials=(),
     ensemble_iterations=0,
 )
 ROUNDING = 1e-12

@@ -119,13 +119,15 @@ def material_words(material: "Material", length: float) -> str:
 
     words = []
     if material.drag_coefficient:
-        words.append(f"a drag coefficient of {material.drag_coefficient:g}")
+        words.append(f"a drag coefficient of {material.drag_coefficient:.2g}")
     if material.damping_time:
-        words.append(f"a damping time of {1e3 * material.damping_time:g} ms")
+        words.append(f"a damping time of {1e3 * material.damping_time:.2g} ms")
     if material.rest_curvature:
         words.append(f"a curl of {material.rest_curvature * length:.2g} rad over the cable")
+    if material.friction_ratio != 1.0:
+        words.append(f"friction along it {material.friction_ratio:.2f} times that across")
     if material.yield_curvature:
-        words.append(f"bends that stay if they are sharper than {material.yield_curvature:g} 1/m")
+        words.append(f"bends that stay if they are sharper than {material.yield_curvature:.2g} 1/m")
     if material.attachment_arm:
         words.append(f"an attachment of {1e3 * material.attachment_arm / ROD_ARM:.0f} mm")
     return ", ".join(words)

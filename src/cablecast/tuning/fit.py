@@ -17,7 +17,7 @@ from cablecast.tuning.least_squares import (
     TrackFit,
     run_fit,
 )
-from cablecast.tuning.materials import ITERATIONS, choose_material, first_material
+from cablecast.tuning.material_space import MaterialSpace
 from cablecast.tuning.objective import TrackDistances, TrackObjective
 from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
 from cablecast.tuning.prior import ParamPrior
@@ -58,30 +58,32 @@ def fit_params(
     """
     config = config or FitConfig()
     began = time.monotonic()
-    begun = cable.with_material(first_material(cable, config))
-    coarse = TrackObjective(coarse_engine, begun, training)
+    coarse = TrackObjective(coarse_engine, cable, training)
+    fine = TrackObjective(engine, cable, training)
+    materials = MaterialSpace(cable, config.materials)
     space = SearchSpace.for_cable(cable)
+    ten = space.dimension
     report = _Report(config, cable.length, progress, began)
     prior = ParamPrior.for_cable(cable, space)
-    fit = TrackFit(coarse, space, prior)
-    state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
+    joined = materials.joined(prior)
+    fit = TrackFit(coarse, space, joined, materials)
+    state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    steps = functools.partial(report.step, COARSE, extra=ITERATIONS)
-    chosen = choose_material(fit, state, cable.material, config, steps)
-    state = chosen.state
-    fitted = cable.with_material(chosen.material)
-    fine = TrackObjective(engine, fitted, training)
     points = state.best(config.fine_start_count).points
     for attempt in range(WIDEN_MAX + 1):
         prior = ParamPrior.for_cable(cable, space)
-        fit = TrackFit(fine, space, prior)
+        fit = TrackFit(fine, space, materials.joined(prior), materials)
         state = fit.start(points, state.misfit)
         state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
-        posterior = _posterior(fit, state, prior)
+        material = materials.to_material(state.best().points[0, ten:])
+        fitted = cable.with_material(material)
+        known = TrackFit(TrackObjective(engine, fitted, training), space, prior)
+        posterior = _posterior(known, prior, state)
         wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
         if wider is None:
             break
-        points = wider.to_unit(space.to_params(state.best(config.fine_start_count).points))
+        points = state.best(config.fine_start_count).points.copy()
+        points[:, :ten] = wider.to_unit(space.to_params(points[:, :ten]))
         space = wider
         report.extend(config.fine_iterations)
     best = state.best(len(state.points))
@@ -97,11 +99,10 @@ def fit_params(
     on_training = distances(training)
     return TuneResult(
         params=params,
-        material=chosen.material,
-        material_gain=chosen.gain,
+        material=material if len(materials) else None,
         ensemble=ensemble,
-        population=space.to_params(best.points),
-        population_losses=fine.distances(space.to_params(best.points)).loss,
+        population=space.to_params(best.points[:, :ten]),
+        population_losses=best.losses * cable.length,
         space=space,
         training=on_training,
         validation=on_training if validation is None else distances(validation),
@@ -115,15 +116,22 @@ def fit_params(
     )
 
 
-def _posterior(fit: TrackFit, state: FitState, prior: ParamPrior) -> ParamPosterior:
-    """Return the Gaussian whose curvature is that of F at the best point."""
+def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPosterior:
+    """Return the Gaussian whose curvature is that of F at the best point, its material given.
+
+    Args:
+        fit: Fit with the material of the best point.
+        prior: What is believed of the ten parameters.
+        state: Points of the fit of parameters and material.
+    """
     best = state.best()
-    curve = fit.curvatures(best.points, best.misfit, expected=True)[0]
+    point = best.points[:, : fit.space.dimension]
+    curve = fit.curvatures(point, best.misfit, expected=True)[0]
     covariance = np.linalg.inv(curve.hessian)
     return ParamPosterior(
         space=fit.space,
         prior=prior,
-        mean=best.points[0],
+        mean=point[0],
         covariance=(covariance + covariance.T) / 2,
         misfit=best.misfit,
     )

@@ -1,18 +1,18 @@
-"""Levenberg-Marquardt fit of the ten parameters, with a prior: accurate from a handful of casts on.
+"""Levenberg-Marquardt fit of parameters and material, with a prior: accurate from few casts on.
 
-The fit minimises, over the unit coordinates u of the search space,
+The fit minimises, over the unit coordinates u of parameters and material,
 
     F(u) = TRACK_WEIGHT sum_k mean_i |x_ki(u) - y_ki| / b + 1/2 sum_j ((u_j - m_j) / s_j)^2.
 
 x_ki are the simulated and y_ki the measured endpoints of cast k, as in equation 4 of the paper; m_j
-and s_j are what is believed of the parameters (`ParamPrior`); b is the misfit that the model keeps
-however well it is fitted, estimated from the fit itself. A sum of distances, not of squares, keeps
-one strange cast from deciding the fit: each step solves the least-squares problem in which sample i
-of cast k is weighted by the reciprocal of its distance.
+and s_j are what is believed of them (`ParamPrior`, `MaterialSpace`); b is the misfit that the model
+keeps however well it is fitted, estimated from the fit itself. A sum of distances, not of squares,
+keeps one strange cast from deciding the fit: each step solves the least-squares problem in which
+sample i of cast k is weighted by the reciprocal of its distance.
 
-Derivatives are finite differences. All starting points times ten parameter sets times all casts
-are one batch of the engine, and five damping factors per starting point are another. A step takes
-two batches, however many starting points there are.
+Derivatives are finite differences. All starting points times all coordinates times all casts are
+one batch of the engine, and five damping factors per starting point are another. A step takes two
+batches, however many starting points there are.
 """
 
 import dataclasses
@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
-from cablecast.checks import check_count, check_number, check_ranges, check_seed
+from cablecast.checks import check_count, check_ranges, check_seed
 from cablecast.material import Material
+from cablecast.tuning.material_space import FITTED, MaterialSpace, check_names
 from cablecast.tuning.objective import NON_FINITE_DISTANCE, TrackObjective
 from cablecast.tuning.prior import ParamBelief
 from cablecast.tuning.search_space import SearchSpace
@@ -64,16 +65,8 @@ class FitConfig:
         coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
             time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
-        drag_coefficient: Drag of the air across the cable, unless the cable's file gives one: that
-            of a smooth cylinder; 0 for none.
-        damping_times: Damping times of the material that are tried [s]; the fit begins with the
-            first one. Bending is not damped where empty.
-        curls: Changes of the curl that are tried, by how far they turn the whole cable [rad]; none
-            where empty.
-        arms: Lengths of the attachment that are tried, over that in the cable's file; the fit
-            begins with the first one. The attachment is a point mass where 0 or empty.
-        yield_curvatures: Curvatures beyond which a bend stays in the cable that are tried [1/m]; 0
-            is a cable that springs back from every bend.
+        materials: Values of the material that are fitted with the ten parameters, some of
+            `material_space.FITTED`, unless the cable's file gives them.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -85,23 +78,12 @@ class FitConfig:
     fine_iterations: int = 4
     coarse_segment_count: int = 28
     coarse_dt: float = 1e-3
-    drag_coefficient: float = 1.1
-    damping_times: tuple[float, ...] = (0.01, 0.0, 0.005, 0.02, 0.03)
-    curls: tuple[float, ...] = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
-    arms: tuple[float, ...] = (1.0, 0.0)
-    yield_curvatures: tuple[float, ...] = (0.0, 10.0, 20.0, 40.0)
+    materials: tuple[str, ...] = FITTED
     ensemble_iterations: int = 5
     seed: int = 0
 
     def __post_init__(self):
-        for time in self.damping_times:
-            check_number("damping_times", time, 0.0, 1.0, "s")
-        for turn in self.curls:
-            check_number("curls", turn, -6.3, 6.3, "rad")
-        for arm in self.arms:
-            check_number("arms", arm, 0.0, 10.0)
-        for curvature in self.yield_curvatures:
-            check_number("yield_curvatures", curvature, 0.0, 1000.0, "1/m")
+        check_names(self.materials)
         for name, low, high in (
             ("start_count", 1, 1000),
             ("coarse_iterations", 0, 1000),
@@ -111,7 +93,7 @@ class FitConfig:
             ("coarse_segment_count", 2, 1000),
         ):
             check_count(name, getattr(self, name), low, high)
-        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s"), "drag_coefficient": (0.0, 50.0, "")})
+        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s")})
         check_seed(self.seed)
 
 
@@ -120,7 +102,7 @@ class FitState:
     """Points of a fit and what is known at them.
 
     Attributes:
-        points: Unit coordinates, shape [start, 10].
+        points: Unit coordinates, the ten parameters first, shape [start, coordinate].
         costs: F at the points, shape [start].
         losses: Equation 4 at the points [cable lengths], shape [start].
         dampings: Damping factor of the next step, shape [start].
@@ -151,8 +133,8 @@ class Curvature:
 
     Attributes:
         loss: Equation 4 at the point [cable lengths].
-        gradient: Derivative of F, shape [10].
-        hessian: Gauss-Newton matrix of F, prior included, shape [10, 10].
+        gradient: Derivative of F, shape [coordinate].
+        hessian: Gauss-Newton matrix of F, prior included, shape [coordinate, coordinate].
     """
 
     loss: float
@@ -166,17 +148,30 @@ class TrackFit:
     Args:
         objective: Simulator and measured tracks.
         space: Ranges of the parameters.
-        prior: What is believed of them.
+        prior: What is believed of all coordinates.
+        materials: Values of the material, whose coordinates follow the ten; None where the material
+            is known.
     """
 
-    def __init__(self, objective: TrackObjective, space: SearchSpace, prior: ParamBelief):
+    def __init__(
+        self,
+        objective: TrackObjective,
+        space: SearchSpace,
+        prior: ParamBelief,
+        materials: MaterialSpace | None = None,
+    ):
         self.objective = objective
         self.space = space
         self.prior = prior
+        self.materials = materials
         self.simulation_count = 0
 
     def with_material(self, material: Material) -> "TrackFit":
-        """Return the fit to the same tracks of a cable of another material."""
+        """Return the fit to the same tracks of a cable whose material is known.
+
+        Args:
+            material: Material that all points share.
+        """
         given = self.objective
         other = TrackObjective(given.engine, given.cable.with_material(material), given.tracks)
         return TrackFit(other, self.space, self.prior)
@@ -201,7 +196,7 @@ class TrackFit:
         """Take the first step of a fit, without simulating the points on their own before.
 
         Args:
-            points: Unit coordinates, shape [point, 10].
+            points: Unit coordinates, shape [point, coordinate].
             misfit: Scale b of the model's own error [cable lengths].
             curvatures: Quadratic models of F at the points; simulated where None.
         """
@@ -230,7 +225,7 @@ class TrackFit:
             ]
         )
         tried = state.points[:, None] + moves
-        flat = tried.reshape(-1, self.space.dimension)
+        flat = tried.reshape(-1, tried.shape[-1])
         losses = self._losses(self._offsets(flat))
         costs = self._cost(flat, losses, state.misfit).reshape(tried_dampings.shape)
         losses = losses.reshape(costs.shape)
@@ -261,7 +256,7 @@ class TrackFit:
         """Return gradient and Gauss-Newton matrix of F at some points, from one batch.
 
         Args:
-            points: Unit coordinates, shape [point, 10].
+            points: Unit coordinates, shape [point, coordinate].
             misfit: Scale b of the model's own error [cable lengths].
             expected: Whether to weight samples as is expected of an error of scale b, whatever
                 their distances: the Fisher information, for a posterior.
@@ -302,7 +297,7 @@ class TrackFit:
 
     def _friction_ratio(self, point: NDArray[np.float64]) -> float:
         """Return the effect of worksurface over that of lateral friction in unit coordinates."""
-        values = self.space.to_params(point)
+        values = self.space.to_params(point[: self.space.dimension])
         widths = self.space.high - self.space.low
         ratio = float(np.asarray(values.lateral_friction / values.worksurface_friction))
         return ratio * float(widths[_WORKSURFACE] / widths[_LATERAL])
@@ -311,14 +306,18 @@ class TrackFit:
         """Return offsets of simulated from measured endpoints, 0 where none was measured.
 
         Args:
-            points: Unit coordinates, shape [point, 10].
+            points: Unit coordinates, shape [point, coordinate].
 
         Returns:
             Offsets [cable lengths], shape [point, trial, sample, 2].
         """
         objective = self.objective
         tracks = objective.tracks
-        xy, finite = objective.tracks_of(self.space.to_params(points))
+        dimension = self.space.dimension
+        xy, finite = objective.tracks_of(
+            self.space.to_params(points[:, :dimension]),
+            None if self.materials is None else self.materials.to_material(points[:, dimension:]),
+        )
         self.simulation_count += finite.size
         offsets = (xy[:, :, :-1] - tracks.endpoint_xy) / objective.cable.length
         broken = ~np.isfinite(offsets).all(axis=-1) | ~finite[:, :, None]

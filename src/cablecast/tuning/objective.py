@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.base import CableState, Engine, reset_state
 from cablecast.errors import InputError
+from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 from cablecast.tuning.tracks import MeasuredTracks
 
@@ -69,11 +70,15 @@ class TrackObjective:
     def __len__(self) -> int:
         return len(self.tracks)
 
-    def tracks_of(self, params: CableParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def tracks_of(
+        self, params: CableParams, material: Material | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return simulated endpoints at the measured times.
 
         Args:
             params: One value per candidate, or shared for one candidate.
+            material: Material of the candidates, shared or one value each; that of the cable where
+                None.
 
         Returns:
             Endpoints [m], shape [candidate, trial, sample, 2]; the last sample is the end of the
@@ -85,11 +90,12 @@ class TrackObjective:
         # its knots together and come to rest at about the same time.
         trial = np.repeat(np.arange(trial_count), candidate_count)
         candidate = np.tile(np.arange(candidate_count), trial_count)
+        cable = self.cable.with_material(material)
         rollout = self.engine.rollout(
-            self.cable,
+            cable.with_material(cable.material.rows(candidate)),
             CableParams.from_array(values[candidate]),
             self.tracks.grip_path[trial],
-            self._initial_state(values, trial, candidate),
+            self._initial_state(cable, values, trial, candidate),
             duration=self._duration,
             sample_dt=self._sample_dt,
         )
@@ -121,7 +127,11 @@ class TrackObjective:
         )
 
     def _initial_state(
-        self, values: NDArray[np.float64], trial: NDArray[np.intp], candidate: NDArray[np.intp]
+        self,
+        cable: Cable,
+        values: NDArray[np.float64],
+        trial: NDArray[np.intp],
+        candidate: NDArray[np.intp],
     ) -> CableState:
         """Return the reset state of each world.
 
@@ -133,7 +143,7 @@ class TrackObjective:
         starts = paths.evaluate(paths.knots[:, :1])[:, 0]
         first = GripPath.hold(starts[0], 1.0)
         shape = reset_state(
-            self.cable, CableParams.from_array(values), first, self.engine.segment_count
+            cable, CableParams.from_array(values), first, self.engine.segment_count
         ).positions[candidate]
         turn = starts[trial, 3] - starts[0, 3]
         c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]

@@ -62,7 +62,6 @@ def params_file(
         "spread": _spread(result.population),
         "servo": None if servo is None else servo.to_dict(),
         "material": None if result.material is None else result.material.to_dict(),
-        "material_gain": result.material_gain,
         "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
         "posterior": None if result.posterior is None else result.posterior.to_dict(),
         "open": [] if result.posterior is None else result.posterior.sentences(),

@@ -135,9 +135,7 @@ class TuneResult:
         seconds: Duration of the search, summed over interrupted runs [s].
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
         posterior: What is known of the parameters; None for a search, which does not tell.
-        material: Material that the casts ask for; None for that of the cable.
-        material_gain: Logarithm of the factor by which the tracks are more likely with it, see
-            `MaterialChoice`.
+        material: Material that was fitted; None for that of the cable.
         ensemble: Simulators with other physics that follow the same tracks; None for a search.
     """
 
@@ -155,7 +153,6 @@ class TuneResult:
     history: list[tuple[str, float, float]]
     posterior: ParamPosterior | None = None
     material: Material | None = None
-    material_gain: float = 0.0
     ensemble: Ensemble | None = None
 
 
