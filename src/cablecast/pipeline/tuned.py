@@ -18,7 +18,7 @@ class Tuned:
 
     Attributes:
         setup: Set-up of the casts that it was tuned to.
-        dynamics: Parameters of the cable, material that the casts asked for, and servo of the arm;
+        dynamics: Parameters of the cable, fitted material, and servo of the arm;
             the latter is None where no joints were reported.
         ensemble: Simulators with other physics that follow the casts as well, without servo; None
             for a search, which makes none.
