@@ -1,4 +1,4 @@
-"""What a fit finds of a material: each value where the casts tell it, what is usual elsewhere."""
+"""A fit finds each value of a material that the casts tell, and keeps what the file says."""
 
 import dataclasses
 

@@ -121,7 +121,7 @@ def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPoster
 
     Args:
         fit: Fit with the material of the best point.
-        prior: What is believed of the ten parameters.
+        prior: Prior of the ten parameters.
         state: Points of the fit of parameters and material.
     """
     best = state.best()

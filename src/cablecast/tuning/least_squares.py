@@ -148,7 +148,7 @@ class TrackFit:
     Args:
         objective: Simulator and measured tracks.
         space: Ranges of the parameters.
-        prior: What is believed of all coordinates.
+        prior: Prior of all coordinates.
         materials: Values of the material, whose coordinates follow the ten; None where the material
             is known.
     """

@@ -1,4 +1,4 @@
-"""MaterialSpace: what a fit finds of a cable's material, beside the ten parameters of the paper.
+"""MaterialSpace: ranges and prior of the material that is fitted beside the ten parameters.
 
 Of the ten, `angular_damping` stands for all bending losses: a rate at which segments stop turning.
 A material loses energy where it bends instead (`Material.damping_time`), and a cable that was wound
@@ -19,6 +19,7 @@ from cablecast.cable import Attachment, Cable
 from cablecast.errors import InputError
 from cablecast.material import ROD_ARM, Material
 from cablecast.tuning.prior import ParamPrior
+from cablecast.tuning.search_space import from_unit, to_unit
 
 YIELD_TIME = 0.4
 """Time in which a bend beyond the yield curvature stays in the cable [s]."""
@@ -33,7 +34,7 @@ class _Belief:
         high: Largest value.
         usual: Most likely value.
         deviation: Standard deviation; a factor where the scale is logarithmic.
-        logarithmic: Whether the value is searched on a logarithmic scale.
+        logarithmic: True for a logarithmic scale.
     """
 
     low: float
@@ -44,18 +45,11 @@ class _Belief:
 
     def to_unit(self, value: float) -> float:
         """Return the place of a value in the range, 0 at its low end and 1 at its high one."""
-        if self.logarithmic:
-            return float(np.log(value / self.low) / np.log(self.high / self.low))
-        return (value - self.low) / (self.high - self.low)
+        return float(to_unit(value, self.low, self.high, self.logarithmic))
 
     def from_unit(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values at places in the range."""
-        if self.logarithmic:
-            values = self.low * (self.high / self.low) ** unit
-        else:
-            values = self.low + (self.high - self.low) * unit
-        # Powers may leave the range by rounding.
-        return np.clip(values, self.low, self.high)
+        return from_unit(unit, self.low, self.high, self.logarithmic)
 
     @property
     def unit_deviation(self) -> float:
@@ -131,7 +125,7 @@ class MaterialSpace:
         """Return what is believed of parameters and material, in this order.
 
         Args:
-            prior: What is believed of the ten parameters.
+            prior: Prior of the ten parameters.
         """
         usual = [belief.to_unit(belief.usual) for belief in self._beliefs.values()]
         deviations = [belief.unit_deviation for belief in self._beliefs.values()]
@@ -145,7 +139,7 @@ class MaterialSpace:
         Args:
             unit: Unit coordinates of the values, shape [point, value] or [value].
         """
-        columns = np.moveaxis(np.clip(unit, 0.0, 1.0), -1, 0)
+        columns = np.moveaxis(unit, -1, 0)
         values = {
             name: belief.from_unit(column)
             for (name, belief), column in zip(self._beliefs.items(), columns, strict=True)

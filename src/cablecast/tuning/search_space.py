@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.errors import InputError
@@ -23,6 +23,44 @@ LINEAR_DAMPING_RANGE = (1e-2, 5.0)
 """Linear damping [1/s]. A light cable in air has about 1/s; 0.01/s has no effect on a 2 s cast."""
 ANGULAR_DAMPING_RANGE = (0.1, 200.0)
 """Angular damping [1/s]. It stands for all bending losses, which are unknown beforehand."""
+
+
+def from_unit(
+    unit: ArrayLike, low: ArrayLike, high: ArrayLike, logarithmic: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the values at places in their ranges.
+
+    Args:
+        unit: Places, 0 at the low end and 1 at the high one; others are clipped.
+        low: Lower bounds.
+        high: Upper bounds.
+        logarithmic: True for a logarithmic scale.
+    """
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    unit = np.clip(unit, 0.0, 1.0)
+    # If the range is not logarithmic, any positive numbers will do.
+    least, most = (np.where(logarithmic, bound, 1.0) for bound in (low, high))
+    values = np.where(logarithmic, least * (most / least) ** unit, low + (high - low) * unit)
+    # Powers may leave the range by rounding.
+    return np.clip(values, low, high)
+
+
+def to_unit(
+    values: ArrayLike, low: ArrayLike, high: ArrayLike, logarithmic: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the places of values in their ranges; values outside are clipped.
+
+    Args:
+        values: Values.
+        low: Lower bounds.
+        high: Upper bounds.
+        logarithmic: True for a logarithmic scale.
+    """
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    values = np.clip(values, low, high)
+    least, most = np.where(logarithmic, low, 1.0), np.where(logarithmic, high, np.e)
+    places = np.log(np.where(logarithmic, values, 1.0) / least) / np.log(most / least)
+    return np.where(logarithmic, places, (values - low) / (high - low))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,26 +95,11 @@ class SearchSpace:
 
     def to_params(self, unit: NDArray[np.float64]) -> CableParams:
         """Return the parameters of points in the unit cube, shape [10] or [candidate, 10]."""
-        unit = np.clip(unit, 0.0, 1.0)
-        # If the range is not logarithmic, any positive numbers will do.
-        low = np.where(self.logarithmic, self.low, 1.0)
-        high = np.where(self.logarithmic, self.high, 1.0)
-        values = np.where(
-            self.logarithmic,
-            low * (high / low) ** unit,
-            self.low + (self.high - self.low) * unit,
-        )
-        # Powers may leave the range by rounding.
-        return CableParams.from_array(np.clip(values, self.low, self.high))
+        return CableParams.from_array(from_unit(unit, self.low, self.high, self.logarithmic))
 
     def to_unit(self, params: CableParams) -> NDArray[np.float64]:
         """Return points of the unit cube; parameters outside the range are clipped."""
-        values = np.clip(params.to_array(), self.low, self.high)
-        low = np.where(self.logarithmic, self.low, 1.0)
-        high = np.where(self.logarithmic, self.high, np.e)
-        log = np.log(np.where(self.logarithmic, values, 1.0) / low) / np.log(high / low)
-        linear = (values - self.low) / (self.high - self.low)
-        return np.where(self.logarithmic, log, linear)
+        return to_unit(params.to_array(), self.low, self.high, self.logarithmic)
 
     def to_dict(self) -> dict[str, list]:
         """Return the range and scale of each parameter by name."""
