@@ -56,14 +56,14 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
             aimer = session.aimer
             proposal = session.propose(target)
             action, hands = rightward(proposal.action.to_array()[None])
-            said = aimer.ensemble.judge(action, hands)
+            said = aimer.predictor.ensemble.judge(action, hands)
             luck = Luck(place.rig, 100_000 + 100 * index)
             landings = np.array(equal_casts(luck, proposal.trajectory, args.repeats)) / length
             row = {
                 "landings": [xy.tolist() if np.isfinite(xy).all() else None for xy in landings],
                 "stated": proposal.scatter / length,
                 "simulated": (said.landing_xy[0] * (hands[0], 1.0) / length).tolist(),
-                "sensitivity": float(aimer.sensitivities(action)[0]),
+                "sensitivity": float(aimer.predictor.sensitivities(action)[0]),
                 "friction": float(said.frictions[0]),
                 "spread": float(said.spreads[0]),
             }

@@ -195,7 +195,7 @@ def test_the_shift_is_part_of_the_expected_landing_on_both_sides(policy):
     aimer = Aimer(policy, ensemble=_Told(shift=(0.05, -0.03)))
     for hand in (1.0, -1.0):
         choice = aimer.choose([hand * 0.3, 1.1])
-        plain, _, _ = Aimer(policy).predict(choice.action)
+        plain, _, _ = Aimer(policy).predictor.predict(choice.action)
         shift = LENGTH * np.array([hand * 0.05, -0.03])
         np.testing.assert_allclose(choice.expected_xy, plain[0] + shift, atol=1e-9)
         np.testing.assert_allclose(choice.expected_xy, [hand * 0.3, 1.1], atol=0.02)
@@ -204,7 +204,7 @@ def test_the_shift_is_part_of_the_expected_landing_on_both_sides(policy):
 def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
     aimer = Aimer(policy, ensemble=_Told())
     known, unknown = np.array([[-0.4, 0.6, 0.5, 1.0], [-0.8, 0.6, 0.5, 1.0]])
-    _, covariance, _ = aimer.predict(np.array([known, unknown]))
+    _, covariance, _ = aimer.predictor.predict(np.array([known, unknown]))
     assert np.linalg.det(covariance[1]) > 4.0 * np.linalg.det(covariance[0])
 
 
@@ -214,7 +214,7 @@ def test_casts_teach_an_aimer_that_has_an_ensemble(policy):
     seen = choice.expected_xy + LENGTH * np.array([0.08, 0.02])
     other = told.copy()
     other.learn([AimedCast(action=choice.action, endpoint_xy=seen)])
-    expected, covariance, _ = other.predict(choice.action)
+    expected, covariance, _ = other.predictor.predict(choice.action)
     assert np.linalg.norm(expected[0] - seen) < 0.2 * np.linalg.norm(choice.expected_xy - seen)
     assert np.linalg.det(covariance[0]) < 0.3 * np.linalg.det(choice.covariance)
     assert not told.casts

@@ -94,7 +94,7 @@ def session_of(tuned, **given):
 def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
     tuned, lesson, slippery
 ):
-    ensemble = session_of(tuned).aimer.ensemble
+    ensemble = session_of(tuned).aimer.predictor.ensemble
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
     both = np.concatenate([ACTION, NEARBY])
@@ -109,7 +109,7 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
 
 
 def test_shifts_of_simulators_that_learned_lead_from_the_first_as_it_was(tuned, lesson):
-    ensemble = session_of(tuned).aimer.ensemble
+    ensemble = session_of(tuned).aimer.predictor.ensemble
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     reference = ensemble.tracks(NEARBY)[0, :, -1]
     mean = taught.tracks(NEARBY)[:, :, -1].mean(axis=0)
@@ -119,7 +119,7 @@ def test_shifts_of_simulators_that_learned_lead_from_the_first_as_it_was(tuned, 
 
 
 def test_a_cast_of_which_nothing_was_seen_teaches_nothing(tuned, lesson):
-    ensemble = session_of(tuned).aimer.ensemble
+    ensemble = session_of(tuned).aimer.predictor.ensemble
     tracks = MeasuredTracks.from_dataset(lesson)
     unseen = dataclasses.replace(tracks, endpoint_xy=np.full_like(tracks.endpoint_xy, np.nan))
     assert ensemble.taught(unseen) is ensemble
@@ -134,11 +134,11 @@ def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, l
     session = session_of(tuned)
     session.add_casts(lesson)
     aimer = session.aimer
-    before = aimer.predict(NEARBY)[0]
+    before = aimer.predictor.predict(NEARBY)[0]
     taught = aimer.taught(MeasuredTracks.from_dataset(lesson), TARGET)
     assert len(taught.casts) == len(aimer.casts) == 1
     assert taught.experience.residual.scales == aimer.experience.residual.scales
-    np.testing.assert_array_equal(aimer.predict(NEARBY)[0], before)
+    np.testing.assert_array_equal(aimer.predictor.predict(NEARBY)[0], before)
     own = [a.experience.residual.residuals[0] for a in (aimer, taught)]
     assert np.linalg.norm(own[1]) < np.linalg.norm(own[0])
 
@@ -163,7 +163,7 @@ class _Steady:
 def test_an_aimer_for_one_target_knows_the_nearest_casts_as_old_as_they_are(lesson):
     aimer = Aimer(make_policy(), ensemble=_Steady())
     actions = feasible_uniform(45, SETUP, seed=8)
-    landings = aimer.predict(actions)[0]
+    landings = aimer.predictor.predict(actions)[0]
     landings[3] = np.nan
     # Everything shifts after 30 casts, which is noticed as a drift.
     landings[30:] += 0.4 * LENGTH

@@ -372,7 +372,7 @@ class AimSession:
         target = proposal.target_xy
         # Another lesson would be taken for the words alone where no cast at this target follows.
         aimer = self.aimer if self.is_done(target) else self._aimer_at(target)
-        change = change_text(proposal, trial, aimer)
+        change = change_text(proposal, trial, aimer.predictor)
         if len(self.aimer.experience.drifts) > drifts:
             change += ". " + DRIFT_NOTE
         self._trials[-1] = trial = dataclasses.replace(trial, change=change)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
-from cablecast.policies.aiming import Aimer
+from cablecast.policies.landing_predictor import LandingPredictor
 
 DRIFT_NOTE = (
     "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
@@ -44,21 +44,22 @@ def reason_text(action: NDArray[np.float64], earlier: Sequence[AimTrial], known_
     )
 
 
-def change_text(proposal: AimProposal, trial: AimTrial, aimer: Aimer) -> str:
+def change_text(proposal: AimProposal, trial: AimTrial, predictor: LandingPredictor) -> str:
     """Return what a cast taught, in words.
 
     Args:
         proposal: Plan of the cast.
         trial: Cast.
-        aimer: Aimer that has learned from it.
+        predictor: Predictor of landings that has learned from it.
     """
     if not np.all(np.isfinite(trial.final_xy)):
         return "no landing: actions like this one are avoided from now on"
-    xy, _, scatter = aimer.predict(proposal.action.to_array())
+    xy, _, scatter = predictor.predict(proposal.action.to_array())
     moved = 100.0 * (xy[0] - proposal.expected_xy)
+    scatter_pct = 100.0 * scatter[0] / predictor.length
     return (
         f"this action is now expected {moved[0]:+.1f} cm in x and {moved[1]:+.1f} cm in y from "
-        f"before, with a scatter of {100 * scatter[0] / aimer.length:.1f} % of the cable's length"
+        f"before, with a scatter of {scatter_pct:.1f} % of the cable's length"
     )
 
 
