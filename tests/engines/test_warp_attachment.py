@@ -10,7 +10,10 @@ from cablecast.conventions import GRAVITY
 from cablecast.engines.base import CableState, reset_state
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.material import Material
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
+from cablecast.setup import Setup
 
 LENGTH, ARM = 0.3, 0.06
 BARE = {name: 0.0 for name in CableParams.names()}
@@ -176,3 +179,46 @@ def test_an_attachment_slides_to_rest_by_its_own_friction(arm, ratio):
     expected = speed**2 / (2.0 * friction * ratio * GRAVITY)
     assert way[1] == pytest.approx(expected, rel=0.02)
     assert abs(way[0]) < 0.02 * expected
+
+
+def test_spinning_friction_stops_a_turning_attachment():
+    # A rod of mass m turns about its centre: I = 3/16 m arm², and the couple is mu' m g.
+    count, end, lever, rate = 12, 0.2, 5e-3, 6.0
+    cable = held_cable(ARM, mass=5e-4, endpoint_mass=end, spinning_friction=lever)
+    s = np.linspace(0.0, LENGTH, count + 1)
+    positions = np.zeros((1, count + 1, 3))
+    positions[0, :, 0] = 0.6 * np.minimum(s, LENGTH - s)
+    positions[0, :, 1], positions[0, :, 2] = 0.8 * s, cable.radius
+    path = GripPath.hold(np.array([0.0, 0.0, cable.radius, 0.6, 0.0]), 0.1)
+    engine = EngineWarp(segment_count=count, dt=1e-4, precision="double", rest_speed=0.0)
+    state = CableState.at_rest(positions)
+    last = positions[0, -1] - positions[0, -2]
+    axis = last / np.linalg.norm(last)
+    across = np.array([-axis[1], axis[0], 0.0])
+    # The engine continues the line of the last two nodes to the tip, velocities too. About the
+    # centre, 3/4 of an arm beyond the joint, the joint moves back as the tip moves on.
+    segment = LENGTH / count
+    velocities = np.zeros_like(positions)
+    velocities[0, -1] = -0.75 * ARM * rate * across
+    velocities[0, -2] = velocities[0, -1] - segment * rate * across
+    state = dataclasses.replace(state, velocities=velocities)
+    rollout = engine.rollout(cable, cable.params, path, state, duration=0.2, sample_dt=5e-3)
+    way = (rollout.endpoint_xyz[0] - rollout.endpoint_xyz[0, 0]) @ across
+    slowing = lever * GRAVITY / (3.0 / 16.0 * ARM**2)
+    angle = rate**2 / (2.0 * slowing)
+    assert way[-1] == pytest.approx(-0.75 * ARM * np.sin(angle), rel=0.03)
+
+
+def test_landings_do_not_depend_on_the_segments_beside_an_attachment():
+    # At 100 segments the attachment is seven times as long as they are.
+    setup = Setup(cable=load_cable("cable_1").with_material(Material(attachment_arm=0.0434)))
+    paths = cast_grip_paths(feasible_uniform(24, setup, seed=3), setup)
+    landings = [
+        EngineWarp(segment_count=count, dt=2.5e-4)
+        .rollout(setup.cable, setup.cable.params, paths)
+        .endpoint_xy[:, -1]
+        for count in (60, 100)
+    ]
+    apart = np.linalg.norm(landings[1] - landings[0], axis=1) / setup.cable.length
+    assert np.median(apart) < 0.01
+    assert np.quantile(apart, 0.75) < 0.02

@@ -84,12 +84,12 @@ def model_constants(
         attached = np.broadcast_to(values["endpoint_mass"], world_count)[:, None]
         rolling_mass = np.concatenate([rolling_mass, attached], axis=1)
     spin_inertia = 0.5 * rolling_mass * cable.radius**2
-    mass_ratio = np.ones_like(mass)
+    mass_ratio, near_ratio = np.ones_like(mass), np.ones(world_count)
     if end is None:
         mass_ratio[:, -1] = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
     else:
-        # The cable's end lies on both its segments, the attachment's on one.
-        mass_ratio[:, -2] = 0.5 + end.joint_mass / segment_mass
+        # At the cable's end each part presses on its own segment.
+        near_ratio = 2.0 * end.joint_mass / segment_mass
         mass_ratio[:, -1] = 2.0 * end.tip_mass / segment_mass
     # Where the attachment lies on a node together with the cable, each part rubs as it does.
     rubs_more = material["attachment_friction_ratio"] - 1.0
@@ -108,7 +108,7 @@ def model_constants(
     # Spin per velocity that all nodes lose. Friction that reckoned with less would roll some
     # segment too far.
     response = np.maximum(
-        2.0 * spin_response[:, 0], (1.0 + mass_ratio[:, -1]) * spin_response[:, -1]
+        2.0 * spin_response[:, 0], (near_ratio + mass_ratio[:, -1]) * spin_response[:, -1]
     )
     return {
         "last_ratio": last_ratio,
@@ -137,6 +137,7 @@ def model_constants(
         "drag": AIR_DENSITY * material["drag_coefficient"] * cable.radius * segment_length,
         "friction_ratio": material["friction_ratio"],
         "mass_ratio": mass_ratio,
+        "near_ratio": near_ratio,
         "spin_response": spin_response,
         "spin_pivot": spin_pivots(torsion, spin_inertia, squared_time, far_is_held),
         "filter_diagonal": diagonal,

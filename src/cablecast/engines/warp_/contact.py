@@ -53,6 +53,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         mass_ratios = model.mass_ratio[group]
         normal_impulses = scratch.normal_impulse[group]
         loads = scratch.load[group]
+        last = model.node_count - 1
         before = lane()
         for node in range(1, model.node_count):
             gap = position[node][2] - lane(model.radius)
@@ -60,6 +61,8 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
             recovering = wp.min(gap, lane()) * (real(recovery) * inverse_dt)
             normal_impulse = wp.max(closing - recovering - predicted[node][2], lane())
             normal_impulses[node] = normal_impulse
+            if node == last:
+                before = mul(model.near_ratio[group], before)
             loads[node - 1] = before + mul(mass_ratios[node], normal_impulse)
             before = normal_impulse
         # The gripped node feels no table; its segment rolls by the other node alone.

@@ -89,7 +89,8 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             bent += bend_energy(dot(bend, bend) * quarter) * cells
             twisted += mul(twists[node - 1], twists[node - 1])
             spin = spins[node - 1]
-            rolling += mul(mul(spin, spin), one + mass_ratios[node])
+            near = one + (model.near_ratio[group] - one) * at_last
+            rolling += mul(mul(spin, spin), near + mass_ratios[node])
             mass = node_mass(inverse_mass[node])
             kinetic += mul(mass, dot(velocity[node], velocity[node]))
             height += mul(mass, x_after[2])

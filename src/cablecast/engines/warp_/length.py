@@ -181,9 +181,14 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         tension = state.tension[group]
         inverse_mass = model.inverse_mass[group]
         solution = scratch.elimination[group]
+        one = lane(real(1.0))
+        ratio = model.last_ratio[group]
         tau = lane()
         pull_after = vec3()
         largest = lane()
+        # There is no segment after the last node, and that before it has a length of its own.
+        weight = lane()
+        weight_before = mul(ratio, ratio)
         x = position[last]
         v = velocity[last]
         end_after = vec3()
@@ -200,16 +205,18 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             tension[node - 1] = applied + tension[node - 1] * keep
             end = x + pulled * dt
             edge = end_after - end
-            # There is no edge after the last node.
             squared_length = squared_lengths[wp.min(node, last - 1)]
-            error = absolute(dot(edge, edge) - squared_length) * real(wp.min(back, 1))
-            largest = wp.max(largest, error)
+            error = absolute(dot(edge, edge) - squared_length)
+            largest = wp.max(largest, mul(error, weight))
+            weight = weight_before
+            weight_before = one
             end_after = end
             pull_after = pull
             x = x_before
             v = v_before
         edge = end_after - (x + v * dt)
-        largest = wp.max(largest, absolute(dot(edge, edge) - squared_lengths[0]))
+        error = absolute(dot(edge, edge) - squared_lengths[0])
+        largest = wp.max(largest, mul(error, weight))
         return largest * inverse_squared_length
 
     @wp.func

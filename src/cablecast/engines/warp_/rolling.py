@@ -68,7 +68,10 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         response = model.spin_response[group][segment]
         limit = mul(model.rolling_friction[group], mul(response, scratch.load[group][segment]))
         losses = state.lateral_loss[group]
-        loss = losses[segment] + mul(model.mass_ratio[group][segment + 1], losses[segment + 1])
+        loss = losses[segment]
+        if segment == model.node_count - 2:
+            loss = mul(model.near_ratio[group], loss)
+        loss = loss + mul(model.mass_ratio[group][segment + 1], losses[segment + 1])
         repeated_spin = scratch.spin[group][segment]
         free_spin = repeated_spin - mul(response, state.axial_impulse[group][segment])
         driven_spin = free_spin + mul(response, loss)
@@ -126,7 +129,10 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         # The gripped node loses nothing; its segment rolls by the other node alone.
         losses[0] = losses[1]
         loss_before = losses[0]
+        last = model.node_count - 2
         for segment in range(model.node_count - 1):
+            if segment == last:
+                loss_before = mul(model.near_ratio[group], loss_before)
             response = responses[segment]
             limit = mul(friction, mul(response, loads[segment]))
             loss_after = losses[segment + 1]

@@ -34,7 +34,7 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     contact = contact_functions(precision, lane_count)
-    real, vec3, scale, mul = f.real, f.vec3, f.scale, f.mul
+    real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
     Model, State, Scratch = s.Model, s.State, s.Scratch
     stiffness = wp.constant(COUPLE_STIFFNESS)
     damping = wp.constant(COUPLE_DAMPING)
@@ -53,6 +53,7 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
             group: Group of worlds.
         """
         last = model.node_count - 1
+        one = lane(real(1.0))
         inverse_length = real(1.0) / model.segment_length
         segment_mass = model.segment_mass[group]
         friction = model.spinning_friction[group]
@@ -64,6 +65,8 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
         inverse_mass = model.inverse_mass[group]
         x = position[last]
         v = velocity[last]
+        # A last segment of another length: a couple is an impulse times that length.
+        ratio = model.last_ratio[group]
         # Impulse of the segment after the node [N·s].
         impulse_after = vec3()
         for back in range(last):
@@ -71,8 +74,8 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
             segment = node - 1
             x_before = position[segment]
             v_before = velocity[segment]
-            axis = (x - x_before) * inverse_length
-            limit = mul(friction, loads[segment] * real(0.5))
+            axis = scale(ratio, x - x_before) * inverse_length
+            limit = mul(mul(friction, ratio), loads[segment] * real(0.5))
             momentum = mul(segment_mass, contact.lateral(v - v_before, axis))
             couple = contact.clamp(couples[segment] + momentum * real(stiffness), limit)
             couples[segment] = couple
@@ -82,5 +85,6 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
             impulse_after = impulse
             x = x_before
             v = v_before
+            ratio = one
 
     return SimpleNamespace(resist_turning=resist_turning)

@@ -68,8 +68,10 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             drag: Drag of a whole cell across the cable over the square of its speed [kg/m],
                 shape [group].
             friction_ratio: Friction along the cable over that across it [-], shape [group].
-            mass_ratio: Mass with which a node lies on each of its segments, over half a segment's
-                mass [-], shape [group, node]: 1, and more where the endpoint carries a mass.
+            mass_ratio: Mass with which a node lies on the segment before it, over half a segment's
+                mass [-], shape [group, node]: 1, and another where an attachment lies.
+            near_ratio: Mass with which the node before the last lies on the last segment, over half
+                a segment's mass [-], shape [group]: 1, and another for an attachment.
             spin_response: Spin that a segment takes up within a step per velocity that friction
                 takes from its nodes across the cable [1/m], shape [group, segment].
             spin_pivot: Inverse pivots of the torsion solve (twist.py) [1/(kg·m²)],
@@ -112,6 +114,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         drag: wp.array(dtype=lane)
         friction_ratio: wp.array(dtype=lane)
         mass_ratio: wp.array2d(dtype=lane)
+        near_ratio: wp.array(dtype=lane)
         spin_response: wp.array2d(dtype=lane)
         spin_pivot: wp.array2d(dtype=lane)
         filter_diagonal: wp.array2d(dtype=lane)
