@@ -22,6 +22,7 @@ from cablecast.policies.ensemble import (
     judged,
 )
 
+COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
 ACTIONS = rightward(feasible_uniform(3, SETUP, seed=5))[0]
 
 
@@ -33,10 +34,16 @@ def tracks_to(ends):
     return np.linspace([0.0, 0.5], ends, 5).swapaxes(0, 1)[:, None]
 
 
-def judged_of(tracks, rubbed=((0.0, 1.0), (0.0, 1.0))):
+def judged_of(tracks, rubbed=((0.0, 1.0), (0.0, 1.0)), expected=None):
     """Return the judgement on one cast that lands somewhere with less and more friction."""
-    rubbed_xy = LENGTH * np.array(rubbed)[:, None]
-    return judged(LENGTH * tracks, SETUP, rubbed_xy, LENGTH * tracks[0, :, -1])
+    first = tracks[0, :, -1]
+    return judged(
+        LENGTH * tracks,
+        SETUP,
+        landing_xy=LENGTH * (first if expected is None else np.array([expected])),
+        rubbed_xy=LENGTH * np.array(rubbed)[:, None],
+        reference_xy=LENGTH * first,
+    )
 
 
 class _Told:
@@ -70,13 +77,14 @@ def ensemble():
         Dynamics(params=slippery),
         Dynamics(params=params, material=Material(drag_coefficient=1.1)),
     ]
-    return EnsembleLandings(SETUP, members, EngineWarp(12, 2e-3))
+    return EnsembleLandings(SETUP, members, COARSE, members[0], FINE)
 
 
-def test_mean_and_spread_of_landings():
-    said = judged_of(tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]]))
-    np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.1, LENGTH * 1.1]])
-    np.testing.assert_allclose(said.shifts, [[0.1, 0.1]])
+def test_expected_landing_and_spread():
+    ends = tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]])
+    said = judged_of(ends, expected=(0.05, 1.2))
+    np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.05, LENGTH * 1.2]])
+    np.testing.assert_allclose(said.shifts, [[0.05, 0.2]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
 
@@ -116,29 +124,33 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     simulated = []
     tracks = ensemble._tracks
 
-    def counted(members, actions, hands):
-        simulated.append(len(actions))
-        return tracks(members, actions, hands)
+    def counted(engine, members, actions, hands):
+        simulated.append((engine, len(members), len(actions)))
+        return tracks(engine, members, actions, hands)
 
     monkeypatch.setattr(ensemble, "_tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
     again = ensemble.judge(new)
-    assert simulated == [1]
+    # Three simulators, and the first with less and more friction; then the best.
+    assert simulated == [(COARSE, 5, 1), (FINE, 1, 1)]
     np.testing.assert_array_equal(again.shifts[:3], first.shifts[::-1])
     np.testing.assert_array_equal(again.sizes[:3], first.sizes[::-1])
     np.testing.assert_array_equal(again.leaving[:3], first.leaving[::-1])
     np.testing.assert_array_equal(again.shifts[3], again.shifts[4])
 
 
-def test_the_shift_leads_from_the_first_simulator_to_the_mean(ensemble):
-    landings = ensemble.tracks(ACTIONS)[:, :, -1]
+def test_the_shift_leads_to_the_landing_at_full_resolution(ensemble):
+    first = ensemble.members[:1]
+    coarse, fine = (
+        EnsembleLandings(SETUP, first, engine, first[0], engine).tracks(ACTIONS)[0, :, -1]
+        for engine in (COARSE, FINE)
+    )
     said = ensemble.judge(ACTIONS)
-    mean = landings[0] + LENGTH * said.shifts
-    np.testing.assert_allclose(mean, landings.mean(axis=0), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(said.landing_xy, mean, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(said.landing_xy, fine, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(coarse + LENGTH * said.shifts, fine, rtol=0, atol=1e-12)
     assert np.all(said.sizes > OWN_MISS)
-    alone = EnsembleLandings(SETUP, ensemble.members[:1], ensemble.engine).judge(ACTIONS)
-    np.testing.assert_array_equal(alone.shifts, np.zeros((3, 2)))
+    alone = EnsembleLandings(SETUP, first, COARSE, first[0], COARSE).judge(ACTIONS)
+    np.testing.assert_allclose(alone.shifts, np.zeros((3, 2)), rtol=0, atol=1e-12)
     np.testing.assert_allclose(alone.sizes, OWN_MISS)
 
 
@@ -148,7 +160,8 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
     ends = []
     for factor in np.exp([-0.08, 0.08]):
         params = dataclasses.replace(first.params, lateral_friction=friction * factor)
-        rubbed = EnsembleLandings(SETUP, [Dynamics(params=params)], ensemble.engine)
+        one = Dynamics(params=params)
+        rubbed = EnsembleLandings(SETUP, [one], COARSE, one, FINE)
         ends.append(rubbed.tracks(ACTIONS)[0, :, -1])
     expected = np.linalg.norm(ends[1] - ends[0], axis=1) / LENGTH / 0.16
     np.testing.assert_allclose(ensemble.judge(ACTIONS).frictions, expected)
@@ -158,7 +171,7 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
 def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
     curl = Material(rest_curvature=0.6 / LENGTH)
     curled = Dynamics(params=SETUP.cable.params, material=curl)
-    ensemble = EnsembleLandings(SETUP, [curled], EngineWarp(12, 2e-3))
+    ensemble = EnsembleLandings(SETUP, [curled], COARSE, curled, COARSE)
     hands = np.array([1.0, -1.0, -1.0])
     seen = ensemble.tracks(ACTIONS, hands)[0, :, -1]
     paths = cast_grip_paths(played(ACTIONS, hands), SETUP)
@@ -166,7 +179,7 @@ def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
     np.testing.assert_allclose(to_right(seen, hands), real, rtol=0, atol=1e-3)
     # The landing that shifts lead from is that of a straight cable.
     straight = Dynamics(params=SETUP.cable.params, material=Material())
-    known = EnsembleLandings(SETUP, [straight], ensemble.engine).tracks(ACTIONS)[0, :, -1]
+    known = EnsembleLandings(SETUP, [straight], COARSE, straight, COARSE).tracks(ACTIONS)[0, :, -1]
     said = ensemble.judge(ACTIONS, hands)
     np.testing.assert_allclose(known + LENGTH * said.shifts, seen, rtol=0, atol=1e-9)
     assert np.all(np.linalg.norm(said.shifts, axis=1) > 1e-3)

@@ -98,7 +98,7 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
     both = np.concatenate([ACTION, NEARBY])
-    true_xy = ensemble._tracks([true], both, np.ones(2))[0, :, -1]
+    true_xy = ensemble._tracks(ensemble.engine, [true], both, np.ones(2))[0, :, -1]
     before, after = (
         np.linalg.norm(some.tracks(both)[:, :, -1] - true_xy, axis=-1)
         for some in (ensemble, taught)
@@ -112,9 +112,9 @@ def test_shifts_of_simulators_that_learned_lead_from_the_first_as_it_was(tuned, 
     ensemble = session_of(tuned).aimer.predictor.ensemble
     taught = ensemble.taught(MeasuredTracks.from_dataset(lesson))
     reference = ensemble.tracks(NEARBY)[0, :, -1]
-    mean = taught.tracks(NEARBY)[:, :, -1].mean(axis=0)
+    learned = taught._tracks(taught.fine_engine, [taught.best], NEARBY, np.ones(1))[0, :, -1]
     shifts = taught.judge(NEARBY).shifts
-    np.testing.assert_allclose(reference + LENGTH * shifts, mean, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(reference + LENGTH * shifts, learned, rtol=0, atol=1e-12)
     assert np.linalg.norm(shifts) > 0.001
 
 
@@ -187,11 +187,12 @@ def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, 
         whole.cast(slippery, whole.propose(TARGET))
         again = session_of(tuned, out=tmp_path / "session")
         again.cast(slippery, again.propose(TARGET))
+    # A motion that is simulated beside longer ones ends by other pieces: a micrometre apart.
     for one, other in zip(whole.history, again.history, strict=True):
-        np.testing.assert_array_equal(one.action, other.action)
+        np.testing.assert_allclose(one.action, other.action, rtol=0, atol=1e-4)
     planned = [session.propose(TARGET) for session in (whole, again, whole.fork())]
     for proposal in planned[1:]:
-        np.testing.assert_array_equal(proposal.expected_xy, planned[0].expected_xy)
+        np.testing.assert_allclose(proposal.expected_xy, planned[0].expected_xy, rtol=0, atol=1e-4)
 
 
 def test_a_model_learns_from_the_first_simulator_without_its_curl(tuned):

@@ -45,6 +45,8 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         tuned.setup,
         [dataclasses.replace(member, servo=tuned.dynamics.servo) for member in fitted.members],
         make_engine(fitted.segment_count, fitted.dt),
+        tuned.dynamics,
+        make_engine(fitted.fine_segment_count, fitted.fine_dt),
         tuned.posterior,
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)

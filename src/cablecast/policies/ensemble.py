@@ -1,8 +1,8 @@
 """EnsembleLandings: where simulators of different physics land the same casts, and how far apart.
 
-All of them follow the casts that they were fitted to. Where they part, the physics matters that
-those casts do not tell, and each is as likely to be right as the others. So their mean is a better
-guess than any of them, and their spread says how far off it may be (docs/aim.md).
+All of them follow the casts that they were fitted to. One, at full resolution, is the best guess.
+Where the others part, the physics matters that those casts do not tell, so their spread says how
+far off it may be (docs/aim.md).
 """
 
 import concurrent.futures
@@ -40,8 +40,8 @@ class Judgement:
     """Judgement of an ensemble on some casts.
 
     Attributes:
-        landing_xy: Mean landing in all simulators [m], NaN where there is none, shape [action, 2].
-        shifts: From the landing in the reference simulator to that mean, 0 where there is none
+        landing_xy: Landing in the best simulator [m], NaN where there is none, shape [action, 2].
+        shifts: From the landing in the reference simulator to that one, 0 where there is none
             [cable lengths], shape [action, 2].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
@@ -82,7 +82,9 @@ class EnsembleLandings:
         members: Parameters and material of each simulator; all have the servo of the first one. The
             landings of the first one are known otherwise: the others shift them.
         engine: Engine that simulates them.
-        posterior: Uncertainty of the first one's parameters; None for simulators that do not learn.
+        best: Simulator whose landings are expected.
+        fine_engine: Engine that simulates it.
+        posterior: Uncertainty of the parameters; None for simulators that do not learn.
         reference: Simulator that landings are known of otherwise; the first member where None. That
             of a policy knows no curl.
     """
@@ -92,12 +94,15 @@ class EnsembleLandings:
         setup: Setup,
         members: Sequence[Dynamics],
         engine: Engine,
+        best: Dynamics,
+        fine_engine: Engine,
         posterior: ParamPosterior | None = None,
         reference: Dynamics | None = None,
     ):
         self.setup = setup
         self.members = tuple(members)
         self.engine = engine
+        self.best, self.fine_engine = best, fine_engine
         self.posterior = posterior
         first = self.members[0] if reference is None else reference
         self.reference = first.without_curl()
@@ -117,10 +122,11 @@ class EnsembleLandings:
             Positions every `_SAMPLE_DT`, the landing last; NaN where a simulation broke off.
         """
         hands = np.ones(len(actions)) if hands is None else hands
-        return self._tracks(self.members, actions, hands)
+        return self._tracks(self.engine, self.members, actions, hands)
 
     def _tracks(
         self,
+        engine: Engine,
         members: Sequence[Dynamics],
         actions: NDArray[np.float64],
         hands: NDArray[np.float64],
@@ -132,7 +138,7 @@ class EnsembleLandings:
         rows = np.arange(count) + np.where(hands < 0, count, 0)[:, None]
         worlds = Dynamics.stack([*members, *left], self.setup).rows(rows.ravel())
         paths = paths[np.repeat(np.arange(len(actions)), count)]
-        rollout = worlds.rollout(self.engine, self.setup, paths, sample_dt=_SAMPLE_DT)
+        rollout = worlds.rollout(engine, self.setup, paths, sample_dt=_SAMPLE_DT)
         xy = rollout.endpoint_xy
         return np.swapaxes(xy.reshape(len(actions), count, *xy.shape[1:]), 0, 1)
 
@@ -150,20 +156,30 @@ class EnsembleLandings:
         # A few casts are too small a batch for several cores: the simulators share these instead.
         with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
             learned = list(pool.map(lambda update: update.params_after(tracks), self._updates))
-        members = [
-            member.with_params(params) for member, params in zip(self.members, learned, strict=True)
+        best, *members = [
+            one.with_params(params)
+            for one, params in zip((self.best, *self.members), learned, strict=True)
         ]
-        return EnsembleLandings(self.setup, members, self.engine, self.posterior, self.reference)
+        return EnsembleLandings(
+            self.setup,
+            members,
+            self.engine,
+            best,
+            self.fine_engine,
+            self.posterior,
+            self.reference,
+        )
 
     @functools.cached_property
     def _updates(self) -> list[ParamUpdate]:
-        """Update of each simulator's parameters; none without a posterior."""
+        """Update of each simulator's parameters, the best first; none without a posterior."""
         if self.posterior is None:
             return []
         cable, posterior = self.setup.cable, self.posterior
+        engines = [self.fine_engine, *(self.engine for _ in self.members)]
         return [
-            ParamUpdate(self.engine, cable.with_material(one.material), posterior, one.params)
-            for one in self.members
+            ParamUpdate(engine, cable.with_material(one.material), posterior, one.params)
+            for engine, one in zip(engines, (self.best, *self.members), strict=True)
         ]
 
     def judge(
@@ -185,9 +201,15 @@ class EnsembleLandings:
             # The first simulator is often the reference itself.
             known = () if self.reference is self.members[0] else (self.reference,)
             played = (*self.members, *self._rubbed, *known)
-            tracks = self._tracks(played, actions[some], hands[some])
-            reference_xy = tracks[-1 if known else 0, :, -1]
-            new = judged(tracks[:count], self.setup, tracks[count : count + 2, :, -1], reference_xy)
+            tracks = self._tracks(self.engine, played, actions[some], hands[some])
+            best = self._tracks(self.fine_engine, (self.best,), actions[some], hands[some])
+            new = judged(
+                tracks[:count],
+                self.setup,
+                landing_xy=best[0, :, -1],
+                rubbed_xy=tracks[count : count + 2, :, -1],
+                reference_xy=tracks[-1 if known else 0, :, -1],
+            )
             rows = np.column_stack(
                 [new.landing_xy, new.shifts, new.frictions, new.spreads, new.leaving]
             )
@@ -216,6 +238,8 @@ class EnsembleLandings:
 def judged(
     tracks: NDArray[np.float64],
     setup: Setup,
+    *,
+    landing_xy: NDArray[np.float64],
     rubbed_xy: NDArray[np.float64],
     reference_xy: NDArray[np.float64],
 ) -> Judgement:
@@ -225,6 +249,7 @@ def judged(
         tracks: Positions of the free end [m], shape [member, action, sample, 2]; NaN where a
             simulation broke off.
         setup: Gives the table and the cable.
+        landing_xy: Landings that are expected [m], shape [action, 2].
         rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
         reference_xy: Landings that shifts lead from [m], shape [action, 2].
     """
@@ -238,8 +263,8 @@ def judged(
     frictions = _apart(rubbed_xy[1] / length, rubbed_xy[0] / length) / (2.0 * _FRICTION_STEP)
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
     return Judgement(
-        landing_xy=length * mean,
-        shifts=np.nan_to_num(mean - reference_xy / length),
+        landing_xy=landing_xy,
+        shifts=np.nan_to_num((landing_xy - reference_xy) / length),
         frictions=frictions,
         spreads=spread,
         leaving=passed.mean(axis=0),

@@ -15,6 +15,7 @@ import numpy as np
 from cablecast.cable import CableParams
 from cablecast.checks import check_count, check_number
 from cablecast.dynamics import Dynamics
+from cablecast.engines.base import Engine
 from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.tuning.least_squares import FitState, TrackFit, run_fit
 
@@ -37,11 +38,16 @@ class Ensemble:
         members: Parameters and material of each; the first one has the material that was found.
         segment_count: Segments of the cable that they were fitted with.
         dt: Time step that they were fitted with [s].
+        fine_segment_count: Segments of the cable that the parameters that were found were fitted
+            with.
+        fine_dt: Time step of that fit [s].
     """
 
     members: tuple[Dynamics, ...]
     segment_count: int
     dt: float
+    fine_segment_count: int
+    fine_dt: float
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "Ensemble":
@@ -55,6 +61,8 @@ class Ensemble:
             members=tuple(Dynamics.from_dict(row) for row in values["members"]),
             segment_count=check_count("segment_count", values["segment_count"], 2),
             dt=check_number("dt", values["dt"], 1e-7, 1e-2, "s"),
+            fine_segment_count=check_count("fine_segment_count", values["fine_segment_count"], 2),
+            fine_dt=check_number("fine_dt", values["fine_dt"], 1e-7, 1e-2, "s"),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -63,6 +71,8 @@ class Ensemble:
             "members": [member.to_dict() for member in self.members],
             "segment_count": self.segment_count,
             "dt": self.dt,
+            "fine_segment_count": self.fine_segment_count,
+            "fine_dt": self.fine_dt,
         }
 
 
@@ -94,6 +104,7 @@ def other_materials(material: Material, length: float) -> tuple[Material, ...]:
 
 def fit_ensemble(
     fit: TrackFit,
+    fine_engine: Engine,
     params: CableParams,
     misfit: float,
     iterations: int,
@@ -104,6 +115,7 @@ def fit_ensemble(
     Args:
         fit: Fit with the material that was found, at the resolution at which the ensemble will be
             simulated.
+        fine_engine: Engine that the parameters were found with.
         params: Parameters that were found, from which each fit starts.
         misfit: Scale of the model's own error that was found [cable lengths].
         iterations: Steps of each fit; no ensemble where 0.
@@ -123,4 +135,10 @@ def fit_ensemble(
         found = fit.space.to_params(np.asarray(state.best().points[0]))
         members.append(Dynamics(params=found, material=material))
     engine = fit.objective.engine
-    return Ensemble(members=tuple(members), segment_count=engine.segment_count, dt=engine.dt)
+    return Ensemble(
+        members=tuple(members),
+        segment_count=engine.segment_count,
+        dt=engine.dt,
+        fine_segment_count=fine_engine.segment_count,
+        fine_dt=fine_engine.dt,
+    )

@@ -90,7 +90,7 @@ def fit_params(
     params = posterior.params
     steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
     fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, prior)
-    ensemble = fit_ensemble(fit, params, state.misfit, config.ensemble_iterations, steps)
+    ensemble = fit_ensemble(fit, engine, params, state.misfit, config.ensemble_iterations, steps)
 
     def distances(tracks: MeasuredTracks) -> TrackDistances:
         believed = TrackObjective(engine, cable, tracks).distances(cable.params)
