@@ -14,6 +14,7 @@ from benchmarks.common import Table, land, landing_error_pct, random_casts, writ
 from cablecast.cable import CABLE_NAMES, Cable, load_cable
 from cablecast.engines.base import reset_state
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
+from cablecast.material import ROD_ARM, Material
 
 FINE_SEGMENT_COUNT = 160
 FINE_DT = 1.25e-4
@@ -28,12 +29,14 @@ class Args:
         cables: Names of presets.
         count: Number of random feasible actions, at v_max 1.5 m/s with psi.
         seed: Seed of the actions.
+        attachments: True for attachments that are rods of their length, in place of point masses.
         json: File that gets the figures, too.
     """
 
     cables: tuple[str, ...] = CABLE_NAMES
     count: int = 100
     seed: int = 0
+    attachments: bool = False
     json: pathlib.Path | None = None
 
 
@@ -71,6 +74,8 @@ def main(args: Args) -> None:
     )
     for name in args.cables:
         cable = load_cable(name)
+        if args.attachments:
+            cable = cable.with_material(Material(attachment_arm=ROD_ARM * cable.attachment_length))
         fine = land(cable, paths, FINE_SEGMENT_COUNT, FINE_DT)
 
         def add(table, reference, segments, dt, precision="double", state=None, cable=cable):
