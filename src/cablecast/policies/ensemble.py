@@ -79,14 +79,14 @@ class EnsembleLandings:
 
     Args:
         setup: Cable, workspace, arm and motion settings.
-        members: Parameters and material of each simulator; all have the servo of the first one. The
-            landings of the first one are known otherwise: the others shift them.
+        members: Parameters and material of each simulator whose spread tells of misses; all have
+            the servo of the first one.
         engine: Engine that simulates them.
         best: Simulator whose landings are expected.
         fine_engine: Engine that simulates it.
         posterior: Uncertainty of the parameters; None for simulators that do not learn.
-        reference: Simulator that landings are known of otherwise; the first member where None. That
-            of a policy knows no curl.
+        reference: Simulator that a policy learned its landings from, with `engine`; the first
+            member where None. It knows no curl.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """LandingPredictor: where casts are expected to land, and how surely.
 
-The landing of an action is known from the simulator that a policy learned from. Simulators of other
-physics that follow the same casts (`EnsembleLandings`) shift it, and tell how far it may be off. A
-Gaussian process adds what real casts showed (`Experience`).
+The landing of an action is known from the simulator that a policy learned from. The best simulator
+of the cable, at full resolution, shifts it, and others of different physics tell how far it may be
+off (`EnsembleLandings`). A Gaussian process adds what real casts showed (`Experience`).
 """
 
 import copy
