@@ -59,7 +59,7 @@ class Aimer:
         ensemble: Simulators of other physics, by which a cast is judged; by its place where None.
 
     Attributes:
-        predictor: Where casts are expected to land, and how surely.
+        predictor: Predictor of landings, which learns from the casts.
         casts: Casts that it learned from.
     """
 

@@ -33,7 +33,7 @@ class LandingPredictor:
 
     Args:
         policy: Policy of simulated casts alone.
-        experience: What real casts added to the simulated landings.
+        experience: Residuals of real casts about the simulated landings.
         size: By how much more casts to one place may miss than to another; from the sensitivity of
             the policy's candidates where None.
         ensemble: Simulators of other physics, by which a cast is judged; by its place where None.
@@ -69,7 +69,7 @@ class LandingPredictor:
         """Return a predictor of the same policy that knows other casts.
 
         Args:
-            experience: What real casts added to the simulated landings.
+            experience: Residuals of real casts about the simulated landings.
             ensemble: Simulators that learned from some of them; the present ones where None.
         """
         other = copy.copy(self)
@@ -120,9 +120,7 @@ class LandingPredictor:
             Places; landings [m], shape [action, 2]; their variance along each axis without the
             scatter [square cable lengths], shape [action].
         """
-        simulated_xy = self._simulated(some)
-        sensitivity = self.sensitivities(some.actions)
-        places = self.places(some, simulated_xy, sensitivity)
+        places, simulated_xy = self._located(some)
         mean, variance = self.experience.residual.predict(places)
         return places, simulated_xy + self.length * mean, variance
 
@@ -198,9 +196,13 @@ class LandingPredictor:
     def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:
         """Return the place of a cast, its simulated landing to the right [m], and its hand."""
         cast = self.judge(*rightward(action[None]))
-        simulated_xy = self._simulated(cast)
-        sensitivity = self.sensitivities(cast.actions)
-        return self.places(cast, simulated_xy, sensitivity), simulated_xy[0], float(cast.hands[0])
+        places, simulated_xy = self._located(cast)
+        return places, simulated_xy[0], float(cast.hands[0])
+
+    def _located(self, some: Candidates) -> tuple[Places, NDArray[np.float64]]:
+        """Return the places of candidates and their simulated landings to the right [m]."""
+        simulated_xy = self._simulated(some)
+        return self.places(some, simulated_xy, self.sensitivities(some.actions)), simulated_xy
 
     def _simulated(self, some: Candidates) -> NDArray[np.float64]:
         """Return the simulated landings of candidates [m], shape [action, 2]."""
