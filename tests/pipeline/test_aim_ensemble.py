@@ -42,22 +42,26 @@ def judged_of(tracks, rubbed=((0.0, 1.0), (0.0, 1.0)), expected=None):
         SETUP,
         landing_xy=LENGTH * (first if expected is None else np.array([expected])),
         rubbed_xy=LENGTH * np.array(rubbed)[:, None],
-        reference_xy=LENGTH * first,
     )
 
 
 class _Told:
-    """An ensemble that knows casts that swing back by less than 0.5 rad, and shifts all."""
+    """An ensemble that knows casts that swing back by less than 0.5 rad, and shifts all.
 
-    def __init__(self, shift=(0.0, 0.0), leaves_from=-10.0):
-        self.shift, self.leaves_from = np.array(shift), leaves_from
+    Where no model is given, casts have no landing in the best simulator.
+    """
+
+    def __init__(self, model=None, shift=(0.0, 0.0), leaves_from=-10.0):
+        self.model, self.shift, self.leaves_from = model, np.array(shift), leaves_from
 
     def judge(self, actions, hands=None):
         spreads = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
+        landing_xy = np.full((len(actions), 2), np.nan)
+        if self.model is not None:
+            landing_xy = self.model.predict(actions) + LENGTH * self.shift
         return Judgement(
-            landing_xy=np.zeros((len(actions), 2)),
+            landing_xy=landing_xy,
             frictions=np.zeros(len(actions)),
-            shifts=np.tile(self.shift, (len(actions), 1)),
             spreads=spreads,
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
         )
@@ -84,7 +88,6 @@ def test_expected_landing_and_spread():
     ends = tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]])
     said = judged_of(ends, expected=(0.05, 1.2))
     np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.05, LENGTH * 1.2]])
-    np.testing.assert_allclose(said.shifts, [[0.05, 0.2]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
 
@@ -102,10 +105,8 @@ def test_the_friction_moves_a_landing_from_less_to_more():
 def test_a_simulation_that_broke_off_is_trusted_no_further_than_a_cable_length():
     tracks = tracks_to([[0.0, 1.0], [np.nan, np.nan], [0.0, 1.0]])
     said = judged_of(tracks)
-    np.testing.assert_allclose(said.shifts, [[0.0, 0.0]], atol=1e-12)
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(1.0 / 6)))
     said = judged_of(tracks[1:2])
-    np.testing.assert_array_equal(said.shifts, [[0.0, 0.0]])
     assert np.all(np.isnan(said.landing_xy))
     assert np.all(np.isfinite(said.sizes))
 
@@ -131,27 +132,30 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     monkeypatch.setattr(ensemble, "_tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
     again = ensemble.judge(new)
-    # Three simulators, and the first with less and more friction; then the best.
-    assert simulated == [(COARSE, 5, 1), (FINE, 1, 1)]
-    np.testing.assert_array_equal(again.shifts[:3], first.shifts[::-1])
+    # The best; three simulators, and the first with less and more friction.
+    assert sorted(simulated, key=lambda one: one[1]) == [(FINE, 1, 1), (COARSE, 5, 1)]
+    np.testing.assert_array_equal(again.landing_xy[:3], first.landing_xy[::-1])
     np.testing.assert_array_equal(again.sizes[:3], first.sizes[::-1])
     np.testing.assert_array_equal(again.leaving[:3], first.leaving[::-1])
-    np.testing.assert_array_equal(again.shifts[3], again.shifts[4])
+    np.testing.assert_array_equal(again.landing_xy[3], again.landing_xy[4])
 
 
-def test_the_shift_leads_to_the_landing_at_full_resolution(ensemble):
+def test_the_expected_landing_is_that_at_full_resolution(ensemble, policy):
     first = ensemble.members[:1]
-    coarse, fine = (
-        EnsembleLandings(SETUP, first, engine, first[0], engine).tracks(ACTIONS)[0, :, -1]
-        for engine in (COARSE, FINE)
-    )
+    fine = EnsembleLandings(SETUP, first, FINE, first[0], FINE).tracks(ACTIONS)[0, :, -1]
     said = ensemble.judge(ACTIONS)
     np.testing.assert_allclose(said.landing_xy, fine, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(coarse + LENGTH * said.shifts, fine, rtol=0, atol=1e-12)
     assert np.all(said.sizes > OWN_MISS)
+    # Whatever the network says of it.
+    expected, _, _ = Aimer(policy, ensemble=ensemble).predictor.predict(ACTIONS)
+    np.testing.assert_allclose(expected, fine, rtol=0, atol=1e-9)
     alone = EnsembleLandings(SETUP, first, COARSE, first[0], COARSE).judge(ACTIONS)
-    np.testing.assert_allclose(alone.shifts, np.zeros((3, 2)), rtol=0, atol=1e-12)
     np.testing.assert_allclose(alone.sizes, OWN_MISS)
+
+
+def test_a_cast_without_a_landing_in_the_simulator_lands_where_the_network_says(policy):
+    expected, _, _ = Aimer(policy, ensemble=_Told()).predictor.predict(ACTIONS)
+    np.testing.assert_allclose(expected, policy.model.predict(ACTIONS), rtol=0, atol=1e-12)
 
 
 def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
@@ -177,15 +181,11 @@ def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
     paths = cast_grip_paths(played(ACTIONS, hands), SETUP)
     real = curled.rollout(ensemble.engine, SETUP, paths).endpoint_xy[:, -1]
     np.testing.assert_allclose(to_right(seen, hands), real, rtol=0, atol=1e-3)
-    # The landing that shifts lead from is that of a straight cable.
-    straight = Dynamics(params=SETUP.cable.params, material=Material())
-    known = EnsembleLandings(SETUP, [straight], COARSE, straight, COARSE).tracks(ACTIONS)[0, :, -1]
     said = ensemble.judge(ACTIONS, hands)
-    np.testing.assert_allclose(known + LENGTH * said.shifts, seen, rtol=0, atol=1e-9)
-    assert np.all(np.linalg.norm(said.shifts, axis=1) > 1e-3)
+    np.testing.assert_allclose(said.landing_xy, seen, rtol=0, atol=1e-9)
     # What is known of one side is not taken for the other.
     other = ensemble.judge(ACTIONS, -hands)
-    assert np.all(np.linalg.norm(other.shifts - said.shifts, axis=1) > 1e-3)
+    assert np.all(np.linalg.norm(other.landing_xy - said.landing_xy, axis=1) > 1e-3 * LENGTH)
 
 
 def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
@@ -204,8 +204,8 @@ def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
     assert max(choice.failure for choice in choices) < 0.1
 
 
-def test_the_shift_is_part_of_the_expected_landing_on_both_sides(policy):
-    aimer = Aimer(policy, ensemble=_Told(shift=(0.05, -0.03)))
+def test_the_simulated_landing_is_expected_on_both_sides(policy):
+    aimer = Aimer(policy, ensemble=_Told(policy.model, shift=(0.05, -0.03)))
     for hand in (1.0, -1.0):
         choice = aimer.choose([hand * 0.3, 1.1])
         plain, _, _ = Aimer(policy).predictor.predict(choice.action)
@@ -222,7 +222,7 @@ def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
 
 
 def test_casts_teach_an_aimer_that_has_an_ensemble(policy):
-    told = Aimer(policy, ensemble=_Told(shift=(0.05, 0.0)))
+    told = Aimer(policy, ensemble=_Told(policy.model, shift=(0.05, 0.0)))
     choice = told.choose([0.3, 1.1])
     seen = choice.expected_xy + LENGTH * np.array([0.08, 0.02])
     other = told.copy()

@@ -18,8 +18,8 @@ class Candidates(ArrayRows):
     Attributes:
         actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
         hands: +1, or -1 for actions that are played to the left, shape [action].
-        shifts: From the landing in the policy's simulator to that in the best one, 0 where there is
-            no ensemble [cable lengths], shape [action, 2].
+        shifts: From the landing that the policy's network says to that in the best simulator, 0
+            where there is no ensemble [cable lengths], shape [action, 2].
         leaving: Chance that the free end passes an edge of the table, as the ensemble says, 0 where
             there is none [-], shape [action].
         log_sizes: Logarithm of the size of a miss over the usual one, as the ensemble says, NaN

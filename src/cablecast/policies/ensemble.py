@@ -41,8 +41,6 @@ class Judgement:
 
     Attributes:
         landing_xy: Landing in the best simulator [m], NaN where there is none, shape [action, 2].
-        shifts: From the landing in the reference simulator to that one, 0 where there is none
-            [cable lengths], shape [action, 2].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
@@ -51,7 +49,6 @@ class Judgement:
     """
 
     landing_xy: NDArray[np.float64]
-    shifts: NDArray[np.float64]
     frictions: NDArray[np.float64]
     spreads: NDArray[np.float64]
     leaving: NDArray[np.float64]
@@ -85,8 +82,6 @@ class EnsembleLandings:
         best: Simulator whose landings are expected.
         fine_engine: Engine that simulates it.
         posterior: Uncertainty of the parameters; None for simulators that do not learn.
-        reference: Simulator that a policy learned its landings from, with `engine`; the first
-            member where None. It knows no curl.
     """
 
     def __init__(
@@ -97,15 +92,12 @@ class EnsembleLandings:
         best: Dynamics,
         fine_engine: Engine,
         posterior: ParamPosterior | None = None,
-        reference: Dynamics | None = None,
     ):
         self.setup = setup
         self.members = tuple(members)
         self.engine = engine
         self.best, self.fine_engine = best, fine_engine
         self.posterior = posterior
-        first = self.members[0] if reference is None else reference
-        self.reference = first.without_curl()
         self._known: dict[bytes, NDArray[np.float64]] = {}
 
     def tracks(
@@ -161,13 +153,7 @@ class EnsembleLandings:
             for one, params in zip((self.best, *self.members), learned, strict=True)
         ]
         return EnsembleLandings(
-            self.setup,
-            members,
-            self.engine,
-            best,
-            self.fine_engine,
-            self.posterior,
-            self.reference,
+            self.setup, members, self.engine, best, self.fine_engine, self.posterior
         )
 
     @functools.cached_property
@@ -185,7 +171,7 @@ class EnsembleLandings:
     def judge(
         self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None
     ) -> Judgement:
-        """Return what the ensemble adds to the landings of the reference.
+        """Return what the ensemble says of casts.
 
         Args:
             actions: Actions to the right, shape [action, 4].
@@ -198,29 +184,27 @@ class EnsembleLandings:
         if row_of:
             some = list(row_of.values())
             count = len(self.members)
-            # The first simulator is often the reference itself.
-            known = () if self.reference is self.members[0] else (self.reference,)
-            played = (*self.members, *self._rubbed, *known)
-            tracks = self._tracks(self.engine, played, actions[some], hands[some])
-            best = self._tracks(self.fine_engine, (self.best,), actions[some], hands[some])
+            played = (*self.members, *self._rubbed)
+            # A few casts are too small a batch for several cores.
+            with concurrent.futures.ThreadPoolExecutor(1) as pool:
+                best = pool.submit(
+                    self._tracks, self.fine_engine, (self.best,), actions[some], hands[some]
+                )
+                tracks = self._tracks(self.engine, played, actions[some], hands[some])
             new = judged(
                 tracks[:count],
                 self.setup,
-                landing_xy=best[0, :, -1],
-                rubbed_xy=tracks[count : count + 2, :, -1],
-                reference_xy=tracks[-1 if known else 0, :, -1],
+                landing_xy=best.result()[0, :, -1],
+                rubbed_xy=tracks[count:, :, -1],
             )
-            rows = np.column_stack(
-                [new.landing_xy, new.shifts, new.frictions, new.spreads, new.leaving]
-            )
+            rows = np.column_stack([new.landing_xy, new.frictions, new.spreads, new.leaving])
             self._known.update(zip(row_of, rows, strict=True))
-        rows = np.array([self._known[key] for key in keys]).reshape(-1, 7)
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, 5)
         return Judgement(
             landing_xy=rows[:, :2],
-            shifts=rows[:, 2:4],
-            frictions=rows[:, 4],
-            spreads=rows[:, 5],
-            leaving=rows[:, 6],
+            frictions=rows[:, 2],
+            spreads=rows[:, 3],
+            leaving=rows[:, 4],
         )
 
     @functools.cached_property
@@ -241,7 +225,6 @@ def judged(
     *,
     landing_xy: NDArray[np.float64],
     rubbed_xy: NDArray[np.float64],
-    reference_xy: NDArray[np.float64],
 ) -> Judgement:
     """Return what tracks in several simulators say of casts.
 
@@ -251,7 +234,6 @@ def judged(
         setup: Gives the table and the cable.
         landing_xy: Landings that are expected [m], shape [action, 2].
         rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
-        reference_xy: Landings that shifts lead from [m], shape [action, 2].
     """
     length = setup.cable.length
     landings = tracks[:, :, -1] / length
@@ -264,7 +246,6 @@ def judged(
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
     return Judgement(
         landing_xy=landing_xy,
-        shifts=np.nan_to_num((landing_xy - reference_xy) / length),
         frictions=frictions,
         spreads=spread,
         leaving=passed.mean(axis=0),

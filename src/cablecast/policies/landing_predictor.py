@@ -1,8 +1,9 @@
 """LandingPredictor: where casts are expected to land, and how surely.
 
-The landing of an action is known from the simulator that a policy learned from. The best simulator
-of the cable, at full resolution, shifts it, and others of different physics tell how far it may be
-off (`EnsembleLandings`). A Gaussian process adds what real casts showed (`Experience`).
+A policy's network knows about where every action lands in a simulator. Where the best simulator of
+the cable was asked, its own landing counts; that of an action nearby differs from it as the network
+says. Simulators of different physics tell how far it may be off (`EnsembleLandings`). A Gaussian
+process adds what real casts showed (`Experience`).
 """
 
 import copy
@@ -104,10 +105,11 @@ class LandingPredictor:
         if self.ensemble is None:
             return Candidates.unjudged(actions, hands)
         said = self.ensemble.judge(actions, hands)
+        shifts = (said.landing_xy - self.model.predict(actions)) / self.length
         return Candidates(
             actions=actions,
             hands=hands,
-            shifts=said.shifts,
+            shifts=np.nan_to_num(shifts),
             leaving=said.leaving,
             log_sizes=np.log(said.sizes / self.size.usual),
             frictions=said.frictions,
