@@ -230,3 +230,23 @@ def test_a_cast_that_was_not_aimed_is_known_as_such(tuned, lesson, slippery):
     again = session_of(tuned)
     again.add_casts(session.store.dataset())
     assert [cast.aimed for cast in again.aimer.casts] == [False, False]
+
+
+def test_casts_of_another_session_are_learned_together_again(
+    tuned, lesson, slippery, tmp_path, monkeypatch
+):
+    one = session_of(tuned)
+    one.add_casts(lesson)
+    one.cast(slippery, one.propose(TARGET))
+    two = session_of(tuned, out=tmp_path / "session")
+    two.add_casts(one.store.dataset())
+    groups = []
+    learn = Aimer.learn
+
+    def noted(self, casts, *, refit=True):
+        groups.append((len(casts), refit))
+        return learn(self, casts, refit=refit)
+
+    monkeypatch.setattr(Aimer, "learn", noted)
+    session_of(tuned, out=tmp_path / "session")
+    assert groups == [(2, True)]

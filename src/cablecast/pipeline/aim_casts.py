@@ -170,3 +170,12 @@ class AimTrial:
         if not np.all(np.isfinite(offset)):
             return math.nan
         return 0.5 * float(offset @ np.linalg.solve(self.covariance, offset))
+
+
+def was_aimed(cast: StoredCast) -> bool:
+    """Return whether a stored cast was made at a target in its own session.
+
+    Args:
+        cast: Stored cast; one that came from a dataset was not, whatever it was made for there.
+    """
+    return "target_xy" in cast.note
