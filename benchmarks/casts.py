@@ -10,6 +10,7 @@ larger one asks for. Medians come with the interval that holds 90 % of 2,000 boo
 """
 
 import dataclasses
+import itertools
 import pathlib
 from typing import Any
 
@@ -63,7 +64,7 @@ class Args:
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
     """Folder of the results, which the same command goes on with."""
     figure: pathlib.Path | None = None
-    """Picture of the medians to write, such as docs/images/casts.png."""
+    """Picture of the misses to write, such as docs/images/casts.png."""
 
     @property
     def shares(self) -> list[int]:
@@ -176,33 +177,40 @@ def print_blind(found: Found, args: Args) -> None:
 
 
 def draw(found: Found, path: pathlib.Path) -> None:
-    """Draw the medians of first and corrected tries over the number of casts."""
-    import matplotlib.pyplot as plt
-
+    """Draw the misses of each try: medians with their intervals, and the quartiles."""
     from cablecast.files import write_bytes
-    from cablecast.report.style import png_bytes
+    from cablecast.report import style
 
     names = list(dict.fromkeys((name, cable) for name, cable, _, _ in found))
-    figure, axes = plt.subplots(1, len(names), figsize=(3.4 * len(names), 3.2), sharey=True)
-    for axis, (name, cable) in zip(np.atleast_1d(axes), names, strict=True):
-        counts = sorted({n for a, b, n, m in found if (a, b, m) == (name, cable, "aim")})
-        tries = len(found[name, cable, counts[0], "aim"][0]["miss_pct"]) if counts else 0
-        for number in range(tries):
-            bars = [
-                median_interval([row["miss_pct"][number] for row in found[name, cable, n, "aim"]])
-                for n in counts
-            ]
-            middle, low, high = np.array(bars).T
-            label = "first try" if number == 0 else f"after {number} correction(s)"
+    lines = list(dict.fromkeys((count, method) for _, _, count, method in found))
+    colors = itertools.cycle((style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY))
+    color_of = dict(zip(lines, colors, strict=False))
+    with style.styled():
+        figure = style.new_figure(max(3.0, 0.33 * style.PAGE_WIDTH * len(names)), 2.9)
+        axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+        for (name, cable, count, method), rows in found.items():
+            axis = axes[names.index((name, cable))]
+            misses = np.array([row["miss_pct"] for row in rows])
+            tries = np.arange(1, misses.shape[1] + 1)
+            middle, low, high = np.array([median_interval(values) for values in misses.T]).T
+            q1, q3 = np.quantile(misses, (0.25, 0.75), axis=0)
+            color = color_of[count, method]
+            axis.fill_between(tries, q1, q3, color=color, alpha=0.15, linewidth=0)
             axis.errorbar(
-                counts, middle, (middle - low, high - middle), marker="o", capsize=2, label=label
+                tries,
+                middle,
+                (middle - low, high - middle),
+                marker="o",
+                markersize=4,
+                capsize=2,
+                color=color,
+                label=f"{method}, {count} casts before",
             )
-        axis.set(title=f"{cable}, {name} rig", xlabel="real casts before", xscale="symlog")
-        axis.grid(alpha=0.3)
-    first = np.atleast_1d(axes)[0]
-    first.set(ylabel="median miss [% of cable length]", ylim=(0, None))
-    first.legend(fontsize=7)
-    write_bytes(path, png_bytes(figure))
+            axis.set(title=f"{cable}, {name} rig: {len(rows)} targets", xlabel="try", xticks=tries)
+            axis.grid(axis="y", color=style.FAINT)
+        axes[0].set(ylabel="miss [% of cable length]", ylim=(0, None))
+        axes[0].legend()
+        write_bytes(path, style.png_bytes(figure))
 
 
 def main(args: Args) -> int:

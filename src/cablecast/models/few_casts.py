@@ -26,7 +26,7 @@ LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
 """Length scales of the process along the normalised features of the action, the normalised
 landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
 
-FRICTION_SIZE, FRICTION_REACH = 0.025, 3.0
+FRICTION_SIZE, FRICTION_REACH = 0.017, 3.0
 """Standard deviation of h along each of x and y, as a relative change of the friction, and its
 length scales over those of g. It stands for all errors that are magnified as friction's are."""
 
