@@ -17,6 +17,7 @@ from cablecast.conventions import GRAVITY, tangent
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
+from cablecast.tuning.material_space import FITTED, MaterialSpace
 from cablecast.tuning.search_space import SearchSpace
 
 WORLD_COUNTS = {20: 2262, 30: 1800, 50: 600, 70: 240, 100: 96, 160: 24, 240: 9}
@@ -43,12 +44,14 @@ class Args:
     Attributes:
         cables: Names of presets.
         share: Share of the 20,124 worlds to play.
+        materials: Draw a material for each world, too: all that a fit can find.
         seed: Seed of the draws.
         json: File that gets the figures, too.
     """
 
     cables: tuple[str, ...] = CABLE_NAMES
     share: float = 1.0
+    materials: bool = False
     seed: int = 0
     json: pathlib.Path | None = None
 
@@ -59,6 +62,13 @@ def draw_worlds(cable: Cable, count: int, seed: int) -> CableParams:
     values = SearchSpace.for_cable(cable).to_params(unit).to_array()
     values[::2, [CableParams.names().index(n) for n in ("linear_damping", "angular_damping")]] = 0.0
     return CableParams.from_array(values)
+
+
+def draw_materials(cable: Cable, count: int, seed: int) -> Cable:
+    """Return the cable with a material for each world, over the whole range that a fit searches."""
+    space = MaterialSpace(cable, FITTED)
+    unit = np.random.default_rng([seed, 1]).uniform(size=(count, len(space)))
+    return cable.with_material(space.to_material(unit))
 
 
 def energies(
@@ -119,7 +129,7 @@ def growth(
 
 
 def scan(
-    cable: Cable, segment_count: int, dt: float, count: int, seed: int
+    cable: Cable, segment_count: int, dt: float, count: int, seed: int, materials: bool
 ) -> tuple[int, int, float]:
     """Return the number of marked worlds, of those that grow unmarked, and the most growth.
 
@@ -129,9 +139,12 @@ def scan(
         dt: Step [s].
         count: Number of worlds.
         seed: Seed of parameters and casts.
+        materials: True to draw materials. What their springs and bends hold is not counted: such a
+            world may seem to gain what it gives back.
     """
     casts = random_casts(CAST_COUNT, seed, Setup().with_motion(v_max=V_MAX))
     params = draw_worlds(cable, count, seed)
+    drawn = draw_materials(cable, count, seed).material if materials else None
     engine = EngineWarp(segment_count=segment_count, dt=dt)
     marked, grown, most = 0, 0, 0.0
     for start in range(0, count, BATCH):
@@ -139,7 +152,7 @@ def scan(
         paths = casts[rows % CAST_COUNT]
         part = CableParams.from_array(params.to_array()[rows])
         rollout = engine.rollout(
-            cable,
+            cable.with_material(None if drawn is None else drawn.rows(rows)),
             part,
             paths,
             duration=float(paths.duration.max()) + SETTLE,
@@ -167,7 +180,9 @@ def main(args: Args) -> int:
         for dt in STEPS:
             each = max(1, round(args.share * count / len(args.cables)))
             found = [
-                scan(load_cable(name), segment_count, dt, each, args.seed + index)
+                scan(
+                    load_cable(name), segment_count, dt, each, args.seed + index, args.materials
+                )
                 for index, name in enumerate(args.cables)
             ]
             marked, grown, most = zip(*found, strict=True)
