@@ -180,9 +180,7 @@ def main(args: Args) -> int:
         for dt in STEPS:
             each = max(1, round(args.share * count / len(args.cables)))
             found = [
-                scan(
-                    load_cable(name), segment_count, dt, each, args.seed + index, args.materials
-                )
+                scan(load_cable(name), segment_count, dt, each, args.seed + index, args.materials)
                 for index, name in enumerate(args.cables)
             ]
             marked, grown, most = zip(*found, strict=True)
