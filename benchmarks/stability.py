@@ -15,6 +15,7 @@ from benchmarks.common import Table, random_casts, write_json
 from cablecast.cable import CABLE_NAMES, Cable, CableParams, load_cable
 from cablecast.conventions import GRAVITY, tangent
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
 from cablecast.tuning.material_space import FITTED, MaterialSpace
@@ -64,11 +65,11 @@ def draw_worlds(cable: Cable, count: int, seed: int) -> CableParams:
     return CableParams.from_array(values)
 
 
-def draw_materials(cable: Cable, count: int, seed: int) -> Cable:
-    """Return the cable with a material for each world, over the whole range that a fit searches."""
+def draw_materials(cable: Cable, count: int, seed: int) -> Material:
+    """Return a material for each world, over the whole range that a fit searches."""
     space = MaterialSpace(cable, FITTED)
     unit = np.random.default_rng([seed, 1]).uniform(size=(count, len(space)))
-    return cable.with_material(space.to_material(unit))
+    return space.to_material(unit)
 
 
 def energies(
@@ -144,7 +145,7 @@ def scan(
     """
     casts = random_casts(CAST_COUNT, seed, Setup().with_motion(v_max=V_MAX))
     params = draw_worlds(cable, count, seed)
-    drawn = draw_materials(cable, count, seed).material if materials else None
+    drawn = draw_materials(cable, count, seed) if materials else None
     engine = EngineWarp(segment_count=segment_count, dt=dt)
     marked, grown, most = 0, 0, 0.0
     for start in range(0, count, BATCH):
