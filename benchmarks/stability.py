@@ -130,7 +130,7 @@ def growth(
 
 
 def scan(
-    cable: Cable, segment_count: int, dt: float, count: int, seed: int, materials: bool
+    cable: Cable, segment_count: int, dt: float, count: int, seed: int, materials: bool = False
 ) -> tuple[int, int, float]:
     """Return the number of marked worlds, of those that grow unmarked, and the most growth.
 

@@ -26,12 +26,14 @@ def let_go(params, duration, segment_count, **options):
 
 
 @pytest.mark.parametrize(
-    ("segment_count", "dt", "count"), [(20, 1e-3, 64), (50, 5e-4, 32), (100, 1e-3, 2)]
+    ("segment_count", "dt", "count", "materials"),
+    [(20, 1e-3, 64, False), (50, 5e-4, 32, False), (100, 1e-3, 2, False), (28, 1e-3, 32, True)],
 )
-def test_no_world_of_the_search_space_grows_unmarked(segment_count, dt, count):
+def test_no_world_of_the_search_space_grows_unmarked(segment_count, dt, count, materials):
     # `python -m benchmarks stability` plays 20,000 worlds at 28 resolutions.
     for index, name in enumerate(("cable_1", "cable_2", "cable_3")):
-        marked, grown, _ = stability.scan(load_cable(name), segment_count, dt, count, 10 + index)
+        cable, seed = load_cable(name), 10 + index
+        marked, grown, _ = stability.scan(cable, segment_count, dt, count, seed, materials)
         assert grown == 0
         # A light end that whips may need a shorter step than bending does.
         assert marked <= max(1, 0.05 * count)
