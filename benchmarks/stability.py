@@ -45,7 +45,7 @@ class Args:
     Attributes:
         cables: Names of presets.
         share: Share of the 20,124 worlds to play.
-        materials: Draw a material for each world, too: all that a fit can find.
+        materials: Draw a material for each world, too: what a fit can find of the cable.
         seed: Seed of the draws.
         json: File that gets the figures, too.
     """
@@ -66,8 +66,11 @@ def draw_worlds(cable: Cable, count: int, seed: int) -> CableParams:
 
 
 def draw_materials(cable: Cable, count: int, seed: int) -> Material:
-    """Return a material for each world, over the whole range that a fit searches."""
-    space = MaterialSpace(cable, FITTED)
+    """Return a material for each world, over the whole range that a fit searches.
+
+    The attachment stays a point mass: shapes tell nothing of the energy of a rod that turns.
+    """
+    space = MaterialSpace(cable, [name for name in FITTED if name != "attachment_arm"])
     unit = np.random.default_rng([seed, 1]).uniform(size=(count, len(space)))
     return space.to_material(unit)
 
