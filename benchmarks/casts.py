@@ -164,7 +164,7 @@ def print_blind(found: Found, args: Args) -> None:
     xy = np.concatenate(
         [some_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
     )
-    blind = CameraErrorModel.load().is_blind_at(xy)
+    blind = CameraErrorModel.load().sight.is_blind_at(xy)
     print(f"The virtual rig's camera is blind at {blind.sum()} of these {len(xy)} targets.\n")
     if not blind.any():
         return

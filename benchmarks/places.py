@@ -63,6 +63,8 @@ class Luck:
     def __init__(self, rig: CheckedRig, first: int):
         self.rig, self.first = rig, first
         self.setup, self.description = rig.setup, rig.description
+        if hasattr(rig, "sight"):
+            self.sight = rig.sight
 
     def seek(self, index: int, purpose: str = "") -> None:
         seek_trial(self.rig, self.first + index, purpose)
@@ -284,6 +286,7 @@ class Place:
         rest = self.casts(count, FIT_MAX)
         if rest is not None:
             session.add_casts(rest)
+        session.look(self.rig)
         return session
 
     def results(self, method: str, count: int, targets: int) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from cablecast.cable import Cable as Cable
     from cablecast.cable import CableParams as CableParams
     from cablecast.cable import load_cable as load_cable
+    from cablecast.camera.sight import CameraSight as CameraSight
     from cablecast.datasets.reader import Dataset as Dataset
     from cablecast.datasets.reader import read_dataset as read_dataset
     from cablecast.engines.warp_.engine import EngineWarp as EngineWarp
@@ -77,6 +78,7 @@ _HOMES = {
     "ArmUR": "cablecast.arm.ur",
     "Cable": "cablecast.cable",
     "CableParams": "cablecast.cable",
+    "CameraSight": "cablecast.camera.sight",
     "Material": "cablecast.material",
     "CablecastError": "cablecast.errors",
     "Dataset": "cablecast.datasets.reader",
@@ -129,6 +131,7 @@ __all__ = [
     "Cable",
     "CableParams",
     "CablecastError",
+    "CameraSight",
     "Dataset",
     "EndpointTrack",
     "EngineWarp",

@@ -106,6 +106,9 @@ def test_landings_over_the_network_agree_with_the_truth_to_three_millimetres(cam
         # The latest picture is one of this trial's.
         assert camera.picture().shape == (720, 1280, 3)
         assert camera.picture() is not before
+        # The marker itself, which lay there at the begin, is no green thing of the table.
+        sight = camera.sight()
+        assert not sight.is_blind_at(track.endpoint_xy[0])
         assert track.status is TrialStatus.OK
         assert len(track.times) == 7
         truth = player.trial.shape_at(track.times)[:, -1, :2]

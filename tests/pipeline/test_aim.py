@@ -9,6 +9,7 @@ from formula_rig import LENGTH, SETUP, FormulaRig, make_policy
 
 import cablecast as cc
 from cablecast.camera.settings import CameraSettings
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 from cablecast.pipeline.aim_casts import TAIL_FREEDOM, region_square
@@ -222,6 +223,26 @@ def test_bad_targets_and_settings_are_refused(policy, tmp_path):
     with pytest.raises(InputError, match="learns from real casts itself"):
         cc.AimSession(dataclasses.replace(policy, model=model))
     assert LENGTH > 0
+
+
+def test_a_target_that_the_camera_is_blind_at_is_aimed_past(policy):
+    target, radius = TARGETS[0], 0.1
+    sight = CameraSight(position=(0.0, 0.7, 2.2), blind=((*target, radius),))
+    rig = FormulaRig(policy)
+    session = cc.AimSession(policy)
+    straight = session.propose(target)
+    session.look(cc.make_rig(rig, SETUP))
+    assert session.sight is None
+    rig.sight = lambda: sight
+    with cc.make_rig(rig, SETUP) as checked:
+        session.look(checked)
+        past = session.propose(target)
+        session.cast(checked, past)
+    assert session.sight is sight
+    assert np.linalg.norm(straight.expected_xy - target) < 0.1 * radius
+    assert 0.9 * radius < np.linalg.norm(past.expected_xy - target) < 3.0 * radius
+    assert "cannot tell the marker at the target" in past.reason
+    assert "marker" not in straight.reason
 
 
 def test_an_action_that_would_lose_its_landing_leaves_its_place_to_another(policy, monkeypatch):

@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.rigs import time_limit
 from cablecast.rigs.checked import CheckedRig
@@ -339,3 +340,16 @@ def test_a_rig_has_a_picture_exactly_where_it_has_one(make):
     rig.picture = fail(OSError("unplugged"))
     with pytest.raises(RigError, match="picture failed: OSError: unplugged"):
         make(rig).picture()
+
+
+def test_a_rig_has_a_sight_exactly_where_it_has_one(make):
+    assert not hasattr(make(OddRig()), "sight")
+    rig = OddRig()
+    known = CameraSight(position=(0.0, 0.7, 2.0), blind=((0.5, 1.0, 0.1),))
+    rig.sight = lambda: known
+    assert make(rig).sight() is known
+    rig.sight = lambda: None
+    assert make(rig).sight() is None
+    rig.sight = lambda: ((0.5, 1.0, 0.1),)
+    with pytest.raises(RigError, match="sight is a tuple: it must be a CameraSight, or None"):
+        make(rig).sight()

@@ -16,7 +16,8 @@ from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.track import TrialStatus
-from cablecast.tracking.samples import judge_status, sample_path
+from cablecast.tracking.blind import sight_of
+from cablecast.tracking.samples import judge_status, sample_path, track_samples
 from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
 from cablecast.workspace import Workspace
 
@@ -269,6 +270,47 @@ def test_an_endpoint_that_swept_past_the_edge_and_came_back_has_landed():
     samples = sample_path(times, xy, np.arange(6) * 0.1)
     assert judge_status(times, xy, samples, Workspace()) is TrialStatus.OK
     assert judge_status(times[:16], xy[:16], samples[:3], Workspace()) is TrialStatus.OFF_TABLE
+
+
+RESTING = np.full((31, 2), [0.4, 0.9])
+SLIDING = RESTING + np.linspace(-0.5, 0.0, 31)[:, None] * [1.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("xy", "missed", "status"),
+    [
+        (RESTING, 1, TrialStatus.OK),
+        (RESTING, 4, TrialStatus.OK),
+        (RESTING, 8, TrialStatus.OCCLUDED),
+        (SLIDING, 1, TrialStatus.OCCLUDED),
+    ],
+    ids=["one frame", "some frames", "too many frames", "still moving"],
+)
+def test_no_landing_hangs_on_the_last_frame(xy, missed, status):
+    times = np.arange(31) / 60
+    seen = xy.copy()
+    seen[-missed:] = np.nan
+    samples, found = track_samples(times, seen, np.arange(6) * 0.1, Workspace())
+    assert found is status
+    if status is TrialStatus.OK:
+        np.testing.assert_allclose(samples[-1], [0.4, 0.9], atol=1e-12)
+    else:
+        assert np.isnan(samples[-1]).all()
+
+
+def test_the_camera_knows_the_green_things_that_lie_on_the_table(virtual_camera, calibration):
+    trial = glide((0.2, 0.8), (0.4, 0.9), duration=0.1, rest=0.0)
+    tracker = track_film(virtual_camera.film(trial, seed=3), calibration)
+    sight = sight_of(tracker)
+    np.testing.assert_allclose(sight.position, virtual_camera.config.view.position, atol=0.02)
+    # A cloth and a bottle cap; the marker itself is none of them.
+    places = [(-1.08, 0.42), (-0.95, 1.18), (0.2, 0.8), (0.9, 1.1)]
+    np.testing.assert_array_equal(sight.is_blind_at(places), [True, True, False, False])
+    blind = np.array(sight.blind)
+    assert (blind[:, 2] < 0.2).all()
+    # One that has seen nothing knows of none.
+    fresh = EndpointTracker(calibration.view, virtual_camera.workspace)
+    assert sight_of(fresh).blind == ()
 
 
 def test_settings_out_of_bounds_are_named():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.settings import CameraSettings
+from cablecast.camera.sight import CameraSight
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.errors import CameraError
 from cablecast.filming.clock import controller_shift
@@ -17,6 +18,7 @@ from cablecast.filming.matroska import FilmWriter
 from cablecast.filming.watch import Brightness, FrameWatch
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack
+from cablecast.tracking.blind import sight_of
 from cablecast.tracking.calibration import Calibration, calibrate_view
 from cablecast.tracking.marker import MarkerConfig
 from cablecast.tracking.tags import detect_tags
@@ -63,6 +65,7 @@ class CameraOfTrials:
         except BaseException:
             self._camera.close()
             raise
+        self._sight = CameraSight(position=self.calibration.view.position)
         self._latest = images[-1]
         self._usual = Brightness.of(images[-1])
         self._tags = detect_tags(images[-1])
@@ -158,6 +161,7 @@ class CameraOfTrials:
         tracker = filming.finish(timing.end_time - shift)
         if filming.latest is not None:
             self._latest = filming.latest
+        self._sight = sight_of(tracker)
         track = tracker.track(timing.end_time - timing.start_time, begin)
         seen = tracker.frames[1]
         seen = seen[np.isfinite(seen).all(axis=1)]
@@ -201,6 +205,10 @@ class CameraOfTrials:
         filming = self._filming
         latest = None if filming is None else filming.latest
         return self._latest if latest is None else latest
+
+    def sight(self) -> CameraSight:
+        """Return what the camera cannot see: blind places are known after the first trial."""
+        return self._sight
 
     def close(self) -> None:
         """Let go of the device; it may be called twice."""

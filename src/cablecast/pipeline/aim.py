@@ -101,8 +101,7 @@ def prepare_aim(
         casts: Casts on the rig that were made before; some are made where None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
         model: Model of many cables, in place of one that is trained for this cable in minutes.
-        refine: Simulated casts that the model of many cables learns from first, which halves its
-            error; none where 0.
+        refine: Simulated casts that the model of many cables learns from first; none where 0.
         fit_all: True to fit the simulator anew now to all casts that the session in `out` has, and
             to learn anew from it. Later calls for the same folder go on with the newest such fit.
         calibration_count: Casts to make where none were given.
@@ -144,7 +143,7 @@ def prepare_aim(
         if casts is None and tuned is None:
             casts = _calibrated(learning, rig, calibration_count, progress)
         learned = learning.learned(casts, tuned, progress)
-    return AimSession(
+    session = AimSession(
         learned.policy,
         casts=casts,
         tuned=learned.tuned,
@@ -154,6 +153,8 @@ def prepare_aim(
         tries=tries,
         learning=learning,
     )
+    session.look(rig)
+    return session
 
 
 def _calibrated(

@@ -31,11 +31,20 @@ class Learned:
         tuned: Fit that they were simulated with; None for the believed cable.
         fitted_count: Casts of the session, from the first on, that the simulator was fitted to;
             those of the dataset that `tuned` came from where None.
+
+    Raises:
+        InputError: The policy has learned from real casts.
     """
 
     policy: ForwardSearchPolicy
     tuned: Tuned | None = None
     fitted_count: int | None = None
+
+    def __post_init__(self):
+        if "adaptation" in self.policy.model.info:
+            raise InputError(
+                "aiming learns from real casts itself: give it a policy of simulated casts alone"
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.camera.sight import CameraSight
 from cablecast.checks import check_count, check_number
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.record import trial_values
@@ -21,7 +22,7 @@ from cablecast.pipeline.aim_casts import SAME_TARGET, AimProposal, AimTrial, was
 from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_lessons import Lessons
-from cablecast.pipeline.aim_words import DRIFT_NOTE, change_text, reason_text
+from cablecast.pipeline.aim_words import BLIND_NOTE, DRIFT_NOTE, change_text, reason_text
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
@@ -72,6 +73,7 @@ class AimSession:
         setup: Cable, workspace, arm and motion settings.
         store: All casts.
         aimer: What chooses the casts and learns from them.
+        sight: What the camera of the rig cannot see; None while nobody said.
 
     Raises:
         InputError: The policy has learned from real casts, a value is out of bounds, or the folder
@@ -90,7 +92,7 @@ class AimSession:
         tries: int = TRIES,
         learning: AimLearning | None = None,
     ):
-        _check_policy(policy)
+        learned = Learned(policy=policy, tuned=tuned, fitted_count=fitted_count)
         self.setup: Setup = policy.setup
         self.within_pct = check_number("within_pct", within_pct, 0.01, 100.0, "%")
         self.tries = check_count("tries", tries, 1, 1000)
@@ -99,8 +101,9 @@ class AimSession:
             self.store.add_dataset(casts)
         self._trials = [self._trial(number, cast) for number, cast in enumerate(self.store.casts)]
         self._learning, self._left_out = learning, frozenset[int]()
+        self.sight: CameraSight | None = None
         self._lessons = Lessons(self.store)
-        self.take_up(Learned(policy=policy, tuned=tuned, fitted_count=fitted_count))
+        self.take_up(learned)
 
     def take_up(self, learned: Learned) -> None:
         """Plan with another model from now on, and learn anew from all casts with it.
@@ -109,7 +112,6 @@ class AimSession:
             learned: Model and fit, as `learn_anew` returns them.
         """
         policy, tuned = learned.policy, learned.tuned
-        _check_policy(policy)
         beliefs = make_beliefs(tuned)
         self._fit_count = learned.fitted_count
         self._tuned_to = "" if tuned is None else str(tuned.metrics.get("dataset_fingerprint", ""))
@@ -142,9 +144,7 @@ class AimSession:
         if self._learning is None:
             raise InputError("only a session that prepare_aim returned can be fitted anew")
         every = CastStore(self.setup)
-        every.casts = [
-            cast for row, cast in enumerate(self.store.casts) if row not in self._left_out
-        ]
+        every.casts = [c for row, c in enumerate(self.store.casts) if row not in self._left_out]
         return self._learning.learned_anew(every.dataset(), len(self.store), progress)
 
     @property
@@ -251,18 +251,10 @@ class AimSession:
             target_xy: Target [m], shape [2].
         """
         target = np.asarray(target_xy, dtype=float)
-        return [
-            trial
-            for trial in self._trials
-            if np.linalg.norm(trial.target_xy - target) < SAME_TARGET
-        ]
+        return [t for t in self._trials if np.linalg.norm(t.target_xy - target) < SAME_TARGET]
 
     def is_done(self, target_xy: ArrayLike) -> bool:
-        """Return whether a target was hit, or all tries at it are used.
-
-        Args:
-            target_xy: Target [m], shape [2].
-        """
+        """Return whether a target [m], shape [2], was hit, or all tries at it are used."""
         trials = self.trials_at(target_xy)
         return len(trials) >= self.tries or any(trial.hit for trial in trials)
 
@@ -287,8 +279,12 @@ class AimSession:
         if len(targets) != 1:
             raise InputError(f"a proposal has one target, not {len(targets)}")
         earlier = self.trials_at(targets[0])
-        choice = self._aimer_at(targets[0]).choose(targets[0], tried=bool(earlier))
+        aimer = self._aimer_at(targets[0])
+        choice = aimer.choose(targets[0], tried=bool(earlier), sight=self.sight)
         action = Action.from_array(choice.action)
+        reason = reason_text(choice.action, earlier, len(self.store))
+        if self.sight is not None and self.sight.is_blind_at(targets[0]):
+            reason += BLIND_NOTE
         return AimProposal(
             number=len(self._trials),
             try_number=len(earlier) + 1,
@@ -301,7 +297,7 @@ class AimSession:
             failure=choice.failure,
             inside_coverage=choice.inside_coverage,
             cable_length=self.setup.cable.length,
-            reason=reason_text(choice.action, earlier, len(self.store)),
+            reason=reason,
         )
 
     def _aimer_at(self, target_xy: NDArray[np.float64]) -> Aimer:
@@ -342,11 +338,22 @@ class AimSession:
         if rig.setup.to_settings() != self.setup.to_settings():
             raise InputError("the rig has another set-up than the session")
         try:
-            return attempt_trial(
-                rig, motion, index=number, purpose="aim", keep=lambda track, _: track
-            )
+            track = attempt_trial(rig, motion, index=number, purpose="aim", keep=lambda t, _: t)
         except TrialFailedError as error:
             raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
+        self.look(rig)
+        return track
+
+    def look(self, rig: CheckedRig) -> None:
+        """Ask a rig what its camera cannot see, and aim past it from now on.
+
+        `play` does so after each cast.
+
+        Args:
+            rig: Rig that `make_rig` returned.
+        """
+        if hasattr(rig, "sight"):
+            self.sight = rig.sight()
 
     def observe(self, proposal: AimProposal, track: EndpointTrack) -> AimTrial:
         """Learn from a proposed cast that was made.
@@ -389,10 +396,3 @@ class AimSession:
         """Return a stored cast as a trial of the session."""
         length = self.setup.cable.length
         return AimTrial.of_cast(number, cast, cable_length=length, within_pct=self.within_pct)
-
-
-def _check_policy(policy: ForwardSearchPolicy) -> None:
-    if "adaptation" in policy.model.info:
-        raise InputError(
-            "aiming learns from real casts itself: give it a policy of simulated casts alone"
-        )

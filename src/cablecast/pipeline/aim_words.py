@@ -15,6 +15,12 @@ DRIFT_NOTE = (
 )
 """Sentence that tells of a drift."""
 
+BLIND_NOTE = (
+    "; the camera cannot tell the marker at the target from something else of its colour, so that "
+    "casts land beside it"
+)
+"""End of the reason of a cast at a target that the camera is blind at."""
+
 # Steps of this many degrees or centimetres, together, lead to another action.
 _OTHER_ACTION = 12.0
 

@@ -15,6 +15,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import InputError
 from cablecast.models.few_casts import Places, ResidualScales
 from cablecast.models.local_size import LocalSize
@@ -46,6 +47,9 @@ _EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
 _NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
 # Parts of the way from a candidate to the action that is expected on the target.
 _PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
+
+# Distances from the edge of a blind place at which casts at a target in it are aimed, too [m].
+_BLIND_MARGINS = (0.02, 0.06)
 
 
 class Aimer:
@@ -140,25 +144,31 @@ class Aimer:
         """Residuals of real casts about the simulated landings."""
         return self.predictor.experience
 
-    def choose(self, target_xy: ArrayLike, *, tried: bool = False) -> AimChoice:
+    def choose(
+        self, target_xy: ArrayLike, *, tried: bool = False, sight: CameraSight | None = None
+    ) -> AimChoice:
         """Choose the action with the least expected loss.
 
         Args:
             target_xy: Target [m], shape [2].
             tried: True if earlier casts were aimed at this target. A small change of one of them
                 nearly always wins, so fewer other candidates are judged.
+            sight: What the camera cannot see, as far as it is known.
 
         Raises:
             TargetError: The target is not finite, out of reach, or off the table.
         """
         target = check_targets(self.policy.setup, target_xy)[0]
-        some = self._candidates(target, tried)
-        risk, failure = self._risks(some, target)
+        goals = [target]
+        if sight is not None and sight.is_blind_at(target):
+            goals += [sight.seen_near(target, margin) for margin in _BLIND_MARGINS]
+        some = Candidates.join([self._candidates(goal, tried) for goal in goals])
+        risk, failure = self._risks(some, target, sight)
         if self.predictor.ensemble is not None:
             # Of actions that were moved it said what is true of those nearby.
             few = np.argsort(risk)[:_SHORTLIST_COUNT]
             some = self.predictor.judge(some.actions[few], some.hands[few])
-            risk, failure = self._risks(some, target)
+            risk, failure = self._risks(some, target, sight)
         best = int(np.argmin(risk))
         if not np.isfinite(risk[best]):
             raise InputError("the arm can follow none of the policy's actions near this target")
@@ -175,7 +185,7 @@ class Aimer:
         )
 
     def _risks(
-        self, some: Candidates, target: NDArray[np.float64]
+        self, some: Candidates, target: NDArray[np.float64], sight: CameraSight | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the expected loss of candidates, and their chance of no landing, [action].
 
@@ -188,7 +198,7 @@ class Aimer:
         motions = played(some.actions, some.hands)
         deviation = length * np.sqrt(variance)
         setup = self.policy.setup
-        lost = lost_chance(motions, to_right(landing_xy, some.hands), deviation, setup)
+        lost = lost_chance(motions, to_right(landing_xy, some.hands), deviation, setup, sight)
         seen = (1.0 - lost) * (1.0 - some.leaving)
         failure = 1.0 - seen * (1.0 - self.experience.failure_chance(places))
         risk = expected_loss(distance, variance, failure)

@@ -1,9 +1,10 @@
-"""Chance that a cast has no landing: off the table, or behind the arm as the camera sees it."""
+"""Chance that a cast has no landing: off the table, or where the camera cannot see the marker."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
+from cablecast.camera.sight import CameraSight
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.setup import Setup
 
@@ -23,14 +24,19 @@ def lost_chance(
     landing_xy: NDArray[np.float64],
     deviation: NDArray[np.float64],
     setup: Setup,
+    sight: CameraSight | None = None,
 ) -> NDArray[np.float64]:
-    """Return the chance that a landing lies off the table, or that the resting arm hides it.
+    """Return the chance that a landing lies off the table, or is not seen.
+
+    What the resting arm hides is not seen, and what lies in a blind place of the camera.
 
     Args:
         actions: Actions on either side, shape [action, 4].
         landing_xy: Their expected landings [m], shape [action, 2].
         deviation: Standard deviation of the landings along each axis [m], shape [action].
         setup: Set-up with the arm and the table.
+        sight: What the camera cannot see; one above the middle of the table without blind places
+            where None.
 
     Returns:
         Chance [-], shape [action]. An arm that cannot follow an action hides nothing.
@@ -43,11 +49,14 @@ def lost_chance(
     count = points.shape[1]
     ground = np.concatenate([points, np.zeros((*points.shape[:2], 1))], axis=-1)
     table = setup.workspace
-    camera = (0.0, 0.5 * (table.y_min + table.y_max), CAMERA_HEIGHT)
+    if sight is None:
+        middle = 0.5 * (table.y_min + table.y_max)
+        sight = CameraSight(position=(0.0, middle, CAMERA_HEIGHT))
     shape = arm_shape(q, setup.arm)
     each = ArmShape(ends=np.repeat(shape.ends, count, axis=0), radii=shape.radii)
-    clearance = sight_clearance(ground.reshape(-1, 3), camera, each).reshape(-1, count)
-    return np.mean((clearance < MARKER_RADIUS) | ~table.on_table(points), axis=1)
+    clearance = sight_clearance(ground.reshape(-1, 3), sight.position, each).reshape(-1, count)
+    unseen = (clearance < MARKER_RADIUS) | sight.is_blind_at(points)
+    return np.mean(unseen | ~table.on_table(points), axis=1)
 
 
 def _unit_points() -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.limits import JOINT_NAMES
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import RigError
 from cablecast.motion.joint_path import JointPath
 from cablecast.motion.trajectory import Trajectory
@@ -66,6 +67,18 @@ def check_picture(picture: object) -> NDArray[np.uint8] | None:
             return picture
         found = f"an array of {picture.dtype} and shape {shape}"
     raise RigError(f"the rig's picture is {found}: it must be uint8 of shape [v, u, 3], or None")
+
+
+def check_sight(sight: object) -> CameraSight | None:
+    """Return what a rig says that its camera cannot see; None where it does not know.
+
+    Raises:
+        RigError: It is something else.
+    """
+    if sight is None or isinstance(sight, CameraSight):
+        return sight
+    found = type(sight).__name__
+    raise RigError(f"the rig's sight is a {found}: it must be a CameraSight, or None")
 
 
 def check_description(description: object) -> dict[str, Any]:

@@ -24,7 +24,7 @@ class Rig(Protocol):
     cable leaves the table, or cannot be seen) is a status of the track; a rig that cannot go on
     raises RigError.
 
-    Three methods are optional:
+    Four methods are optional:
 
     - `execute_many(trajectories, progress=None) -> list[EndpointTrack]`, which resets before each,
       for a rig that can run many trials at once; `run_trials` uses it.
@@ -35,6 +35,9 @@ class Rig(Protocol):
     - `picture()`, for a rig with a camera: its latest picture of the table, BGR, uint8, shape
       [v, u, 3], or None while there is none. `cablecast view` shows it; it may be called from
       another thread than the others, also while the arm moves.
+    - `sight()`, for a rig with a camera: a `CameraSight` with the camera's place and the places
+      where it cannot tell the marker, as far as they are known by now, or None. Casts are aimed
+      past them.
 
     Attributes:
         description: Kind and settings of the rig, as plain values for a dataset card.

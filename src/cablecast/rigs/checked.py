@@ -8,10 +8,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.sight import CameraSight
 from cablecast.checks import check_count, check_number, check_seed
 from cablecast.errors import CablecastError, RigError
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.answers import check_description, check_picture, check_track
+from cablecast.rigs.answers import check_description, check_picture, check_sight, check_track
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, purpose_seed
 from cablecast.rigs.time_limit import call_within
 from cablecast.setup import Setup
@@ -29,9 +30,9 @@ METHODS = ("reset", "execute", "close")
 class CheckedRig(RigLifecycle):
     """A rig whose every answer is checked; `make_rig` returns one.
 
-    It has `seek`, `execute_many` and `picture` exactly where the rig itself has them. Whatever the
-    rig raises comes out as a CablecastError, but for KeyboardInterrupt. As a context manager it
-    closes the rig at the end, and an error in closing never hides an earlier one.
+    It has `seek`, `execute_many`, `picture` and `sight` exactly where the rig itself has them.
+    Whatever the rig raises comes out as a CablecastError, but for KeyboardInterrupt. As a context
+    manager it closes the rig at the end, and an error in closing never hides an earlier one.
 
     Args:
         rig: Any object that answers the `Rig` contract.
@@ -55,6 +56,7 @@ class CheckedRig(RigLifecycle):
     seek: Callable[..., None]
     execute_many: Callable[..., list[EndpointTrack]]
     picture: Callable[[], NDArray[np.uint8] | None]
+    sight: Callable[[], CameraSight | None]
 
     def __init__(
         self, rig: Rig, setup: Setup, seed: int = 0, *, time_limit: float | None = TIME_LIMIT
@@ -79,6 +81,8 @@ class CheckedRig(RigLifecycle):
             self.seek = self._seek
         if callable(getattr(rig, "picture", None)):
             self.picture = self._picture
+        if callable(getattr(rig, "sight", None)):
+            self.sight = self._sight
 
     def reset(self) -> None:
         """Bring cable and arm to the reset state."""
@@ -148,6 +152,11 @@ class CheckedRig(RigLifecycle):
         """Return the latest picture of the rig's camera; None where there is none yet."""
         self._check_open()
         return check_picture(self._call("picture", lambda: self.rig.picture()))  # pyright: ignore
+
+    def _sight(self) -> CameraSight | None:
+        """Return what the rig's camera cannot see; None where the rig does not know."""
+        self._check_open()
+        return check_sight(self._call("sight", lambda: self.rig.sight()))  # pyright: ignore
 
     def _call(self, name: str, call: Callable[[], Answer], count: int = 1) -> Answer:
         """Return what a method of the rig returns, within the time of some trials."""

@@ -6,6 +6,9 @@ from numpy.typing import NDArray
 from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
+_REST_TIME, _REST_DISTANCE, _REST_FRAMES = 0.15, 0.005, 3
+"""An endpoint that was seen in so many of the last frames [s], all this near to each other [m],
+rests there, whether or not the very last one shows it."""
 _BRINK = 0.03
 """Distance from the table's left, right or far edge within which what vanishes fell over it [m]."""
 
@@ -42,6 +45,44 @@ def sample_path(
             part = (time - times[after - 1]) / (times[after] - times[after - 1])
             sampled[i] = (1 - part) * xy[after - 1] + part * xy[after]
     return sampled
+
+
+def track_samples(
+    times: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    sample_times: NDArray[np.float64],
+    workspace: Workspace,
+    edge_tolerance: float = 0.005,
+) -> tuple[NDArray[np.float64], TrialStatus]:
+    """Return the samples of a track, and how its trial ended.
+
+    No landing hangs on a single frame: where the last sample is missing, it is the place at which
+    the endpoint rested in the frames before it.
+
+    Args:
+        times: Times of the frames, rising [s], shape [frame].
+        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
+        sample_times: Times of the samples, rising [s], shape [sample].
+        workspace: Gives the table's edges.
+        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
+
+    Returns:
+        Samples [m], shape [sample, 2], and the status.
+    """
+    samples = sample_path(times, xy, sample_times)
+    if len(samples) and np.isnan(samples[-1]).any():
+        samples[-1] = _resting_place(times, xy, float(sample_times[-1]))
+    return samples, judge_status(times, xy, samples, workspace, edge_tolerance)
+
+
+def _resting_place(
+    times: NDArray[np.float64], xy: NDArray[np.float64], end: float
+) -> NDArray[np.float64]:
+    """Return where the endpoint rested shortly before a time [m], NaN where it did not, [2]."""
+    late = (times <= end) & (times >= end - _REST_TIME) & np.isfinite(xy).all(axis=1)
+    if np.count_nonzero(late) < _REST_FRAMES or np.ptp(xy[late], axis=0).max() > _REST_DISTANCE:
+        return np.full(2, np.nan)
+    return np.median(xy[late], axis=0)
 
 
 def judge_status(

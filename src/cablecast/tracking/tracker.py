@@ -14,7 +14,7 @@ from cablecast.checks import check_count, check_ranges
 from cablecast.errors import InputError
 from cablecast.track import EndpointTrack
 from cablecast.tracking.marker import MarkerConfig, Patch, find_patches, green_mask
-from cablecast.tracking.samples import judge_status, sample_path
+from cablecast.tracking.samples import track_samples
 from cablecast.workspace import Workspace
 
 _GRID = 1.0
@@ -198,12 +198,10 @@ class EndpointTracker:
         dt = self.config.sample_dt
         end = times[-1] if duration is None else duration
         sample_times = np.arange(int(np.floor(end / dt + 1e-6)) + 1, dtype=np.float64) * dt
-        endpoint_xy = sample_path(times, xy, sample_times)
-        return EndpointTrack(
-            times=sample_times,
-            endpoint_xy=endpoint_xy,
-            status=judge_status(times, xy, endpoint_xy, self.workspace, self.config.edge_tolerance),
+        endpoint_xy, status = track_samples(
+            times, xy, sample_times, self.workspace, self.config.edge_tolerance
         )
+        return EndpointTrack(times=sample_times, endpoint_xy=endpoint_xy, status=status)
 
     @property
     def still_green(self) -> NDArray[np.bool_] | None:

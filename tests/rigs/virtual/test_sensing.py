@@ -49,6 +49,22 @@ def test_the_camera_in_the_loop_sees_the_endpoint_nearly_where_it_is(setup, smal
     assert np.isfinite(track.endpoint_xy).all(axis=1).mean() > 0.8
 
 
+def test_the_rig_says_what_its_camera_cannot_see(setup, small_cast):
+    pytest.importorskip("cv2")
+    assert RigVirtual(setup, 0, QUICK).sight() is None
+    measured = RigVirtual(setup, 0, ERROR_MODEL).sight()
+    rig = RigVirtual(setup, 0, CAMERA)
+    before = rig.sight()
+    rig.reset()
+    rig.execute(small_cast)
+    # A cloth and a bottle cap of the marker's colour, which are seen in the first picture.
+    places = [(-1.08, 0.42), (-0.95, 1.18), (0.2, 0.8)]
+    np.testing.assert_array_equal(measured.is_blind_at(places), [True, True, False])
+    np.testing.assert_array_equal(rig.sight().is_blind_at(places), [True, True, False])
+    assert before.blind == ()
+    np.testing.assert_allclose(before.position, measured.position, atol=0.02)
+
+
 def test_what_is_seen_depends_on_seed_and_trial_alone(setup, small_cast):
     rig = RigVirtual(setup, 3, ERROR_MODEL)
     together = rig.execute_many([small_cast, small_cast])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.robot import RobotConfig
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import InputError, RigError
 from cablecast.motion.joint_path import JointPath
 from cablecast.motion.trajectory import Trajectory
@@ -135,6 +136,11 @@ class RigUR(RigLifecycle):
         # A camera need not keep its pictures: the protocol does not ask for it.
         camera: Any = self.camera
         return camera.picture() if hasattr(camera, "picture") else None
+
+    def sight(self) -> CameraSight | None:
+        """Return what the camera cannot see; None where it does not say."""
+        camera: Any = self.camera
+        return camera.sight() if hasattr(camera, "sight") else None
 
     def close(self) -> None:
         """Stop the arm, and let go of controller and camera."""

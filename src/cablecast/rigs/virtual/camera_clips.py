@@ -12,8 +12,8 @@ from cablecast.cable import load_cable
 from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.tracking.blind import blind_places
 from cablecast.tracking.calibration import Calibration
-from cablecast.tracking.tracker import EndpointTracker
 
 Array = NDArray[np.float64]
 
@@ -137,37 +137,9 @@ def measure(
                 tracked_xy=tracked_xy,
                 clearance=clearance,
                 marker_z=trial.cable.radius,
-                blind=blind_places(tracker, calibration),
+                blind=blind_places(tracker),
             )
         )
         if progress is not None:
             progress(index + 1)
     return clips
-
-
-def blind_places(tracker: EndpointTracker, calibration: Calibration) -> Array:
-    """Return circles around the green things that the tracker saw in its first picture.
-
-    Args:
-        tracker: Tracker that has seen at least one frame.
-        calibration: Calibration of the camera.
-
-    Returns:
-        x, y and radius [m], shape [place, 3].
-    """
-    from scipy.ndimage import find_objects, label
-
-    if tracker.still_green is None:
-        return np.empty((0, 3))
-    labels, _ = label(tracker.still_green)  # pyright: ignore[reportGeneralTypeIssues]
-    half = tracker.config.marker.length / 2
-    places = []
-    for window in find_objects(labels):
-        rows, columns = window
-        corners = [(columns.start, rows.start), (columns.stop, rows.stop)]
-        a, b = calibration.view.to_table(np.array(corners, dtype=float))
-        # A circle of the box's area, and what of the marker reaches into it.
-        radius = np.sqrt(abs((b[0] - a[0]) * (b[1] - a[1])) / np.pi) + half
-        if tracker.workspace.on_table((a + b) / 2):
-            places.append([*((a + b) / 2), radius])
-    return np.array(places).reshape(-1, 3)

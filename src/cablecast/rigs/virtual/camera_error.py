@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
+from cablecast.camera.sight import CameraSight
 from cablecast.checks import check_ranges
 from cablecast.errors import InputError
 from cablecast.files import write_json
@@ -172,16 +173,10 @@ class CameraErrorModel:
         scale = (camera[2] - marker_z) / (camera[2] - points[..., 2])
         return camera[:2] + scale[..., None] * (points[..., :2] - camera[:2])
 
-    def is_blind_at(self, xy: Array) -> NDArray[np.bool_]:
-        """Return where the tracker cannot tell the marker from another green thing, shape [...].
-
-        Args:
-            xy: Places as the camera sees them [m], shape [..., 2].
-        """
-        hidden = np.zeros(xy.shape[:-1], dtype=bool)
-        for x, y, radius in self.blind:
-            hidden |= np.hypot(xy[..., 0] - x, xy[..., 1] - y) < radius
-        return hidden
+    @property
+    def sight(self) -> CameraSight:
+        """Place of the camera, and where it is blind, as a look at the empty table tells."""
+        return CameraSight(position=self.camera, blind=tuple((x, y, r) for x, y, r in self.blind))
 
     def hidden(
         self,
@@ -208,7 +203,7 @@ class CameraErrorModel:
         hidden = np.any((on_ground < self.seen_low) | (on_ground > self.seen_high), axis=-1)
         # What hangs beside the table is hidden by it, or shows the marker from its narrow end.
         hidden |= points[..., 2] < _BELOW_Z
-        hidden |= self.is_blind_at(on_ground)
+        hidden |= self.sight.is_blind_at(on_ground)
         clearance = np.full(len(times), np.inf)
         # One draw a trial: a marker that rests half covered is seen in all frames or in none.
         quantile = np.clip(rng.uniform(), 1e-6, 1 - 1e-6)

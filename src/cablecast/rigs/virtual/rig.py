@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.sight import CameraSight
 from cablecast.checks import check_count, check_seed
 from cablecast.errors import RigError
 from cablecast.motion.trajectory import Trajectory
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
 
-LABORATORY_VERSION = 3
+LABORATORY_VERSION = 4
 """Number of the laboratory, raised when equal trials end elsewhere. It is part of the description
 that datasets keep, so that casts in one laboratory are never continued in another."""
 
@@ -130,6 +131,11 @@ class RigVirtual(RigLifecycle):
                 self._still = CameraStill(self.setup, self.config.lab_seed)
             self._picture = last, self._still.picture(last, self.seed)
         return self._picture[1]
+
+    def sight(self) -> CameraSight | None:
+        """Return what the camera cannot see; None for a rig that sees exactly."""
+        self._check_open()
+        return None if self._sensor is None else self._sensor.sight
 
     def close(self) -> None:
         """Forget the laboratory."""

@@ -11,13 +11,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import InputError
 from cablecast.motion.joint_path import JointPath
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.rigs.virtual.config import SENSING_NAMES
 from cablecast.setup import Setup
 from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.tracking.samples import judge_status, sample_path
+from cablecast.tracking.samples import track_samples
 from cablecast.workspace import Workspace
 
 RECORD_DT = 0.01
@@ -29,6 +30,11 @@ _BLIND_STATUSES = (TrialStatus.NON_FINITE, TrialStatus.ABORTED)
 
 class Sensor(Protocol):
     """Turns what happened into what was seen."""
+
+    @property
+    def sight(self) -> CameraSight:
+        """Place of the camera, and where it is blind, as far as it is known by now."""
+        ...
 
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
@@ -81,6 +87,7 @@ class SensorErrorModel:
         self.setup = setup
         self.sample_dt = sample_dt
         self.model = CameraErrorModel.load().over(setup.workspace) if model is None else model
+        self.sight: CameraSight = self.model.sight
 
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
@@ -112,6 +119,7 @@ class SensorCamera:
         self.setup = setup
         self.sample_dt = sample_dt
         self.camera, self.calibration = _calibrated_camera(setup.workspace, lab_seed)
+        self.sight = CameraSight(position=self.calibration.view.position)
 
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
@@ -119,6 +127,7 @@ class SensorCamera:
         """Return what is seen of a trial; see Sensor."""
         from cablecast.rigs.virtual.camera import track_film
         from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+        from cablecast.tracking.blind import sight_of
 
         if track.status in _BLIND_STATUSES or track.nodes is None:
             return _thinned(track, self.sample_dt)
@@ -131,7 +140,9 @@ class SensorCamera:
             arm=self.setup.arm,
         )
         film = self.camera.film(trial, seed=int(rng.integers(2**31)))
-        frames, xy = track_film(film, self.calibration).frames
+        tracker = track_film(film, self.calibration)
+        self.sight = sight_of(tracker)
+        frames, xy = tracker.frames
         return _finish(track, frames, xy, times, nodes, self.setup.workspace, self.sample_dt)
 
 
@@ -199,11 +210,11 @@ def _finish(
     """Return the track that follows from what was seen in the frames."""
     count = math.floor(times[-1] / sample_dt + 1e-6) + 1
     sample_times = np.arange(count, dtype=np.float64) * sample_dt
-    endpoint_xy = sample_path(frames, xy, sample_times)
+    endpoint_xy, status = track_samples(frames, xy, sample_times, workspace)
     return EndpointTrack(
         times=sample_times,
         endpoint_xy=endpoint_xy,
-        status=judge_status(frames, xy, endpoint_xy, workspace),
+        status=status,
         nodes=nodes[np.searchsorted(times, sample_times - 1e-6)],
         joint_path=track.joint_path,
     )
