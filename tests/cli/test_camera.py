@@ -59,13 +59,25 @@ def test_a_check_says_on_one_page_what_is_and_what_to_change(still, capsys):
     assert "the camera left out 2 frames" in page
     assert "run `cablecast camera sync`" in page
     assert "`cablecast calibrate lens`" in page
+    # A cloth.
+    assert "something of the marker's colour" in page
+    assert "at x, y = -1.08, 0.4" in page
     assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def cleared(camera, seed):
+    """Return a picture of the empty table without the green cloth at its left edge."""
+    image = camera.empty_frame(seed=seed).copy()
+    corners = np.array([[-1.25, 0.27, 0.0], [-0.9, 0.57, 0.0]])
+    (left, bottom), (right, top) = np.round(camera.view.to_image(corners)).astype(int)
+    image[top:bottom, left:right] = image[top - 2, left]
+    return image
 
 
 def test_a_camera_as_it_should_be_needs_no_change(camera, tmp_path, capsys):
     with FilmWriter(tmp_path / "still.mkv", RATE) as film:
         for index in range(8):
-            film.write(camera.empty_frame(seed=index), index / RATE)
+            film.write(cleared(camera, index), index / RATE)
     # So small a picture asks for a wide marker.
     known = {"marker": "[0.07, 0.03]", "clock_offset_sd": 0.001}
     file = lab(tmp_path, "still.mkv", exposure=0.001, **known)

@@ -12,7 +12,9 @@ from cablecast.filming.live import Frame
 from cablecast.filming.trials import calibrate_camera, require_camera, tags_of
 from cablecast.filming.watch import Brightness, FrameWatch
 from cablecast.setup import Setup
+from cablecast.tracking.blind import green_places
 from cablecast.tracking.calibration import Calibration
+from cablecast.tracking.marker import MarkerConfig, green_mask
 
 _KEPT_COUNT = 8
 """Pictures that are kept, for the tags."""
@@ -50,6 +52,8 @@ class CameraReport:
         px_per_m: Scale in the middle of the table [px/m]; NaN without a calibration.
         tip_speed: Speed of the cable's end for which the blur is stated [m/s].
         blur: Way of the end at that speed during one exposure [m].
+        green: Things of the marker's colour on the table that are larger than it is, as x, y and
+            radius [m], shape [place, 3].
         image: Last picture.
     """
 
@@ -69,6 +73,7 @@ class CameraReport:
     px_per_m: float
     tip_speed: float
     blur: float
+    green: NDArray[np.float64]
     image: NDArray[np.uint8]
 
     @property
@@ -182,6 +187,11 @@ class CameraReport:
                 f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or let "
                 "the robot touch them (`cablecast calibrate table`)"
             )
+        for x, y, radius in self.green:
+            said.append(
+                f"something of the marker's colour, {200 * radius:.0f} cm wide, lies at x, y = "
+                f"{x:.2f}, {y:.2f} m: what lands on it is not seen, so clear it away"
+            )
         if self.settings.lens is None:
             said.append("the lens is guessed: show it a board (`cablecast calibrate lens`)")
         return said
@@ -255,10 +265,20 @@ class CameraCheck:
             calibration_error=refused,
             px_per_m=float("nan") if calibration is None else _scale(calibration, centre),
             tip_speed=self._tip_speed,
+            green=self._green(calibration),
             blur=self._tip_speed * (self._settings.exposure if told is None else told),
             image=self._images[-1],
             _counted=float(np.ptp(stamps)) < _COUNTED and self._times[0][0] < _OPENING,
         )
+
+    def _green(self, calibration: Calibration | None) -> NDArray[np.float64]:
+        """Return the green things of the last picture that are no marker, [place, 3]."""
+        if calibration is None:
+            return np.empty((0, 3))
+        length, width = self._settings.marker
+        mask = green_mask(self._images[-1], MarkerConfig(length=length, width=width)) > 0
+        places = green_places(mask, calibration.view, self._setup.workspace)
+        return places[places[:, 2] > length]
 
 
 def _scale(calibration: Calibration, centre: tuple[float, float]) -> float:

@@ -34,6 +34,10 @@ def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
         _line(image, view, [(-x, low), (x, low), (x, high), (-x, high), (-x, low)], _EDGE)
         _line(image, view, [(0.0, low), (0.0, high)], _AXIS)
         _line(image, view, [(-x, w.reset_y), (x, w.reset_y)], _AXIS)
+        turn = np.linspace(0.0, 2.0 * np.pi, 24)
+        for x, y, radius in report.green:
+            circle = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
+            _line(image, view, [(a, b) for a, b in circle.tolist()], _REFUSED)
     return cv2.imencode(".png", image)[1].tobytes()
 
 

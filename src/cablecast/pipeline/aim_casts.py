@@ -16,7 +16,7 @@ from cablecast.track import TrialStatus
 SAME_TARGET = 1e-6
 """Two targets nearer to each other than this are the same [m]."""
 
-TAIL_FREEDOM = 5.0
+TAIL_FREEDOM = 3.0
 """Degrees of freedom of Student's t distribution that landings follow about the expected one: most
 land nearer than those of a Gaussian of the same covariance would, and a few far off [-]."""
 

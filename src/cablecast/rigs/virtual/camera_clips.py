@@ -12,7 +12,7 @@ from cablecast.cable import load_cable
 from cablecast.motion.joint_path import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
-from cablecast.tracking.blind import blind_places
+from cablecast.tracking.blind import sight_of
 from cablecast.tracking.calibration import Calibration
 
 Array = NDArray[np.float64]
@@ -137,7 +137,7 @@ def measure(
                 tracked_xy=tracked_xy,
                 clearance=clearance,
                 marker_z=trial.cable.radius,
-                blind=blind_places(tracker),
+                blind=np.reshape(sight_of(tracker).blind, (-1, 3)),
             )
         )
         if progress is not None:
