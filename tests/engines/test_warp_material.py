@@ -124,6 +124,29 @@ def test_a_mode_of_torsion_decays_as_that_of_kelvins_and_voigts_solid():
     np.testing.assert_allclose(rollout.final_state.roll[0], expected, atol=0.02 * amplitude)
 
 
+def test_a_bent_cable_that_is_turned_with_both_grips_feels_no_dashpot():
+    # An arc in a vertical plane is at rest between grips along its tangents, and a turn about the
+    # vertical neither bends nor twists it, however slowly twist follows a torque.
+    arc, turn, time = 1.0, 1.2, 1.0
+    s = np.linspace(0.0, arc, SEGMENT_COUNT + 1)
+    radius = LENGTH / arc
+    side, nodes = radius * np.sin(s), straight()
+    nodes[0, :, 1], nodes[0, :, 2] = side, HEIGHT - radius * (1.0 - np.cos(s))
+    times = np.linspace(0.0, time, 61)
+    share = times / time
+    yaw = turn * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+    def grip(node, pitch):
+        x, y, z = side[node] * np.sin(yaw), side[node] * np.cos(yaw), 0 * yaw + nodes[0, node, 2]
+        return GripPath.fit(times, np.stack([x, y, z, yaw, 0 * yaw + pitch], axis=1)).levelled()
+
+    params = dataclasses.replace(CABLE.params, twist_stiffness=5e-3, bend_stiffness=5e-3)
+    cable = dataclasses.replace(made_of(damping_time=0.3), params=params)
+    halfway = swing(cable, nodes, 0.5 * time, grip(0, 0.0), far_path=grip(-1, -arc)).final_state
+    # A dashpot between spins alone, without the holonomy, would roll the middle by 0.02 rad.
+    assert np.abs(halfway.roll).max() < 0.003
+
+
 def test_a_curled_cable_that_nothing_bends_is_an_arc_to_the_left():
     curvature = 2.0
     cable = resting(made_of(rest_curvature=curvature, damping_time=0.05))

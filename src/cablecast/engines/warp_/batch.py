@@ -201,7 +201,8 @@ class Batch:
         scratch.velocity = scratch.force
         scratch.torque = self.zeros(groups, segments, dtype=lane)
         scratch.spin = scratch.torque
-        scratch.normal_impulse = self.zeros(groups, nodes, dtype=lane)
+        scratch.lead = self.zeros(groups, nodes, dtype=lane)
+        scratch.normal_impulse = scratch.lead
         scratch.load = self.zeros(groups, segments, dtype=lane)
         return scratch
 

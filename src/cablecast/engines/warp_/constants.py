@@ -118,6 +118,7 @@ def model_constants(
         "bending": bending,
         "torsion": torsion,
         "torsion_time": dt + damping_time,
+        "twist_damping_time": damping_time,
         "lag_ratio": lag_ratio,
         "lag_kept": np.exp(-dt / lag_time),
         "yield_bend": yield_curvature * segment_length**2,

@@ -20,12 +20,18 @@ from cablecast.engines.warp_.world import world_structs
 
 
 @functools.cache
-def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp functions that read segments and measure curvature and twist."""
+def curvature_functions(precision: str, lane_count: int, damped: bool) -> SimpleNamespace:
+    """Build the Warp functions that read segments and measure curvature and twist.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        damped: True for a material that may damp twist.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     node_moment = bending_functions(precision, lane_count).node_moment
-    twist = twist_functions(precision, lane_count)
+    twist = twist_functions(precision, lane_count, damped)
     real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
 
@@ -79,6 +85,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
     def node_torque(
         model: Model,
         state: State,
+        scratch: Scratch,
         group: int,
         node: int,
         before: Segment,
@@ -91,6 +98,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Args:
             model: Constants of the batch.
             state: Holds twist and binormal of the node, which are brought up to now.
+            scratch: Receives the lead of the twist.
             group: Group of worlds.
             node: Index of the node.
             before: Segment before the node.
@@ -101,6 +109,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
         turned = twist.turn_twist(
             model,
             state,
+            scratch,
             group,
             node,
             after.previous_spin - before.previous_spin,
@@ -131,7 +140,9 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
             real(0.25) / (model.segment_length * model.segment_length)
         )
         scratch.bending_moment[group, node] = scale(model.bending[group] * real(2.0), bend)
-        torque = node_torque(model, state, group, node, before, after, sine_squared, previous_dt)
+        torque = node_torque(
+            model, state, scratch, group, node, before, after, sine_squared, previous_dt
+        )
         return torque * real(2.0)
 
     @wp.func
@@ -180,7 +191,7 @@ def curvature_functions(precision: str, lane_count: int) -> SimpleNamespace:
             sine_squared = dot(bend, bend) * quarter
             moments[node] = node_moment(bending, sine_squared, bend)
             torque = node_torque(
-                model, state, group, node, before, after, sine_squared, previous_dt
+                model, state, scratch, group, node, before, after, sine_squared, previous_dt
             )
             # The segment after the node has both its torques now.
             table_torque = mul(torque_per_impulse, axial_impulses[node])

@@ -20,11 +20,17 @@ from cablecast.engines.warp_.world import world_structs
 
 
 @functools.cache
-def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp function of elastic forces."""
+def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNamespace:
+    """Build the Warp function of elastic forces.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        damped: True for a material that may damp twist.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
-    twist = twist_functions(precision, lane_count)
+    twist = twist_functions(precision, lane_count, damped)
     real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
 
@@ -87,6 +93,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
             predicted_spins[node] = spin
             w_after = moments[node]
             turned = twists[node] + mul(torsion_time, spin - spin_before)
+            turned += twist.lead(scratch, group, node)
             q_after = twist.shape_force(model, state, group, node, turned) * cells
             # The node before has all its neighbours now; before the first lies a dummy.
             i = wp.max(node - 1, 0)
@@ -109,6 +116,7 @@ def elastic_functions(precision: str, lane_count: int) -> SimpleNamespace:
         if model.far_is_held == 1:
             w_after = moments[last]
             turned = twists[last] + mul(torsion_time, far_path.spin[group] - spin_before)
+            turned += twist.lead(scratch, group, last)
             q_after = twist.shape_force(model, state, group, last, turned) * real(2.0)
         # A last segment of another length turns the farther, the shorter it is.
         longer = scale(model.last_ratio[group] - one, w + q)

@@ -108,7 +108,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
     real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
     cross = f.cross
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
-    segments = curvature_functions(precision, lane_count)
+    segments = curvature_functions(precision, lane_count, remembers)
     Segment, read_segment = segments.Segment, segments.read_segment
     folded = wp.constant(0.01)
     tiny = wp.constant(1e-12)

@@ -47,7 +47,7 @@ def rollout_kernel(precision: str, lane_count: int, features: Features) -> Simpl
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     grip = grip_functions(precision, lane_count)
-    curvature = curvature_functions(precision, lane_count)
+    curvature = curvature_functions(precision, lane_count, features.remembers)
     step = step_functions(precision, lane_count, features).step
     real, lane, vec3 = f.real, f.lane, f.vec3
     Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples

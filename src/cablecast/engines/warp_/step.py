@@ -32,8 +32,8 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
-    curvature = curvature_functions(precision, lane_count)
-    elastic = elastic_functions(precision, lane_count)
+    curvature = curvature_functions(precision, lane_count, features.remembers)
+    elastic = elastic_functions(precision, lane_count, features.remembers)
     material = material_functions(precision, lane_count, features.remembers)
     integrate = integrate_functions(precision, lane_count)
     air = air_functions(precision, lane_count, features.surface)

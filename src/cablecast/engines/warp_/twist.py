@@ -14,7 +14,8 @@ gripper and the middle of its segment lies half a cell.
 
 Segments are so light against their torsional stiffness that twist settles within a step or a few.
 Torsion is therefore taken at the end of the step (backward Euler, a tridiagonal solve), and it is
-that torque which acts on the shape.
+that torque which acts on the shape. In a material with a damping time T the torque follows the
+twist and T times its whole rate, the holonomy included.
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -67,13 +68,19 @@ def spin_pivots(
 
 
 @functools.cache
-def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp functions of twist."""
+def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleNamespace:
+    """Build the Warp functions of twist.
+
+    Args:
+        precision: "single" or "double".
+        lane_count: Number of worlds side by side.
+        damped: True for a material that may damp twist.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
     dot, cross, scale, mul = f.dot, f.cross, f.scale, f.mul
-    Model, State = s.Model, s.State
+    Model, State, Scratch = s.Model, s.State, s.Scratch
     most_twist = wp.constant(MOST_TWIST)
 
     @wp.func
@@ -96,9 +103,34 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return scale(series * inverse_squared_length, cross(before, after))
 
     @wp.func
+    def store_lead(model: Model, scratch: Scratch, group: int, node: int, holonomy: lane):
+        """Return by how much the dashpot of twist leads it as a curve bends [rad]; store it."""
+        lead = mul(model.twist_damping_time[group], holonomy)
+        scratch.lead[group, node] = lead
+        return lead
+
+    @wp.func
+    def stored_lead(scratch: Scratch, group: int, node: int):
+        """Return the lead of a node [rad]."""
+        return scratch.lead[group][node]
+
+    @wp.func
+    def store_nothing(model: Model, scratch: Scratch, group: int, node: int, holonomy: lane):
+        """Return nothing in place of `store_lead`."""
+        return lane()
+
+    @wp.func
+    def no_lead(scratch: Scratch, group: int, node: int):
+        """Return nothing in place of `stored_lead`."""
+        return lane()
+
+    keep_lead, lead = (store_lead, stored_lead) if damped else (store_nothing, no_lead)
+
+    @wp.func
     def turn_twist(
         model: Model,
         state: State,
+        scratch: Scratch,
         group: int,
         node: int,
         spin_difference: lane,
@@ -106,11 +138,12 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
         new_binormal: vec3,
         previous_dt: lane,
     ):
-        """Return the twist of a node after the previous step [rad]; store it and the binormal.
+        """Return the twist of a node after the previous step, and its lead [rad].
 
         Args:
             model: Constants of the batch.
             state: Holds twist and binormal of the node, which are updated.
+            scratch: Receives the lead.
             group: Group of worlds.
             node: Index of the node.
             spin_difference: Spin of the segment after the node minus that before it [rad/s].
@@ -126,7 +159,7 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
         twist = twists[node] + mul(previous_dt, spin_difference + holonomy)
         twists[node] = twist
         binormals[node] = new_binormal
-        return twist
+        return twist + keep_lead(model, scratch, group, node, holonomy)
 
     @wp.func
     def shape_force(model: Model, state: State, group: int, node: int, twist: lane):
@@ -139,7 +172,7 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
             state: Holds the curvature binormal of the node.
             group: Group of worlds.
             node: Index of the node.
-            twist: Twist at the end of the step [rad].
+            twist: Torque of the node at the end of the step, over GJ / l [rad].
         """
         bounded = wp.min(wp.max(twist, lane(real(-most_twist))), lane(real(most_twist)))
         torque = mul(model.shape_torsion[group], bounded)
@@ -148,6 +181,7 @@ def twist_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
     return SimpleNamespace(
         binormal=binormal,
+        lead=lead,
         turn_twist=turn_twist,
         shape_force=shape_force,
     )

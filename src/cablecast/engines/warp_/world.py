@@ -45,6 +45,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             bending: EI / l^3 [N/m], shape [group].
             torsion: GJ / l [N·m], shape [group].
             torsion_time: dt, and the time by which twist is damped [s], shape [group].
+            twist_damping_time: Time by which twist is damped [s], shape [group].
             lag_ratio: Stiffness of the spring before the dashpot, over that of bending [-],
                 shape [group].
             lag_kept: Share of its stretch that this spring keeps in a step [-], shape [group].
@@ -97,6 +98,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         bending: wp.array(dtype=lane)
         torsion: wp.array(dtype=lane)
         torsion_time: wp.array(dtype=lane)
+        twist_damping_time: wp.array(dtype=lane)
         lag_ratio: wp.array(dtype=lane)
         lag_kept: wp.array(dtype=lane)
         yield_bend: wp.array(dtype=lane)
@@ -227,8 +229,10 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             velocity: Predicted velocity of each node without tensions [m/s], in place of `force`.
             torque: Right side of the eliminated torsion system [N·m], shape [group, segment].
             spin: Predicted spin of each segment [rad/s], in place of `torque`.
-            normal_impulse: Normal impulse of the table, per mass of each node [m/s],
-                shape [group, node].
+            lead: Part of each node's torque that the bending of a curve rubs out of the dashpot of
+                its twist, over GJ / l [rad], shape [group, node].
+            normal_impulse: Normal impulse of the table, per mass of each node [m/s], in place of
+                `lead`.
             load: Sum of the normal impulses on a segment from its nodes, over half its mass [m/s],
                 shape [group, segment].
         """
@@ -240,6 +244,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         velocity: wp.array2d(dtype=vec3)
         torque: wp.array2d(dtype=lane)
         spin: wp.array2d(dtype=lane)
+        lead: wp.array2d(dtype=lane)
         normal_impulse: wp.array2d(dtype=lane)
         load: wp.array2d(dtype=lane)
 
