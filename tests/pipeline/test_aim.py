@@ -245,6 +245,20 @@ def test_a_target_that_the_camera_is_blind_at_is_aimed_past(policy):
     assert "marker" not in straight.reason
 
 
+def test_a_cast_is_kept_where_the_camera_fails_after_it(policy):
+    def fail():
+        raise OSError("unplugged")
+
+    rig = FormulaRig(policy)
+    rig.sight = fail
+    session = cc.AimSession(policy)
+    with cc.make_rig(rig, SETUP) as checked:
+        session.cast(checked, session.propose(TARGETS[0]))
+        with pytest.raises(RigError, match="sight failed: OSError: unplugged"):
+            session.look(checked)
+    assert len(session.history) == 1
+
+
 def test_an_action_that_would_lose_its_landing_leaves_its_place_to_another(policy, monkeypatch):
     usual = cc.AimSession(policy).propose(TARGETS[0]).action.to_array()
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import InputError
 
-BLIND_COUNT_MAX = 1000
+BLIND_COUNT_MAX = 100
 """Most blind places of a camera."""
 _DISTANCE_MAX = 100.0
 _ANGLE_COUNT = 72

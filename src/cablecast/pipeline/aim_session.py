@@ -1,5 +1,6 @@
 """AimSession: targets, casts at them, and what each cast teaches, step by step."""
 
+import contextlib
 import copy
 import dataclasses
 import itertools
@@ -341,17 +342,13 @@ class AimSession:
             track = attempt_trial(rig, motion, index=number, purpose="aim", keep=lambda t, _: t)
         except TrialFailedError as error:
             raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
-        self.look(rig)
+        # A cast that was made is not lost because the camera fails afterwards.
+        with contextlib.suppress(RigError):
+            self.look(rig)
         return track
 
     def look(self, rig: CheckedRig) -> None:
-        """Ask a rig what its camera cannot see, and aim past it from now on.
-
-        `play` does so after each cast.
-
-        Args:
-            rig: Rig that `make_rig` returned.
-        """
+        """Ask a rig what its camera cannot see, and aim past it; `play` does so after each cast."""
         if hasattr(rig, "sight"):
             self.sight = rig.sight()
 
