@@ -17,9 +17,11 @@ from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import (
     OWN_MISS,
     SPREAD_FACTOR,
+    USUAL_MISFIT,
     EnsembleLandings,
     Judgement,
     judged,
+    miss_sizes,
 )
 
 COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
@@ -63,6 +65,7 @@ class _Told:
             landing_xy=landing_xy,
             frictions=np.zeros(len(actions)),
             spreads=spreads,
+            sizes=miss_sizes(spreads),
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
         )
 
@@ -90,6 +93,15 @@ def test_expected_landing_and_spread():
     np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.05, LENGTH * 1.2]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
+
+
+def test_simulators_that_follow_their_own_casts_badly_are_trusted_less():
+    spreads = np.array([0.0, 0.1])
+    usual = miss_sizes(spreads)
+    np.testing.assert_allclose(usual, np.hypot(OWN_MISS, SPREAD_FACTOR * spreads))
+    np.testing.assert_allclose(miss_sizes(spreads, 2.0 * USUAL_MISFIT), 4.0 * usual)
+    # A good fit to a handful of casts proves nothing.
+    np.testing.assert_allclose(miss_sizes(spreads, 0.5 * USUAL_MISFIT), usual)
 
 
 def test_the_friction_moves_a_landing_from_less_to_more():
