@@ -21,10 +21,8 @@ from cablecast.policies.ensemble import (
     EnsembleLandings,
     Judgement,
     judged,
+    miss_sizes,
 )
-from cablecast.tuning.posterior import ParamPosterior
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.search_space import SearchSpace
 
 COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
 ACTIONS = rightward(feasible_uniform(3, SETUP, seed=5))[0]
@@ -55,8 +53,6 @@ class _Told:
     Where no model is given, casts have no landing in the best simulator.
     """
 
-    doubt = 1.0
-
     def __init__(self, model=None, shift=(0.0, 0.0), leaves_from=-10.0):
         self.model, self.shift, self.leaves_from = model, np.array(shift), leaves_from
 
@@ -69,6 +65,7 @@ class _Told:
             landing_xy=landing_xy,
             frictions=np.zeros(len(actions)),
             spreads=spreads,
+            sizes=miss_sizes(spreads),
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
         )
 
@@ -96,6 +93,15 @@ def test_expected_landing_and_spread():
     np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.05, LENGTH * 1.2]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
+
+
+def test_simulators_that_follow_their_own_casts_badly_are_trusted_less():
+    spreads = np.array([0.0, 0.1])
+    usual = miss_sizes(spreads)
+    np.testing.assert_allclose(usual, np.hypot(OWN_MISS, SPREAD_FACTOR * spreads))
+    np.testing.assert_allclose(miss_sizes(spreads, 2.0 * USUAL_MISFIT), 4.0 * usual)
+    # A good fit to a handful of casts proves nothing.
+    np.testing.assert_allclose(miss_sizes(spreads, 0.5 * USUAL_MISFIT), usual)
 
 
 def test_the_friction_moves_a_landing_from_less_to_more():
@@ -176,30 +182,6 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
     expected = np.linalg.norm(ends[1] - ends[0], axis=1) / LENGTH / 0.16
     np.testing.assert_allclose(ensemble.judge(ACTIONS).frictions, expected)
     assert np.all(expected > 0.1)
-
-
-def test_a_fit_that_leaves_more_than_usual_is_doubted_and_one_that_leaves_little_is_not(policy):
-    params = Dynamics(params=SETUP.cable.params)
-
-    def fitted(misfit):
-        space = SearchSpace.for_cable(SETUP.cable)
-        prior = ParamPrior.for_cable(SETUP.cable, space)
-        posterior = ParamPosterior(
-            space=space,
-            prior=prior,
-            mean=prior.mean,
-            covariance=np.diag(prior.deviation**2),
-            misfit=misfit,
-        )
-        return EnsembleLandings(SETUP, [params], COARSE, params, COARSE, posterior)
-
-    assert fitted(0.5 * USUAL_MISFIT).doubt == 1.0
-    assert fitted(2.0 * USUAL_MISFIT).doubt == pytest.approx(4.0)
-    areas = [
-        np.linalg.det(Aimer(policy, ensemble=fitted(misfit)).predictor.predict(ACTIONS)[1])
-        for misfit in (USUAL_MISFIT, 2.0 * USUAL_MISFIT)
-    ]
-    assert np.all(areas[1] > areas[0])
 
 
 def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():

@@ -15,7 +15,7 @@ from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import _NEAR_COUNT, Aimer
-from cablecast.policies.ensemble import Judgement
+from cablecast.policies.ensemble import Judgement, miss_sizes
 from cablecast.rigs.engine import RigEngine
 from cablecast.track import TrialStatus
 from cablecast.tuning.tracks import MeasuredTracks
@@ -145,14 +145,13 @@ def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, l
 class _Steady:
     """An ensemble that says the same of all casts, and learns nothing."""
 
-    doubt = 1.0
-
     def judge(self, actions, hands=None):
         nothing = np.zeros(len(actions))
         return Judgement(
             landing_xy=np.full((len(actions), 2), np.nan),
             frictions=nothing,
             spreads=nothing + 0.02,
+            sizes=miss_sizes(nothing + 0.02),
             leaving=nothing,
         )
 

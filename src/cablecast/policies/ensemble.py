@@ -27,11 +27,6 @@ OWN_MISS, SPREAD_FACTOR = 0.035, 0.85
 [cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
 docs/aim.md has the share of landings that lie in the regions that are stated with them."""
 
-USUAL_MISFIT = 0.017
-"""Misfit of a fit up to which its simulators are trusted as usual [cable lengths]: that of fits in
-the virtual rig. The rig of benchmarks/strange_rig.py, which no simulator here follows as well, has
-up to 0.03, and first casts there miss by more, about in proportion to the square of it."""
-
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
 # Farther apart than this nothing is known of a landing, by however much more [cable lengths].
@@ -49,6 +44,7 @@ class Judgement:
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
+        sizes: Size of the misses that these tell, along each axis [cable lengths], shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
     """
@@ -56,21 +52,25 @@ class Judgement:
     landing_xy: NDArray[np.float64]
     frictions: NDArray[np.float64]
     spreads: NDArray[np.float64]
+    sizes: NDArray[np.float64]
     leaving: NDArray[np.float64]
 
-    @property
-    def sizes(self) -> NDArray[np.float64]:
-        """Size of the misses that the spread tells, along each axis [cable lengths], [action]."""
-        return miss_sizes(self.spreads)
+
+USUAL_MISFIT = 0.017
+"""Misfit of a fit up to which `OWN_MISS` and `SPREAD_FACTOR` hold [cable lengths]; it is that of
+fits in the virtual rig. The rig of benchmarks/strange_rig.py, which no simulator here follows as
+well, has up to 0.03, and misses there are larger in proportion to the square of it."""
 
 
-def miss_sizes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
+def miss_sizes(spreads: NDArray[np.float64], misfit: float = USUAL_MISFIT) -> NDArray[np.float64]:
     """Return the expected size of misses along each axis [cable lengths].
 
     Args:
         spreads: Standard deviations of the simulated landings along each axis [cable lengths].
+        misfit: Scale of the simulators' own error that the fit found [cable lengths].
     """
-    return np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
+    larger = max(1.0, misfit / USUAL_MISFIT) ** 2
+    return larger * np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
 
 
 class EnsembleLandings:
@@ -105,13 +105,6 @@ class EnsembleLandings:
         self.best, self.fine_engine = best, fine_engine
         self.posterior = posterior
         self._known: dict[bytes, NDArray[np.float64]] = {}
-
-    @property
-    def doubt(self) -> float:
-        """Factor by which errors that all casts share are larger than those of a usual fit."""
-        if self.posterior is None:
-            return 1.0
-        return max(1.0, self.posterior.misfit / USUAL_MISFIT) ** 2
 
     def tracks(
         self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None
@@ -209,15 +202,19 @@ class EnsembleLandings:
                 self.setup,
                 landing_xy=best.result()[0, :, -1],
                 rubbed_xy=tracks[count:, :, -1],
+                misfit=USUAL_MISFIT if self.posterior is None else self.posterior.misfit,
             )
-            rows = np.column_stack([new.landing_xy, new.frictions, new.spreads, new.leaving])
+            rows = np.column_stack(
+                [new.landing_xy, new.frictions, new.spreads, new.sizes, new.leaving]
+            )
             self._known.update(zip(row_of, rows, strict=True))
-        rows = np.array([self._known[key] for key in keys]).reshape(-1, 5)
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, 6)
         return Judgement(
             landing_xy=rows[:, :2],
             frictions=rows[:, 2],
             spreads=rows[:, 3],
-            leaving=rows[:, 4],
+            sizes=rows[:, 4],
+            leaving=rows[:, 5],
         )
 
     @functools.cached_property
@@ -238,6 +235,7 @@ def judged(
     *,
     landing_xy: NDArray[np.float64],
     rubbed_xy: NDArray[np.float64],
+    misfit: float = USUAL_MISFIT,
 ) -> Judgement:
     """Return what tracks in several simulators say of casts.
 
@@ -247,6 +245,7 @@ def judged(
         setup: Gives the table and the cable.
         landing_xy: Landings that are expected [m], shape [action, 2].
         rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
+        misfit: Scale of the simulators' own error that the fit found [cable lengths].
     """
     length = setup.cable.length
     landings = tracks[:, :, -1] / length
@@ -261,6 +260,7 @@ def judged(
         landing_xy=landing_xy,
         frictions=frictions,
         spreads=spread,
+        sizes=miss_sizes(spread, misfit),
         leaving=passed.mean(axis=0),
     )
 

@@ -174,7 +174,7 @@ class LandingPredictor:
             inputs=inputs,
             log_sizes=0.5 * (usual + own),
             log_shakes=log_shakes(sensitivity, some.frictions),
-            frictions=some.frictions * (1.0 if self.ensemble is None else self.ensemble.doubt),
+            frictions=some.frictions,
         )
 
     def predict(
