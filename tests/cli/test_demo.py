@@ -15,7 +15,8 @@ from cablecast.workspace import load_targets
 
 SMALL = [
     *("--tune-count", "2", "--count", "120", "--epochs", "2", "--candidate-count", "200"),
-    *("--rig", "engine", "--tries", "2"),
+    # No first cast is that near.
+    *("--rig", "engine", "--tries", "2", "--within", "0.01"),
 ]
 # What has no option: a brief fit.
 SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
