@@ -1,4 +1,4 @@
-"""What a camera cannot see: its place, and the circles in which the marker is not told."""
+"""Limits of a camera's sight: its place, and the circles in which the marker is not told."""
 
 import numpy as np
 import pytest

@@ -65,7 +65,6 @@ class _Told:
             landing_xy=landing_xy,
             frictions=np.zeros(len(actions)),
             spreads=spreads,
-            sizes=miss_sizes(spreads),
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
         )
 

@@ -15,7 +15,7 @@ from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import _NEAR_COUNT, Aimer
-from cablecast.policies.ensemble import Judgement, miss_sizes
+from cablecast.policies.ensemble import Judgement
 from cablecast.rigs.engine import RigEngine
 from cablecast.track import TrialStatus
 from cablecast.tuning.tracks import MeasuredTracks
@@ -151,7 +151,6 @@ class _Steady:
             landing_xy=np.full((len(actions), 2), np.nan),
             frictions=nothing,
             spreads=nothing + 0.02,
-            sizes=miss_sizes(nothing + 0.02),
             leaving=nothing,
         )
 

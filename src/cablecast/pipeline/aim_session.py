@@ -74,7 +74,7 @@ class AimSession:
         setup: Cable, workspace, arm and motion settings.
         store: All casts.
         aimer: What chooses the casts and learns from them.
-        sight: What the camera of the rig cannot see; None while nobody said.
+        sight: Limits of the sight of the rig's camera; None while they are unknown.
 
     Raises:
         InputError: The policy has learned from real casts, a value is out of bounds, or the folder

@@ -153,7 +153,7 @@ class Aimer:
             target_xy: Target [m], shape [2].
             tried: True if earlier casts were aimed at this target. A small change of one of them
                 nearly always wins, so fewer other candidates are judged.
-            sight: What the camera cannot see, as far as it is known.
+            sight: Limits of the camera's sight; unknown where None.
 
         Raises:
             TargetError: The target is not finite, out of reach, or off the table.

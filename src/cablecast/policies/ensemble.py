@@ -27,6 +27,11 @@ OWN_MISS, SPREAD_FACTOR = 0.035, 0.85
 [cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
 docs/aim.md has the share of landings that lie in the regions that are stated with them."""
 
+USUAL_MISFIT = 0.017
+"""Misfit of a fit up to which `OWN_MISS` and `SPREAD_FACTOR` hold [cable lengths]; it is that of
+fits in the virtual rig. The rig of benchmarks/strange_rig.py, which no simulator here follows as
+well, has up to 0.03, and misses there are larger in proportion to the square of it."""
+
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
 # Farther apart than this nothing is known of a landing, by however much more [cable lengths].
@@ -44,22 +49,21 @@ class Judgement:
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
-        sizes: Size of the misses that these tell, along each axis [cable lengths], shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
+        misfit: Scale of the simulators' own error that their fit found [cable lengths].
     """
 
     landing_xy: NDArray[np.float64]
     frictions: NDArray[np.float64]
     spreads: NDArray[np.float64]
-    sizes: NDArray[np.float64]
     leaving: NDArray[np.float64]
+    misfit: float = USUAL_MISFIT
 
-
-USUAL_MISFIT = 0.017
-"""Misfit of a fit up to which `OWN_MISS` and `SPREAD_FACTOR` hold [cable lengths]; it is that of
-fits in the virtual rig. The rig of benchmarks/strange_rig.py, which no simulator here follows as
-well, has up to 0.03, and misses there are larger in proportion to the square of it."""
+    @property
+    def sizes(self) -> NDArray[np.float64]:
+        """Size of the misses that these tell, along each axis [cable lengths], shape [action]."""
+        return miss_sizes(self.spreads, self.misfit)
 
 
 def miss_sizes(spreads: NDArray[np.float64], misfit: float = USUAL_MISFIT) -> NDArray[np.float64]:
@@ -202,19 +206,16 @@ class EnsembleLandings:
                 self.setup,
                 landing_xy=best.result()[0, :, -1],
                 rubbed_xy=tracks[count:, :, -1],
-                misfit=USUAL_MISFIT if self.posterior is None else self.posterior.misfit,
             )
-            rows = np.column_stack(
-                [new.landing_xy, new.frictions, new.spreads, new.sizes, new.leaving]
-            )
+            rows = np.column_stack([new.landing_xy, new.frictions, new.spreads, new.leaving])
             self._known.update(zip(row_of, rows, strict=True))
-        rows = np.array([self._known[key] for key in keys]).reshape(-1, 6)
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, 5)
         return Judgement(
             landing_xy=rows[:, :2],
             frictions=rows[:, 2],
             spreads=rows[:, 3],
-            sizes=rows[:, 4],
-            leaving=rows[:, 5],
+            leaving=rows[:, 4],
+            misfit=USUAL_MISFIT if self.posterior is None else self.posterior.misfit,
         )
 
     @functools.cached_property
@@ -235,7 +236,6 @@ def judged(
     *,
     landing_xy: NDArray[np.float64],
     rubbed_xy: NDArray[np.float64],
-    misfit: float = USUAL_MISFIT,
 ) -> Judgement:
     """Return what tracks in several simulators say of casts.
 
@@ -245,7 +245,6 @@ def judged(
         setup: Gives the table and the cable.
         landing_xy: Landings that are expected [m], shape [action, 2].
         rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
-        misfit: Scale of the simulators' own error that the fit found [cable lengths].
     """
     length = setup.cable.length
     landings = tracks[:, :, -1] / length
@@ -260,7 +259,6 @@ def judged(
         landing_xy=landing_xy,
         frictions=frictions,
         spreads=spread,
-        sizes=miss_sizes(spread, misfit),
         leaving=passed.mean(axis=0),
     )
 

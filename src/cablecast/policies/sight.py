@@ -35,8 +35,8 @@ def lost_chance(
         landing_xy: Their expected landings [m], shape [action, 2].
         deviation: Standard deviation of the landings along each axis [m], shape [action].
         setup: Set-up with the arm and the table.
-        sight: What the camera cannot see; one above the middle of the table without blind places
-            where None.
+        sight: Limits of the camera's sight; those of a camera above the middle of the table,
+            without blind places, where None.
 
     Returns:
         Chance [-], shape [action]. An arm that cannot follow an action hides nothing.

@@ -32,7 +32,7 @@ def green_places(
     """Return circles around the green things on the table, the largest first.
 
     Args:
-        mask: Whether each pixel is green, shape [v, u].
+        mask: True where a pixel is green, shape [v, u].
         view: Calibrated camera.
         workspace: Gives the table's edges.
 

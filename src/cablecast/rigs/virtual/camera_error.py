@@ -6,6 +6,7 @@ table by tools/fit_camera_error.py, which writes camera_error.json.
 """
 
 import dataclasses
+import functools
 import importlib.resources
 import pathlib
 from typing import Any
@@ -173,7 +174,7 @@ class CameraErrorModel:
         scale = (camera[2] - marker_z) / (camera[2] - points[..., 2])
         return camera[:2] + scale[..., None] * (points[..., :2] - camera[:2])
 
-    @property
+    @functools.cached_property
     def sight(self) -> CameraSight:
         """Place of the camera, and where it is blind, as a look at the empty table tells."""
         return CameraSight(position=self.camera, blind=tuple((x, y, r) for x, y, r in self.blind))
