@@ -62,8 +62,8 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
         x_after = x
         # Half a cell lies at the endpoint.
         cells = real(0.5)
-        for back in range(last):
-            node = last - back
+        node = int(last)
+        while node > 0:
             x_before = position[node - 1]
             chord = x_after - x_before
             inverse_square = div(one, dot(chord, chord) + least)
@@ -75,6 +75,7 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
             x_after = x
             x = x_before
             cells = real(1.0)
+            node -= 1
 
     @wp.func
     def resist_nothing(model: Model, state: State, scratch: Scratch, group: int, force_dt: real):

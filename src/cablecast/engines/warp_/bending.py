@@ -98,7 +98,7 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def angle_over_sine(sine_squared: lane):
         """Return phi / sin(phi) from q = sin^2(phi / 2) [-]: 1 + 2/3 q + 8/15 q^2 + ..."""
-        q = wp.min(sine_squared, lane(real(sharpest)))
+        q = f.smaller(sine_squared, lane(real(sharpest)))
         value = lane(real(128.0 / 315.0)) + q * real(256.0 / 693.0)
         value = lane(real(16.0 / 35.0)) + mul(q, value)
         value = lane(real(8.0 / 15.0)) + mul(q, value)
@@ -124,7 +124,7 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         It is the sum 2 q + 2/3 q^2 + 16/45 q^3 + ... of which `angle_over_sine` is half the slope.
         """
-        q = wp.min(sine_squared, lane(real(sharpest)))
+        q = f.smaller(sine_squared, lane(real(sharpest)))
         value = lane(real(256.0 / 1575.0)) + q * real(256.0 / 2079.0)
         value = lane(real(8.0 / 35.0)) + mul(q, value)
         value = lane(real(16.0 / 45.0)) + mul(q, value)

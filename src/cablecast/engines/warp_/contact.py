@@ -55,16 +55,18 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         loads = scratch.load[group]
         last = model.node_count - 1
         before = lane()
-        for node in range(1, model.node_count):
+        node = int(1)
+        while node < model.node_count:
             gap = position[node][2] - lane(model.radius)
-            closing = wp.max(gap, lane()) * (-inverse_dt)
-            recovering = wp.min(gap, lane()) * (real(recovery) * inverse_dt)
-            normal_impulse = wp.max(closing - recovering - predicted[node][2], lane())
+            closing = f.larger(gap, lane()) * (-inverse_dt)
+            recovering = f.smaller(gap, lane()) * (real(recovery) * inverse_dt)
+            normal_impulse = f.larger(closing - recovering - predicted[node][2], lane())
             normal_impulses[node] = normal_impulse
             if node == last:
                 before = mul(model.near_ratio[group], before)
             loads[node - 1] = before + mul(mass_ratios[node], normal_impulse)
             before = normal_impulse
+            node += 1
         # The gripped node feels no table; its segment rolls by the other node alone.
         loads[0] = normal_impulses[1] * real(2.0)
 
@@ -83,7 +85,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def clamp(value: lane, limit: lane):
         """Return a value bounded to plus or minus a limit, both in the same unit."""
-        return wp.min(wp.max(value, -limit), limit)
+        return f.smaller(f.larger(value, -limit), limit)
 
     return SimpleNamespace(
         press_nodes=press_nodes, lateral=lateral, add_lateral=add_lateral, clamp=clamp

@@ -184,8 +184,8 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
                 model, state, scratch, group, last, after, gripper, previous_dt
             )
         eliminated = lane()
-        for back in range(1, last):
-            node = last - back
+        node = int(last - 1)
+        while node > 0:
             before = read_segment(state, group, node - 1)
             bend = after.edge - before.edge
             sine_squared = dot(bend, bend) * quarter
@@ -200,6 +200,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
             eliminated = mul(mul(coupling, pivots[node]), right_side)
             torque_after = torque
             after = before
+            node -= 1
         moments[last - 1] = moments[last - 1] * model.joint_cells
         gripper = gripper_segment(model, path, group)
         torque = held_torque(model, state, scratch, group, 0, gripper, after, previous_dt)

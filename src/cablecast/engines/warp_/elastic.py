@@ -86,7 +86,8 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         force1 = vec3()
         force2 = vec3()
         cells = real(2.0)
-        for node in range(last):
+        node = int(0)
+        while node < last:
             alpha = mul(pivots[node], right_sides[node] + mul(coupling, alpha))
             undamped = mul(explicit_damping, spins[node]) + alpha * force_dt
             spin = mul(implicit_damping, undamped)
@@ -111,6 +112,7 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
             q = q_after
             spin_before = spin
             cells = real(1.0)
+            node += 1
         w_after = vec3()
         q_after = vec3()
         if model.far_is_held == 1:

@@ -79,7 +79,8 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         height = mul(mass, x[2])
         ratio = one
         cells = real(1.0)
-        for node in range(2, last + 1):
+        node = int(2)
+        while node < last + 1:
             x_after = position[node]
             at_last = real(wp.max(node + 1 - last, 0))
             ratio = one + (model.last_ratio[group] - one) * at_last
@@ -96,6 +97,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             height += mul(mass, x_after[2])
             edge = edge_after
             x = x_after
+            node += 1
         if model.far_is_held == 1:
             bend = far_path.next_direction[group] * model.segment_length - edge
             bent += dot(bend, bend) * (real(4.0) * quarter)
@@ -171,12 +173,12 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         end = model.endpoint
         energy = energies(model, path, far_path, state, group)
         gained = energy[0] - state.energy[group] - state.work[group]
-        growth = wp.max(state.growth[group] + gained, lane())
+        growth = f.larger(lane(), state.growth[group] + gained)
         length = model.segment_length * real(last)
         weight = model.segment_mass[group] * (model.gravity * real(last))
         least = weight * (length * real(least_scale))
-        moving = wp.max(state.energy_scale[group], energy[1])  # pyright: ignore
-        largest = wp.max(moving, least)
+        moving = f.larger(state.energy_scale[group], energy[1])  # pyright: ignore
+        largest = f.larger(moving, least)
         state.energy[group] = energy[0]
         state.work[group] = lane()
         state.growth[group] = growth

@@ -95,7 +95,7 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
     def piece_time(path: Path, group: int, t: real):
         """Return the time since the current pieces began, within their bounds, at time t [s]."""
         since = lane(t) - path.piece_start[group]
-        return wp.min(wp.max(since, lane()), path.piece_duration[group])
+        return f.smaller(f.larger(since, lane()), path.piece_duration[group])
 
     @wp.func
     def channel(path: Path, group: int, index: int, piece_t: lane):

@@ -53,8 +53,8 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         implicit_damping = f.div(one, one + half_damping)
         viscosity = model.rotation_viscosity[group] * force_dt
         fall = wp.matrix_from_rows(lane(), lane(), lane(model.gravity * force_dt))
-        for back in range(last):
-            node = last - back
+        node = int(last)
+        while node > 0:
             after = wp.min(node + 1, last)
             # Filter and accelerations have two zeros beyond the last node.
             acceleration = (
@@ -71,6 +71,7 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
             )
             undamped = scale(explicit_damping, v) + acceleration * force_dt + exchange - fall
             predicted[node] = scale(implicit_damping, undamped)
+            node -= 1
 
     @wp.func
     def drive_held_ends(model: Model, path: Path, far_path: Path, state: State, group: int):
@@ -104,17 +105,21 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         velocity = state.velocity[group]
         spins = state.spin[group]
         predicted_spins = scratch.spin[group]
-        lifted = wp.max(position[model.endpoint][2] - lane(model.radius * real(1.5)), lane())
+        lifted = f.larger(position[model.endpoint][2] - lane(model.radius * real(1.5)), lane())
         fastest = lifted * real(airborne_weight)
-        for node in range(last + 1):
+        node = int(0)
+        while node < last + 1:
             v = scale(active, velocity[node])
             velocity[node] = v
             position[node] = position[node] + v * model.dt
             in_last_quarter = real(wp.min(wp.max(4 * node - 3 * last, 0), 1))
             weight = wp.max(in_last_quarter, real(swing_weight))
-            fastest = wp.max(fastest, (mul(v[0], v[0]) + mul(v[1], v[1])) * weight)
-        for segment in range(last):
+            fastest = f.larger(fastest, (mul(v[0], v[0]) + mul(v[1], v[1])) * weight)
+            node += 1
+        segment = int(0)
+        while segment < last:
             spins[segment] = mul(active, predicted_spins[segment])
+            segment += 1
         return fastest
 
     return SimpleNamespace(

@@ -78,7 +78,26 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def absolute(a: lane):
         """Return the absolute value in each lane."""
-        return wp.max(a, -a)
+        result = lane()
+        for k in range(count):
+            result[k] = wp.abs(a[k])
+        return result
+
+    @wp.func
+    def smaller(a: lane, b: lane):
+        """Return the smaller number in each lane, b where either is not a number."""
+        result = lane()
+        for k in range(count):
+            result[k] = wp.where(a[k] < b[k], a[k], b[k])
+        return result
+
+    @wp.func
+    def larger(a: lane, b: lane):
+        """Return the larger number in each lane, b where either is not a number."""
+        result = lane()
+        for k in range(count):
+            result[k] = wp.where(a[k] > b[k], a[k], b[k])
+        return result
 
     @wp.func
     def reciprocal(a: lane):
@@ -131,6 +150,8 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         scale=scale,
         absolute=absolute,
         reciprocal=reciprocal,
+        smaller=smaller,
+        larger=larger,
         root=root,
         sin_cos=sin_cos,
         mul=wp.cw_mul,

@@ -78,17 +78,21 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             edge_dt = model.dt
             keep = real(1.0)
             iteration += 1
-            any_unsolved = 0
-            for k in range(count):
-                # Not a number is not right either.
-                if unsolved[k] > real(0.0) and not (error[k] <= real(tolerance)):
-                    any_unsolved = 1
-                else:
-                    unsolved[k] = real(0.0)
+            unsolved = keep_beyond(unsolved, error)
+            any_unsolved = int(wp.max(unsolved))
             if any_unsolved == 0:
                 iteration = max_iterations
         if any_unsolved == 1:
             lay_out_segments(model, state, scratch, group, unsolved)
+
+    @wp.func
+    def keep_beyond(unsolved: lane, error: lane):
+        """Return `unsolved`, but 0 for worlds whose error is within the tolerance."""
+        result = lane()
+        for k in range(count):
+            # Not a number is not right either.
+            result[k] = wp.where(error[k] <= real(tolerance), real(0.0), unsolved[k])
+        return result
 
     @wp.func
     def eliminate_tensions(model: Model, state: State, scratch: Scratch, group: int, edge_dt: real):
@@ -122,7 +126,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         w = inverse_mass[0]
         upper = lane()
         right_side = lane()
-        for segment in range(last):
+        segment = int(0)
+        while segment < last:
             predicted = end_after - end
             end = end_after
             w_after = inverse_mass[segment + 1]
@@ -146,6 +151,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             d_before = d
             d = d_after
             w = w_after
+            segment += 1
 
     @wp.func
     def apply_tensions(
@@ -192,8 +198,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         x = position[last]
         v = velocity[last]
         end_after = vec3()
-        for back in range(last):
-            node = last - back
+        node = int(last)
+        while node > 0:
             x_before = position[node - 1]
             v_before = velocity[node - 1]
             row = solution[node - 1]
@@ -207,16 +213,17 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
             edge = end_after - end
             squared_length = squared_lengths[wp.min(node, last - 1)]
             error = absolute(dot(edge, edge) - squared_length)
-            largest = wp.max(largest, mul(error, weight))
+            largest = f.larger(largest, mul(error, weight))
             weight = weight_before
             weight_before = one
             end_after = end
             pull_after = pull
             x = x_before
             v = v_before
+            node -= 1
         edge = end_after - (x + v * dt)
         error = absolute(dot(edge, edge) - squared_lengths[0])
-        largest = wp.max(largest, mul(error, weight))
+        largest = f.larger(largest, mul(error, weight))
         return largest * inverse_squared_length
 
     @wp.func
@@ -238,7 +245,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         inverse_dt = real(1.0) / dt
         end = state.position[group, 0] + state.velocity[group, 0] * dt
         impulse = vec3()
-        for node in range(1, model.node_count - model.far_is_held):
+        node = int(1)
+        while node < model.node_count - model.far_is_held:
             x = state.position[group, node]
             edge = x + scratch.velocity[group, node] * dt - end
             size = f.root(dot(edge, edge) + lane(real(1.0e-20)))
@@ -256,6 +264,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
                         v[c, k] = (end[c, k] - x[c, k]) * inverse_dt
             state.tension[group, node - 1] = tension
             state.velocity[group, node] = v
+            node += 1
         work = state.work[group]
         gained = dot(impulse, state.velocity[group, 0])
         for k in range(count):

@@ -164,7 +164,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         lag = bend + scale(kept, lag - bend)
         elastic = bend - rest
         size = f.root(dot(elastic, elastic) + lane(squared_length * real(tiny)))
-        excess = wp.max(size - model.yield_bend[group] * (real(1.0) / cells), lane())
+        excess = f.larger(size - model.yield_bend[group] * (real(1.0) / cells), lane())
         yielded = mul(model.yield_share[group], previous_dt) * (real(1.0) / model.dt)
         rest = rest + scale(mul(yielded, f.div(excess, size)), elastic)
         state.rest_bend[group, node] = rest
@@ -218,8 +218,8 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         # What the torque on a segment and those beyond it leaves after the elimination of these.
         eliminated = lane()
         cells = model.joint_cells
-        for back in range(1, last):
-            node = last - back
+        node = int(last - 1)
+        while node > 0:
             before = read_segment(state, group, node - 1)
             torque = remember_node(
                 model, state, scratch, group, node, before, after, cells, previous_dt
@@ -230,6 +230,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             torque_after = torque
             after = before
             cells = real(1.0)
+            node -= 1
         gripper = segments.gripper_segment(model, path, group)
         torque = remember_node(
             model, state, scratch, group, 0, gripper, after, real(2.0), previous_dt
@@ -259,11 +260,13 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         position = state.position[group]
         edge = path.next_direction[group] * model.segment_length
         energy = lane()
-        for node in range(last - 1):
+        node = int(0)
+        while node < last - 1:
             edge_after = position[node + 1] - position[node]
             cells = real(wp.max(2 - node, 1))
             energy += node_energy(model, state, group, node, edge_after - edge) * cells
             edge = edge_after
+            node += 1
         edge_after = scale(model.last_ratio[group], position[last] - position[last - 1])
         bend = edge_after - edge
         energy += node_energy(model, state, group, last - 1, bend) * model.joint_cells

@@ -52,7 +52,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
     @wp.func
     def rolling_friction(spin: lane, limit: lane):
         """Return a spin less at most a limit, never past zero, all in [rad/s]."""
-        return wp.max(spin - limit, lane()) + wp.min(spin + limit, lane())
+        return f.larger(spin - limit, lane()) + f.smaller(spin + limit, lane())
 
     @wp.func
     def predict_roll(model: Model, state: State, scratch: Scratch, group: int, segment: int):
@@ -81,7 +81,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         roll.repeated = repeated_spin - roll.end
         # 1 where rolling friction brings the segment to a stop, else 0.
         one = lane(real(1.0))
-        stopped = one - wp.min(f.absolute(roll.end) * real(stopped_scale), one)
+        stopped = one - f.smaller(f.absolute(roll.end) * real(stopped_scale), one)
         roll.used = mul(stopped, driven_spin)
         roll.limit = mul(stopped, limit)
         return roll
@@ -130,7 +130,8 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         losses[0] = losses[1]
         loss_before = losses[0]
         last = model.node_count - 2
-        for segment in range(model.node_count - 1):
+        segment = int(0)
+        while segment < model.node_count - 1:
             if segment == last:
                 loss_before = mul(model.near_ratio[group], loss_before)
             response = responses[segment]
@@ -144,6 +145,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
             change = (spin - free_spin - repeated) * model.radius
             axial_impulses[segment] = axial_impulses[segment] + change
             loss_before = loss_after
+            segment += 1
 
     return SimpleNamespace(
         Roll=Roll, predict_roll=predict_roll, node_roll=node_roll, finish_rolls=finish_rolls

@@ -73,8 +73,8 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         ratio = model.last_ratio[group]
         roll_after = Roll()
         pull_after = vec3()
-        for back in range(last):
-            node = last - back
+        node = int(last)
+        while node > 0:
             x_before = position[node - 1]
             roll_before = rolling.predict_roll(model, state, scratch, group, node - 1)
             roll = rolling.node_roll(roll_before, roll_after, share)
@@ -108,6 +108,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             roll_after = roll_before
             pull_after = pull_before
             share = real(1.0)
+            node -= 1
 
     @wp.func
     def friction_loss(
@@ -149,14 +150,14 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         slip_size = f.absolute(slip)
         slip_sign = contact.clamp(slip * real(sign_scale), one)
         held = (roll.limit - mul(roll.used, slip_sign)) * radius
-        to_roll = wp.max(slip_size - mul(model.lateral_mass[group], slip_size + held), lane())
+        to_roll = f.larger(slip_size - mul(model.lateral_mass[group], slip_size + held), lane())
         stick = contact.add_lateral(end_slip, contact.clamp(-slip, to_roll), axis)
         stick_size = horizontal_size(shrunk(model, group, stick, axis))
         # Slip: the direction is that of the sum of both slips, twice their mean.
         sum_slip = contact.add_lateral(start_slip + end_slip, roll.repeated * (-radius), axis)
         sum_slip = stretched(model, group, sum_slip, axis)
-        slips = wp.min(wp.max(div(stick_size, limit + small) - lane(real(2.0)), lane()), one)
-        stick_share = mul(one - slips, wp.min(div(limit, stick_size), one))
+        slips = f.smaller(f.larger(div(stick_size, limit + small) - lane(real(2.0)), lane()), one)
+        stick_share = mul(one - slips, f.smaller(div(limit, stick_size), one))
         slip_share = mul(slips, div(limit, horizontal_size(sum_slip)))
         sum_slip = stretched(model, group, sum_slip, axis)
         return wp.matrix_from_rows(

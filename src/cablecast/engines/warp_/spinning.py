@@ -69,8 +69,8 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
         ratio = model.last_ratio[group]
         # Impulse of the segment after the node [N·s].
         impulse_after = vec3()
-        for back in range(last):
-            node = last - back
+        node = int(last)
+        while node > 0:
             segment = node - 1
             x_before = position[segment]
             v_before = velocity[segment]
@@ -86,5 +86,6 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
             x = x_before
             v = v_before
             ratio = one
+            node -= 1
 
     return SimpleNamespace(resist_turning=resist_turning)

@@ -50,7 +50,9 @@ def table_functions(precision: str, lane_count: int, features: Features) -> Simp
     @wp.func
     def meet_nothing(model: Model, state: State, scratch: Scratch, group: int):
         """Give nodes their predicted velocities, in place of `meet_table`."""
-        for node in range(1, model.node_count):
+        node = int(1)
+        while node < model.node_count:
             state.velocity[group, node] = scratch.velocity[group, node]
+            node += 1
 
     return SimpleNamespace(meet_table=meet_table if features.table else meet_nothing)

@@ -174,7 +174,7 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
             node: Index of the node.
             twist: Torque of the node at the end of the step, over GJ / l [rad].
         """
-        bounded = wp.min(wp.max(twist, lane(real(-most_twist))), lane(real(most_twist)))
+        bounded = f.smaller(f.larger(twist, lane(real(-most_twist))), lane(real(most_twist)))
         torque = mul(model.shape_torsion[group], bounded)
         half_inverse_length = real(0.5) / model.segment_length
         return scale(torque * half_inverse_length, state.binormal[group][node])
