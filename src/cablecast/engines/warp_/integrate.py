@@ -17,7 +17,7 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
     """Build the Warp functions that advance velocities and positions."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
-    real, lane, scale, mul = f.real, f.lane, f.scale, f.mul
+    real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
     airborne_weight = wp.constant(1.0e6)  # squared speed per height of a free end [m/s²]
     swing_weight = wp.constant(1.0e-4)  # of squared speeds outside the last quarter [-]
@@ -53,14 +53,15 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         implicit_damping = f.div(one, one + half_damping)
         viscosity = model.rotation_viscosity[group] * force_dt
         fall = wp.matrix_from_rows(lane(), lane(), lane(model.gravity * force_dt))
+        acceleration = vec3()
         node = int(last)
         while node > 0:
             after = wp.min(node + 1, last)
             # Filter and accelerations have two zeros beyond the last node.
             acceleration = (
                 scale(diagonal[node], force[node])
-                - scale(lower1[node + 1], accelerations[node + 1])
                 - scale(lower2[node + 2], accelerations[node + 2])
+                - scale(lower1[node + 1], acceleration)
             )
             accelerations[node] = acceleration
             # Damped rotation of the segments is a viscous exchange between neighbours.
