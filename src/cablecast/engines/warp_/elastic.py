@@ -76,13 +76,11 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         # Rate of the spin [rad/s²].
         alpha = lane()
         spin_before = path.spin[group]
-        # Moments and forces of twist at the last two nodes [N], and the last two eliminated forces.
-        # At a gripper both count twice; moments of held nodes do so already. The sum is spelled out
-        # three times, since a function of so many vectors makes the loop a third longer.
-        w_before = vec3()
-        q_before = vec3()
-        w = vec3()
-        q = vec3()
+        # Of w and q (see above): the force on the node before as far as the nodes up to it make it,
+        # and what that node does to the next one [N]. Then the last two eliminated forces. At a
+        # gripper w and q count twice; moments of held nodes do so already.
+        known = vec3()
+        passed_on = vec3()
         force1 = vec3()
         force2 = vec3()
         cells = real(2.0)
@@ -99,17 +97,15 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
             # The node before has all its neighbours now; before the first lies a dummy.
             i = wp.max(node - 1, 0)
             force = (
-                (w * real(2.0) - w_before - w_after + q_after - q_before)
+                (known - (w_after - q_after))
                 - scale(lower1[i], force1)
                 - scale(lower2[i], force2)
             )
             forces[i] = force
             force2 = force1
             force1 = force
-            w_before = w
-            q_before = q
-            w = w_after
-            q = q_after
+            known = w_after * real(2.0) - passed_on
+            passed_on = w_after + q_after
             spin_before = spin
             cells = real(1.0)
             node += 1
@@ -121,16 +117,16 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
             turned += twist.lead(scratch, group, last)
             q_after = twist.shape_force(model, state, group, last, turned) * real(2.0)
         # A last segment of another length turns the farther, the shorter it is.
-        longer = scale(model.last_ratio[group] - one, w + q)
+        longer = scale(model.last_ratio[group] - one, passed_on)
         i = last - 1
         force = (
-            (w * real(2.0) - w_before - w_after + q_after - q_before + longer)
+            (known - (w_after - q_after) + longer)
             - scale(lower1[i], force1)
             - scale(lower2[i], force2)
         )
         forces[i] = force
         forces[last] = (
-            (w_after * real(2.0) - w - q - longer)
+            (w_after * real(2.0) - passed_on - longer)
             - scale(lower1[last], force)
             - scale(lower2[last], force1)
         )

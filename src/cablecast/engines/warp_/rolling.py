@@ -55,7 +55,9 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return f.larger(spin - limit, lane()) + f.smaller(spin + limit, lane())
 
     @wp.func
-    def predict_roll(model: Model, state: State, scratch: Scratch, group: int, segment: int):
+    def predict_roll(
+        model: Model, state: State, scratch: Scratch, group: int, segment: int, near_ratio: lane
+    ):
         """Return the `Roll` of a segment whose nodes lose what they lost in the previous step.
 
         Args:
@@ -64,14 +66,12 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
             scratch: Loads; spins that the axial impulses of the previous step lead to.
             group: Group of worlds.
             segment: Index of the segment.
+            near_ratio: Mass of the node before it that lies on it, over half a segment's mass [-].
         """
         response = model.spin_response[group][segment]
         limit = mul(model.rolling_friction[group], mul(response, scratch.load[group][segment]))
         losses = state.lateral_loss[group]
-        loss = losses[segment]
-        if segment == model.node_count - 2:
-            loss = mul(model.near_ratio[group], loss)
-        loss = loss + mul(model.mass_ratio[group][segment + 1], losses[segment + 1])
+        loss = mul(near_ratio, losses[segment]) + mul(model.mass_ratio[group][segment + 1], losses[segment + 1])
         repeated_spin = scratch.spin[group][segment]
         free_spin = repeated_spin - mul(response, state.axial_impulse[group][segment])
         driven_spin = free_spin + mul(response, loss)

@@ -71,12 +71,15 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         x_after = x
         share = real(2.0)
         ratio = model.last_ratio[group]
+        near_ratio = model.near_ratio[group]
         roll_after = Roll()
         pull_after = vec3()
         node = int(last)
         while node > 0:
             x_before = position[node - 1]
-            roll_before = rolling.predict_roll(model, state, scratch, group, node - 1)
+            roll_before = rolling.predict_roll(
+                model, state, scratch, group, node - 1, near_ratio
+            )
             roll = rolling.node_roll(roll_before, roll_after, share)
             pull_before = scale(tension[node - 1], x - x_before)
             tensed = scale(inverse_mass[node], pull_after - pull_before) * inverse_dt
@@ -108,6 +111,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             roll_after = roll_before
             pull_after = pull_before
             share = real(1.0)
+            near_ratio = one
             node -= 1
 
     @wp.func
