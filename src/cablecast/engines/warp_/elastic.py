@@ -97,9 +97,7 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
             # The node before has all its neighbours now; before the first lies a dummy.
             i = wp.max(node - 1, 0)
             force = (
-                (known - (w_after - q_after))
-                - scale(lower1[i], force1)
-                - scale(lower2[i], force2)
+                (known - (w_after - q_after)) - scale(lower1[i], force1) - scale(lower2[i], force2)
             )
             forces[i] = force
             force2 = force1

@@ -25,7 +25,7 @@ from cablecast.machine import core_count
 from cablecast.motion.grip_path import GripPath
 
 DEFAULT_SEGMENT_COUNT = 50
-DEFAULT_DT = 5e-4
+DEFAULT_DT = 6.25e-4
 """The coarsest resolution whose landings, on all three presets, are within 1 % of cable length of
 converged ones in the median and within 5 % in nine of ten casts: `python -m benchmarks
 convergence`, docs/engine.md."""
@@ -33,7 +33,7 @@ convergence`, docs/engine.md."""
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
 
-MODEL_VERSION = 5
+MODEL_VERSION = 6
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 

@@ -71,7 +71,8 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         response = model.spin_response[group][segment]
         limit = mul(model.rolling_friction[group], mul(response, scratch.load[group][segment]))
         losses = state.lateral_loss[group]
-        loss = mul(near_ratio, losses[segment]) + mul(model.mass_ratio[group][segment + 1], losses[segment + 1])
+        far_ratio = model.mass_ratio[group][segment + 1]
+        loss = mul(near_ratio, losses[segment]) + mul(far_ratio, losses[segment + 1])
         repeated_spin = scratch.spin[group][segment]
         free_spin = repeated_spin - mul(response, state.axial_impulse[group][segment])
         driven_spin = free_spin + mul(response, loss)

@@ -77,9 +77,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         node = int(last)
         while node > 0:
             x_before = position[node - 1]
-            roll_before = rolling.predict_roll(
-                model, state, scratch, group, node - 1, near_ratio
-            )
+            roll_before = rolling.predict_roll(model, state, scratch, group, node - 1, near_ratio)
             roll = rolling.node_roll(roll_before, roll_after, share)
             pull_before = scale(tension[node - 1], x - x_before)
             tensed = scale(inverse_mass[node], pull_after - pull_before) * inverse_dt
