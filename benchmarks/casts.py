@@ -21,7 +21,6 @@ from benchmarks.places import MANY, METHODS, MISSED_PCT, REAL_MIN, Place, some_t
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.intervals import difference_interval, median_interval
-from cablecast.pipeline.aim_casts import region_square
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
 from cablecast.runs.workers import LOCAL
@@ -132,11 +131,11 @@ def print_regions(found: Found, tries: int) -> None:
         if method not in ("aim", "one simulator"):
             continue
         for number in range(tries):
-            squares = [row["square"][number] for row in rows]
-            known = np.array([s for s in squares if s is not None])
-            inside = [100.0 * np.mean(known < region_square(share)) for share in (0.5, 0.9)]
-            shares = (f"{share:.0f}" for share in inside)
-            rows_of_regions.append((name, cable, count, method, number + 1, len(known), *shares))
+            shares = [row["share"][number] for row in rows]
+            known = np.array([share for share in shares if share is not None])
+            inside = [100.0 * np.mean(known < share) for share in (0.5, 0.9)]
+            found_in = (f"{share:.0f}" for share in inside)
+            rows_of_regions.append((name, cable, count, method, number + 1, len(known), *found_in))
     title = "Landings within the regions that were stated before the cast [%]"
     print(Table(title=title, columns=REGION_COLUMNS, rows=rows_of_regions))
 

@@ -96,7 +96,7 @@ class FixedSession:
         motion = self.policy.plan(target).trajectories[0]
         rows = equal_casts(rig, motion, tries)
         length = self.policy.setup.cable.length
-        return {"miss_pct": [_miss(xy, target, length) for xy in rows], "square": []}
+        return {"miss_pct": [_miss(xy, target, length) for xy in rows], "share": []}
 
 
 class LoopSession:
@@ -113,7 +113,7 @@ class LoopSession:
 
     def misses(self, rig: Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
         session = self.session.fork()
-        rows: dict[str, list] = {"miss_pct": [], "square": []}
+        rows: dict[str, list] = {"miss_pct": [], "share": []}
         for _ in range(tries):
             if self.full_gain:
                 known = session.aimer.experience
@@ -123,9 +123,9 @@ class LoopSession:
             trial = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
             miss = trial.miss_pct
             rows["miss_pct"].append(miss if np.isfinite(miss) else MISSED_PCT)
-            offset = trial.final_xy - proposal.expected_xy
-            square = float(offset @ np.linalg.solve(proposal.covariance, offset))
-            rows["square"].append(square if np.isfinite(square) else None)
+            # Probability of the region that just holds the landing.
+            share = trial.law.share(trial.square)
+            rows["share"].append(share if np.isfinite(share) else None)
         return rows
 
 

@@ -2,37 +2,20 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.checks import check_number
 from cablecast.datasets.store import StoredCast
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
+from cablecast.pipeline.aim_regions import RegionLaw
 from cablecast.track import TrialStatus
 
 SAME_TARGET = 1e-6
 """Two targets nearer to each other than this are the same [m]."""
-
-TAIL_FREEDOM = 3.0
-"""Degrees of freedom of Student's t distribution that landings follow about the expected one: most
-land nearer than those of a Gaussian of the same covariance would, and a few far off [-]."""
-
-
-def region_square(share: float) -> float:
-    """Return the squared distance within which landings lie with some probability.
-
-    Args:
-        share: Probability [-].
-
-    Returns:
-        Bound of d' C^-1 d, where d is the offset from the expected landing and C the covariance
-        [-]: of Student's t in the plane with that covariance.
-    """
-    check_number("share", share, 0.01, 0.9999)
-    return (TAIL_FREEDOM - 2.0) * math.expm1(-2.0 / TAIL_FREEDOM * math.log1p(-share))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,6 +30,7 @@ class AimProposal:
         trajectory: Motion down to joint set points.
         expected_xy: Expected landing [m], shape [2].
         covariance: Covariance of the landing about it [m²], shape [2, 2].
+        law: Law of the landing about it, with what earlier misses say of that covariance.
         scatter: Standard deviation along each axis of equal casts, a part of it [m].
         failure: Chance that the cast leaves the table or ends hidden [-].
         inside_coverage: Whether simulated casts land near the target.
@@ -61,6 +45,7 @@ class AimProposal:
     trajectory: Trajectory
     expected_xy: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    law: RegionLaw
     scatter: float
     failure: float
     inside_coverage: bool
@@ -78,7 +63,7 @@ class AimProposal:
             towards the y axis [rad].
         """
         values, vectors = np.linalg.eigh(self.covariance)
-        minor, major = np.sqrt(values * region_square(share))
+        minor, major = np.sqrt(values * self.law.square(share))
         return float(major), float(minor), float(math.atan2(vectors[1, 1], vectors[0, 1]))
 
     def to_note(self) -> dict[str, Any]:
@@ -88,6 +73,7 @@ class AimProposal:
             "try_number": self.try_number,
             "expected_xy": self.expected_xy.tolist(),
             "covariance": self.covariance.tolist(),
+            "law": dataclasses.asdict(self.law),
             "reason": self.reason,
         }
 
@@ -114,6 +100,7 @@ class AimTrial:
         final_xy: Landing [m], shape [2]; NaN for a cast without one.
         miss_pct: Distance from the target [% of cable length]; NaN for a cast without a landing.
         hit: Whether it landed near enough to the target.
+        law: Law of that landing about the expected one.
         change: What the cast taught, in words; empty for one that was read from a folder.
     """
 
@@ -128,6 +115,7 @@ class AimTrial:
     final_xy: NDArray[np.float64]
     miss_pct: float
     hit: bool
+    law: RegionLaw = dataclasses.field(default_factory=RegionLaw)
     change: str = ""
 
     @classmethod
@@ -154,6 +142,7 @@ class AimTrial:
             action=cast.action,
             expected_xy=np.array(note.get("expected_xy", (np.nan, np.nan)), dtype=float),
             covariance=np.array(note.get("covariance", np.full((2, 2), np.nan)), dtype=float),
+            law=RegionLaw(**note.get("law", {})),
             status=TrialStatus.from_code(cast.status),
             final_xy=final_xy,
             miss_pct=miss_pct,
@@ -161,15 +150,30 @@ class AimTrial:
         )
 
     @property
-    def surprise(self) -> float:
-        """Squared distance from expected to actual landing over that expected; 1 on average.
+    def square(self) -> float:
+        """Return d' C^-1 d, with d the offset from the expected landing and C its covariance [-].
 
         NaN for a cast without a landing or without an expectation.
         """
         offset = self.final_xy - self.expected_xy
         if not np.all(np.isfinite(offset)):
             return math.nan
-        return 0.5 * float(offset @ np.linalg.solve(self.covariance, offset))
+        return float(offset @ np.linalg.solve(self.covariance, offset))
+
+    @property
+    def surprise(self) -> float:
+        """Squared distance from expected to actual landing over that expected; 1 on average."""
+        return 0.5 * self.square
+
+
+def law_after(trials: Iterable[AimTrial]) -> RegionLaw:
+    """Return the law of the next landing after some casts; those without an expectation tell none.
+
+    Args:
+        trials: Casts in the order in which they were made.
+    """
+    squares = (trial.law.scale * trial.square for trial in trials)
+    return RegionLaw.after(square for square in squares if math.isfinite(square))
 
 
 def was_aimed(cast: StoredCast) -> bool:

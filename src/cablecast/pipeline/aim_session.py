@@ -19,7 +19,7 @@ from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim_beliefs import make_beliefs
-from cablecast.pipeline.aim_casts import SAME_TARGET, AimProposal, AimTrial, was_aimed
+from cablecast.pipeline.aim_casts import SAME_TARGET, AimProposal, AimTrial, law_after, was_aimed
 from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_lessons import Lessons
@@ -286,6 +286,7 @@ class AimSession:
         reason = reason_text(choice.action, earlier, len(self.store))
         if self.sight is not None and self.sight.is_blind_at(targets[0]):
             reason += BLIND_NOTE
+        law = law_after(self._trials)
         return AimProposal(
             number=len(self._trials),
             try_number=len(earlier) + 1,
@@ -293,7 +294,8 @@ class AimSession:
             action=action,
             trajectory=plan_trajectory(action, self.setup),
             expected_xy=choice.expected_xy,
-            covariance=choice.covariance,
+            covariance=law.scale * choice.covariance,
+            law=law,
             scatter=choice.scatter,
             failure=choice.failure,
             inside_coverage=choice.inside_coverage,

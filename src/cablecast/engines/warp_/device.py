@@ -5,6 +5,7 @@ import contextlib
 import functools
 import os
 import pathlib
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -48,6 +49,10 @@ def find_device(name: str):
         raise InputError(f"device {name!r} is not available here: one of {known}") from error
 
 
+one_builder = threading.RLock()
+"""Lock of a thread that makes or loads a kernel: Python 3.11 may fail where two threads parse
+sources at a time ("AST constructor recursion depth mismatch")."""
+
 _loaded: set[Any] = set()
 """Kernels that this process has loaded for the CPU."""
 
@@ -61,10 +66,11 @@ def load(kernel: Any) -> None:
     Args:
         kernel: Kernel in a module of its own.
     """
-    if kernel not in _loaded:
-        with _turn(kernel.module.name):
-            wp.load_module(kernel.module, device="cpu")
-        _loaded.add(kernel)
+    with one_builder:
+        if kernel not in _loaded:
+            with _turn(kernel.module.name):
+                wp.load_module(kernel.module, device="cpu")
+            _loaded.add(kernel)
 
 
 @contextlib.contextmanager
