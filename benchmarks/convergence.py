@@ -34,7 +34,7 @@ class Args:
     """
 
     cables: tuple[str, ...] = CABLE_NAMES
-    count: int = 100
+    count: int = 200
     seed: int = 0
     attachments: bool = False
     json: pathlib.Path | None = None
@@ -85,10 +85,11 @@ def main(args: Args) -> None:
 
         for segments in (20, 30, 40, 50, 60, 80, 120):
             add(whole, fine, segments, FINE_DT)
-        add(whole, fine, DEFAULT_SEGMENT_COUNT, DEFAULT_DT)
+        for dt in (5e-4, DEFAULT_DT, 6.25e-4):
+            add(whole, fine, DEFAULT_SEGMENT_COUNT, dt)
         add(whole, fine, DEFAULT_SEGMENT_COUNT, DEFAULT_DT, "single")
         limit = land(cable, paths, DEFAULT_SEGMENT_COUNT, 6.25e-5)
-        for dt in (1e-3, 5e-4, 2.5e-4, 1.25e-4):
+        for dt in (1e-3, DEFAULT_DT, 5e-4, 2.5e-4, 1.25e-4):
             add(time, limit, DEFAULT_SEGMENT_COUNT, dt)
         state = perturbed_state(cable, paths, FINE_SEGMENT_COUNT, args.seed)
         add(nature, fine, FINE_SEGMENT_COUNT, FINE_DT, state=state)

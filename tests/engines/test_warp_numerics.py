@@ -116,7 +116,7 @@ def test_stopping_at_rest_does_not_change_the_landing():
     paths = casts(32)
     early = EngineWarp().rollout(CABLE, CABLE.params, paths).endpoint_xy
     late = EngineWarp(rest_speed=0).rollout(CABLE, CABLE.params, paths).endpoint_xy
-    # A cable slower than 0.5 mm/s for 50 ms, that twist may still roll, has less than 0.1 mm to go.
+    # A cable slower than 1 mm/s for 50 ms, that twist may still roll, has less than 0.2 mm to go.
     assert np.linalg.norm(early[:, -1] - late[:, -1], axis=1).max() < 2e-4
 
 

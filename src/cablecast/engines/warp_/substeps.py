@@ -11,7 +11,7 @@ divided, take the smallest number of `COUNTS` shorter steps that suffices.
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_FILTERED = 2.9
+MOST_FILTERED = 2.4
 """Largest (w dt)^2 of a step: less than half of what a straight cable bears, the rest is for folds
 and tension. `python -m benchmarks stability` scans the search space for worlds whose energy grows
 all the same."""
