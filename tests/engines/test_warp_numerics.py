@@ -1,6 +1,8 @@
 """How EngineWarp computes: convergence, symmetry, independence of neighbours, robustness."""
 
+import concurrent.futures
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
@@ -220,3 +222,20 @@ def test_cuda_gives_the_landings_of_the_cpu():
     # Same arithmetic in another order: rounding of 1e-16, grown by the sensitivity of a cast.
     assert np.median(distance_pct(cuda.endpoint_xy, cpu.endpoint_xy)) < 1e-3
     assert np.percentile(distance_pct(cuda.endpoint_xy, cpu.endpoint_xy), 90) < 0.1
+
+
+def test_threads_that_ask_first_share_one_kernel():
+    from cablecast.engines.warp_.features import Features
+    from cablecast.engines.warp_.rollout import rollout_kernel
+
+    # No other test asks for these features.
+    features = Features(table=False, remembers=False, surface=True)
+    together = threading.Barrier(4)
+
+    def ask(_) -> object:
+        together.wait()
+        return rollout_kernel("double", 1, features)
+
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        kernels = list(pool.map(ask, range(4)))
+    assert all(kernel is kernels[0] for kernel in kernels)

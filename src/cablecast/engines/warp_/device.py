@@ -50,7 +50,7 @@ def find_device(name: str):
 
 
 one_builder = threading.RLock()
-"""Lock of a thread that makes or loads a kernel: Python 3.11 may fail where two threads parse
+"""Lock of the thread that makes or loads a kernel: Python 3.11 may fail where two threads parse
 sources at a time ("AST constructor recursion depth mismatch")."""
 
 _loaded: set[Any] = set()
@@ -66,11 +66,11 @@ def load(kernel: Any) -> None:
     Args:
         kernel: Kernel in a module of its own.
     """
-    with one_builder:
-        if kernel not in _loaded:
-            with _turn(kernel.module.name):
-                wp.load_module(kernel.module, device="cpu")
-            _loaded.add(kernel)
+    if kernel in _loaded:
+        return
+    with one_builder, _turn(kernel.module.name):
+        wp.load_module(kernel.module, device="cpu")
+    _loaded.add(kernel)
 
 
 @contextlib.contextmanager

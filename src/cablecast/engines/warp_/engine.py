@@ -14,7 +14,7 @@ from cablecast.engines.cables import CableRows
 from cablecast.engines.parts import merge, rows_of
 from cablecast.engines.warp_.attachment import EndSegment, fastest_at_end, has_end
 from cablecast.engines.warp_.batch import Batch, Layout
-from cablecast.engines.warp_.device import find_device, launch, one_builder
+from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.material import lag_ratios, rest_bends
@@ -113,10 +113,8 @@ class EngineWarp:
 
     def _layout(self, features: Features) -> Layout:
         """Return the memory layout, with the kernel that plays some features."""
-        with one_builder:
-            build = rollout_kernel(self.precision, self._lane_count, features)
         return Layout(
-            build=build,
+            build=rollout_kernel(self.precision, self._lane_count, features),
             device=self.device,
             real=np.float32 if self.precision == "single" else np.float64,
             lane_count=self._lane_count,

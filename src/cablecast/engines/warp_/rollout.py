@@ -3,12 +3,12 @@
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from cablecast.engines.warp_.curvature import curvature_functions
+from cablecast.engines.warp_.device import one_builder
 from cablecast.engines.warp_.energy import STEPS_PER_CHECK, energy_functions
 from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.grip import grip_functions
@@ -40,15 +40,27 @@ in memory.
 """
 
 
-@functools.cache
+_kernels: dict[tuple[str, int, Features], SimpleNamespace] = {}
+
+
 def rollout_kernel(precision: str, lane_count: int, features: Features) -> SimpleNamespace:
-    """Build the kernel; Warp caches the compiled code on disk.
+    """Return the kernel, made once; Warp caches the compiled code on disk.
 
     Args:
         precision: "single" or "double".
         lane_count: Number of worlds side by side.
         features: Features that the kernel plays.
     """
+    key = (precision, lane_count, features)
+    if key not in _kernels:
+        with one_builder:
+            if key not in _kernels:
+                _kernels[key] = _build_kernel(*key)
+    return _kernels[key]
+
+
+def _build_kernel(precision: str, lane_count: int, features: Features) -> SimpleNamespace:
+    """Build the kernel of `rollout_kernel`."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     grip = grip_functions(precision, lane_count)
