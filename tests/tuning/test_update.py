@@ -15,19 +15,20 @@ from cablecast.tuning.update import WIDENING, ParamUpdate
 
 CONFIG = FitConfig(
     start_count=2,
-    coarse_iterations=4,
+    coarse_iterations=6,
     fine_start_count=1,
     fine_iterations=1,
     # The cable of the updates has no material.
     materials=(),
     ensemble_iterations=0,
+    seed=1,
 )
 ROUNDING = 1e-12
 
 
 @pytest.fixture(scope="module")
 def few(good):
-    return good[np.arange(2)]
+    return good[np.arange(3)]
 
 
 @pytest.fixture(scope="module")
@@ -53,14 +54,19 @@ def posterior(engine, cable, few):
 
 def slipped(params):
     """Return parameters of a cable that rubs less."""
-    return dataclasses.replace(params, lateral_friction=0.85 * float(params.lateral_friction))
+    return dataclasses.replace(params, lateral_friction=0.9 * float(params.lateral_friction))
 
 
-def test_the_step_follows_a_new_cast_more_closely(posterior, new):
+def test_the_step_follows_a_new_cast_more_closely(posterior, engine, cable, good):
     before = slipped(posterior.params)
-    after = updated(new, posterior, before)
-    # How far one step leads depends on the last digits of the fit.
-    assert new.distances(after).loss[0] < 0.9 * new.distances(before).loss[0]
+    shares = []
+    for number in range(3, len(good)):
+        new = TrackObjective(engine, cable, good[np.array([number])])
+        after = updated(new, posterior, before)
+        shares.append(new.distances(after).loss[0] / new.distances(before).loss[0])
+    # How far one step leads depends on the last digits of the fit: between 0.1 and 0.7 was seen.
+    assert np.median(shares) < 0.8
+    assert max(shares) <= 1.0
 
 
 def test_what_earlier_casts_told_surely_is_kept(posterior, new):
