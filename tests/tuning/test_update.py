@@ -64,8 +64,8 @@ def test_the_step_follows_a_new_cast_more_closely(posterior, engine, cable, good
         new = TrackObjective(engine, cable, good[np.array([number])])
         after = updated(new, posterior, before)
         shares.append(new.distances(after).loss[0] / new.distances(before).loss[0])
-    # How far one step leads depends on the last digits of the fit: between 0.1 and 0.7 was seen.
-    assert np.median(shares) < 0.8
+    # How far a single step leads depends on the last digits of the fit.
+    assert np.median(shares) < 0.7
     assert max(shares) <= 1.0
 
 

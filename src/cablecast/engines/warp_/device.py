@@ -69,8 +69,10 @@ def load(kernel: Any) -> None:
     if kernel in _loaded:
         return
     with one_builder, _turn(kernel.module.name):
-        wp.load_module(kernel.module, device="cpu")
-    _loaded.add(kernel)
+        # Another thread may have loaded it meanwhile.
+        if kernel not in _loaded:
+            wp.load_module(kernel.module, device="cpu")
+            _loaded.add(kernel)
 
 
 @contextlib.contextmanager

@@ -57,7 +57,8 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         node = int(last)
         while node > 0:
             after = wp.min(node + 1, last)
-            # Filter and accelerations have two zeros beyond the last node.
+            # Filter and accelerations have two zeros beyond the last node. The nearest acceleration
+            # is at hand and comes last, so that the next node waits for one product alone.
             acceleration = (
                 scale(diagonal[node], force[node])
                 - scale(lower2[node + 2], accelerations[node + 2])

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_FILTERED = 2.4
-"""Largest (w dt)^2 of a step: less than half of what a straight cable bears, the rest is for folds
-and tension. `python -m benchmarks stability` scans the search space for worlds whose energy grows
-all the same."""
+"""Largest (w dt)^2 of a step, at which half of what leapfrog bears is left for folds and tension.
+`python -m benchmarks stability` scans the search space for worlds whose energy grows all the
+same."""
 
 COUNTS = tuple(sorted({base * 2**power for base in (1, 3) for power in range(12)} - {3 * 2**11}))
 """Numbers of substeps: 1, 2, 3, 4, 6, 8, 12 and so on, so that a batch falls into few parts."""
