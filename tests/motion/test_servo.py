@@ -1,4 +1,5 @@
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -7,7 +8,8 @@ from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.joint_path import joint_path
-from cablecast.motion.servo import ServoModel, joint_response
+from cablecast.motion.joint_response import joint_response
+from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
 
 SETUP = Setup()
@@ -24,6 +26,10 @@ FINE_POSITION, FINE_ANGLE = 1e-4, 3e-4
 ROUNDING = 1e-9
 # Sampled by the millisecond, linear between samples, against an ODE solver at 1e-9.
 SOLVER = 2e-5
+
+
+# A motor that is too weak at its base, as far as steps of 2 ms tell, against an ODE solver [rad].
+LIMIT_STEPS = 2e-3
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +87,77 @@ def test_a_steady_motion_is_trailed_by_the_lag():
     np.testing.assert_allclose((q - moved)[-5], rate * SERVO.lag, rtol=1e-3)
 
 
+def weak(acceleration_max, speed_max):
+    """Return the servo with limits of the motor at its base."""
+    limits = np.full((2, 6), np.inf)
+    limits[:, 0] = acceleration_max, speed_max
+    return dataclasses.replace(SERVO, acceleration_max=limits[0], speed_max=limits[1])
+
+
+def test_a_motor_at_full_power_nears_its_speed_exponentially():
+    # A set point far away asks for all that the motor can give: dv/dt = a (1 - v / v_max).
+    dt, acceleration, speed = 0.008, 20.0, 2.0
+    times = np.arange(50) * dt
+    ahead = np.where(times > 0, 1e3, 0.0)
+    moved = joint_response(
+        ahead,
+        dt,
+        delay=0.0,
+        frequency=60.0,
+        damping=0.8,
+        acceleration_max=acceleration,
+        speed_max=speed,
+    )
+    reach = speed / acceleration
+    exact = speed * (times - reach * (1.0 - np.exp(-times / reach)))
+    np.testing.assert_allclose(moved, exact, atol=LIMIT_STEPS)
+
+
+@pytest.mark.parametrize("limits", [(15.0, 2.5), (30.0, 1.5), (40.0, np.inf), (np.inf, 1.5)])
+def test_a_weak_motor_follows_its_equation(limits):
+    from scipy.integrate import solve_ivp
+
+    acceleration, speed = limits
+    dt = 0.008
+    times = np.arange(150) * dt
+    q = 0.9 * np.sin(np.pi * np.clip(times / 0.6, 0, 1)) ** 2
+    w, zeta, delay = SERVO.frequency[0], SERVO.damping[0], SERVO.delay[0]
+    finite = min(acceleration, 1e5)
+
+    def rate(t, state):
+        target = 0.9 * np.sin(np.pi * np.clip((t - delay) / 0.6, 0, 1)) ** 2
+        wanted = w * w * (target - state[0]) - 2 * zeta * w * state[1]
+        left = finite * max(1.0 - abs(state[1]) / speed, 0.0)
+        ahead, back = (left, finite) if state[1] > 0 else (finite, left)
+        return [state[1], np.clip(wanted, -back, ahead)]
+
+    solved = solve_ivp(rate, (0, times[-1]), [0, 0], t_eval=times, rtol=1e-8, max_step=1e-3)
+    moved = weak(*limits).respond(np.repeat(q[:, None], 6, axis=1), dt)
+    np.testing.assert_allclose(moved[:, 0], solved.y[0], atol=LIMIT_STEPS)
+    strong = SERVO.respond(np.repeat(q[:, None], 6, axis=1), dt)
+    assert np.abs(strong - moved)[:, 0].max() > 10 * LIMIT_STEPS
+    np.testing.assert_array_equal(strong[:, 1:], moved[:, 1:])
+
+
+def test_limits_that_are_never_reached_change_nothing(commanded):
+    times = np.arange(200) * 0.008
+    q = SETUP.arm.inverse(commanded.evaluate(times))
+    moved = weak(1e4, 1e3).respond(q, 0.008)
+    np.testing.assert_allclose(moved, SERVO.respond(q, 0.008), atol=FINE_ANGLE)
+
+
+def test_an_arm_with_a_weak_base_arrives_later_where_it_was_sent(commanded):
+    servo = weak(15.0, 1.2)
+    followed = servo.apply(commanded, SETUP.arm)
+    assert np.all(followed.duration >= SERVO.apply(commanded, SETUP.arm).duration)
+    assert np.any(followed.duration > SERVO.apply(commanded, SETUP.arm).duration)
+    end = np.full((len(commanded), 1), 10.0)
+    np.testing.assert_allclose(followed.evaluate(end), commanded.evaluate(end), atol=FINE_ANGLE)
+    for row in range(len(commanded)):
+        alone = servo.apply(commanded[row], SETUP.arm)
+        assert alone.duration[0] == pytest.approx(followed.duration[row])
+
+
 def test_the_resulting_path_is_that_of_finely_sampled_joints(commanded):
     arm, dt = SETUP.arm, 1e-3
     followed = SERVO.apply(commanded, SETUP.arm)
@@ -126,9 +203,10 @@ def test_equal_lags_keep_the_shape_of_the_mirrored_motion():
 
 
 def test_values_in_a_file_give_back_the_model():
-    stored = ServoModel.from_dict(SERVO.to_dict())
-    for name in ("delay", "frequency", "damping"):
-        np.testing.assert_array_equal(getattr(stored, name), getattr(SERVO, name))
+    servo = weak(15.0, 2.5)
+    stored = ServoModel.from_dict(json.loads(json.dumps(servo.to_dict())))
+    for field in dataclasses.fields(ServoModel):
+        np.testing.assert_array_equal(getattr(stored, field.name), getattr(servo, field.name))
 
 
 @pytest.mark.parametrize(

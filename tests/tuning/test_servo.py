@@ -5,7 +5,8 @@ import pytest
 
 from cablecast.datasets.trials import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
-from cablecast.motion.servo import ServoModel, joint_response
+from cablecast.motion.joint_response import joint_response
+from cablecast.motion.servo import ServoModel
 from cablecast.tuning.servo import identify_servo
 
 TICK = 1 / 125
@@ -118,6 +119,29 @@ def test_a_servo_far_from_the_usual_is_found(dataset, servo):
     found = identify_servo(reported).model
     np.testing.assert_allclose(found.lag[MOVING], servo.lag[MOVING], atol=LAG)
     assert_same_response(found, servo, reported)
+
+
+@pytest.mark.parametrize(
+    ("limits", "noise"),
+    [((12.0, 3.8), NOISE), ((20.0, 3.0), NOISE), ((200.0, 2.2), NOISE), ((12.0, 2.5), 20 * NOISE)],
+)
+def test_limits_of_the_motor_at_the_base_are_found(dataset, limits, noise):
+    values = np.full((2, 6), np.inf)
+    values[:, 0] = limits
+    weak = dataclasses.replace(SERVO, acceleration_max=values[0], speed_max=values[1])
+    q = commanded_joints(dataset, 0).q
+    assert np.abs(weak.respond(q, TICK) - SERVO.respond(q, TICK)).max() > 100 * NOISE
+    found = identify_servo(report(dataset, weak, noise=noise)).model
+    np.testing.assert_allclose(found.speed_max[0], limits[1], rtol=0.02)
+    np.testing.assert_array_equal(found.speed_max[1:], np.inf)
+    # The truth is computed with finer steps.
+    np.testing.assert_allclose(found.residual, noise, rtol=1.0)
+
+
+def test_noise_is_no_limit(dataset):
+    found = identify_servo(report(dataset, SERVO, noise=20 * NOISE)).model
+    np.testing.assert_array_equal(found.acceleration_max, np.inf)
+    np.testing.assert_array_equal(found.speed_max, np.inf)
 
 
 def test_an_offset_of_the_encoders_is_no_lag(fit, dataset):

@@ -11,7 +11,8 @@ from cablecast.datasets.reader import Dataset
 from cablecast.datasets.trials import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
 from cablecast.motion.joint_path import JointPath
-from cablecast.motion.servo import ServoModel, joint_response
+from cablecast.motion.joint_response import joint_response
+from cablecast.motion.servo import ServoModel
 
 TICK = 1 / 125
 """Interval between set points in the fit [s]: the control cycle of a UR5."""
@@ -20,10 +21,24 @@ _STILL = 1e-3
 """Range of set points [rad] below which the servo of a joint is not identified."""
 _BOUNDS = ((0.0, 10.0, 0.3), (0.2, 2000.0, 3.0))
 """Bounds of delay [s], frequency [rad/s] and damping [-]."""
+_NAMES = ("delay", "frequency", "damping", "acceleration_max", "speed_max")
+_LIMITS = ((0.0, 10.0, 0.3, 1.0, 0.1), (0.2, 2000.0, 3.0, 1e4, 20.0))
+"""Bounds of these and of the motor's acceleration [rad/s²] and speed [rad/s]."""
+_WEAK, _STEADY = 3e-4, 0.2
+"""RMS of what a servo without limits lacks, from which limits are looked for [rad]: a third of a
+millimetre at the reach of the arm; and its least share of the squared residuals, noise included."""
+_WEAK_SHARE = 0.25
+"""Share of the sum of squares that limits leave at most, or else there are none [-]."""
 _LAG_MAX = 0.5
 """Longest lag that the search for a starting value tries [s]."""
 _START_COUNT = 10
 """Trials that the starting values come from: those in which the joint moves most."""
+_ACCELERATIONS, _SPEEDS = (5.0, 10.0, 20.0, 50.0, 100.0, 300.0), (1.0, 1.3, 2.0, 4.0)
+"""Limits of a motor that a search for them begins with: accelerations [rad/s²], and speeds over
+the fastest reported one [-]."""
+_FASTEST, _LIMIT_STARTS = 0.99, 2
+"""Share of the reported speeds that count as slower than the fastest one, and number of the best
+starts that are followed."""
 _START_STEPS = 50
 """Largest number of steps to the starting values."""
 _COST_CHANGE = 1e-10
@@ -139,8 +154,9 @@ def can_identify_servo(dataset: Dataset) -> bool:
 def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     """Fit delay, frequency and damping of every joint to its measured angles, by least squares.
 
-    The fit also estimates a constant encoder offset per joint, which it does not return. A joint
-    that hardly moved takes the median of the others.
+    Where a joint is far from what these three can explain, and limits of its motor explain most of
+    that, it has limits, too. The fit also estimates a constant encoder offset per joint, which it
+    does not return. A joint that hardly moved takes the median of the others, without limits.
 
     Args:
         dataset: Trials with commanded and measured joints.
@@ -164,7 +180,8 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
         raise DatasetError("no joint moves in any trial: its servo cannot be identified")
     usual = np.median(known, axis=0)
     values = np.array([usual if fit is None else fit for fit in fits])
-    model = ServoModel(delay=values[:, 0], frequency=values[:, 1], damping=values[:, 2])
+    limited = [_fit_limits(motions, joint, values[joint], usual) for joint in range(JOINT_COUNT)]
+    model = ServoModel(**dict(zip(_NAMES, np.transpose(limited), strict=True)))
     modelled = motions.sample(model.respond(motions.q, TICK))
     residual = np.sqrt(np.mean((modelled - motions.measured) ** 2, axis=0))
     arm = dataset.setup.arm
@@ -199,21 +216,63 @@ def _fit_joint(motions: _Motions, joint: int) -> NDArray[np.float64] | None:
     ).x
 
 
+def _fit_limits(
+    motions: _Motions, joint: int, values: NDArray[np.float64], usual: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the values of one joint, with limits of its motor where the casts ask for them.
+
+    Args:
+        motions: Set points and reported angles.
+        joint: Number of the joint.
+        values: Delay [s], frequency [rad/s] and damping [-] that fit it best without limits.
+        usual: Those of the other joints, from which the search begins: without limits, a lag makes
+            up for a weak motor.
+
+    Returns:
+        The values in the order of `_NAMES`; limits are infinite where there are none.
+    """
+    from scipy.optimize import least_squares
+
+    residuals = _residuals(motions, joint)
+    without = np.concatenate([values, [np.inf, np.inf]])
+    left = residuals(without)
+    # Noise differs from sample to sample, what a model lacks does not.
+    steady = float(np.mean(left[1:] * left[:-1]))
+    if steady < max(_WEAK**2, _STEADY * np.mean(left**2)):
+        return without
+    speeds = np.abs(np.diff(motions.measured[:, joint]) / np.diff(motions.times))
+    fastest = np.quantile(speeds[np.diff(motions.trial) == 0], _FASTEST)
+    grid = np.array([(*usual, a, v * fastest) for a in _ACCELERATIONS for v in _SPEEDS])
+    starts = grid[np.argsort([np.sum(residuals(start) ** 2) for start in grid])[:_LIMIT_STARTS]]
+    low, high = np.log(np.maximum(_LIMITS, 1e-6))
+    fits = [
+        least_squares(
+            lambda logs: residuals(np.exp(logs)),
+            np.clip(np.log(np.maximum(start, 1e-6)), low, high),
+            bounds=(low, high),
+            ftol=_COST_CHANGE,
+            max_nfev=_START_STEPS,
+        )
+        for start in starts
+    ]
+    best = min(fits, key=lambda fit: fit.cost)
+    return np.exp(best.x) if 2.0 * best.cost < _WEAK_SHARE * np.sum(left**2) else without
+
+
 def _residuals(
     motions: _Motions, joint: int
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return a function of delay, frequency and damping that gives the residuals of one joint.
+    """Return a function of a servo's values, in the order of `_NAMES`, with or without limits.
 
-    Its results [rad] have the shape [sample]. Their mean is removed, so that a constant encoder
-    offset is not mistaken for a lag.
+    It gives the residuals of one joint [rad], shape [sample]. Their mean is removed, so that a
+    constant encoder offset is not mistaken for a lag.
     """
     q = np.ascontiguousarray(motions.q[..., joint])
     measured = motions.measured[:, joint]
     indices, weights = motions.weights()
 
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        delay, frequency, damping = values
-        moved = joint_response(q, TICK, delay=delay, frequency=frequency, damping=damping)
+        moved = joint_response(q, TICK, **dict(zip(_NAMES, values, strict=False)))
         left = np.einsum("ks,ks->s", weights, moved.ravel()[indices]) - measured
         return left - np.mean(left)
 
