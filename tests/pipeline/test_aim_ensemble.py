@@ -166,7 +166,8 @@ def test_the_expected_landing_is_that_at_full_resolution(ensemble, policy):
 
 def test_a_cast_without_a_landing_in_the_simulator_lands_where_the_network_says(policy):
     expected, _, _ = Aimer(policy, ensemble=_Told()).predictor.predict(ACTIONS)
-    np.testing.assert_allclose(expected, policy.model.predict(ACTIONS), rtol=0, atol=1e-12)
+    # The network's single precision rounds a batch otherwise than its rows.
+    np.testing.assert_allclose(expected, policy.model.predict(ACTIONS), rtol=0, atol=1e-6)
 
 
 def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
