@@ -58,17 +58,12 @@ def fit_params(
     """
     config = config or FitConfig()
     began = time.monotonic()
-    coarse = TrackObjective(coarse_engine, cable, training)
     fine = TrackObjective(engine, cable, training)
-    materials = MaterialSpace(cable, config.materials)
     space = SearchSpace.for_cable(cable)
     ten = space.dimension
     report = _Report(config, cable.length, progress, began)
-    prior = ParamPrior.for_cable(cable, space)
-    joined = materials.joined(prior)
-    fit = TrackFit(coarse, space, joined, materials)
-    state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
-    state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
+    coarse = TrackObjective(coarse_engine, cable, training)
+    materials, state = _coarse_fit(coarse, space, config, report)
     points = state.best(config.fine_start_count).points
     for attempt in range(WIDEN_MAX + 1):
         prior = ParamPrior.for_cable(cable, space)
@@ -114,6 +109,34 @@ def fit_params(
         history=report.history,
         posterior=posterior,
     )
+
+
+def _coarse_fit(
+    objective: TrackObjective, space: SearchSpace, config: FitConfig, report: "_Report"
+) -> tuple[MaterialSpace, FitState]:
+    """Fit the ten parameters with and without a material, and return the likelier of the two.
+
+    A rod that has none of what a material adds, as a simulated one may, is followed worse with it:
+    what is usual of a real cable is wrong for it, and parameters make up for that.
+
+    Returns:
+        Values of the material that the fit goes on with, possibly none, and its points.
+    """
+    prior = ParamPrior.for_cable(objective.cable, space)
+    found = MaterialSpace(objective.cable, config.materials)
+    none = MaterialSpace(objective.cable, ())
+
+    def fit_with(materials: MaterialSpace) -> tuple[float, MaterialSpace, FitState]:
+        joined = materials.joined(prior)
+        fit = TrackFit(objective, space, joined, materials)
+        report.extend(config.coarse_iterations)
+        state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
+        state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
+        return fit.unlikelihood(state), materials, state
+
+    tried = [fit_with(materials) for materials in ([found, none] if len(found) else [none])]
+    _, materials, state = min(tried, key=lambda one: one[0])
+    return materials, state
 
 
 def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPosterior:
@@ -173,7 +196,7 @@ class _Report:
         progress: Callable[[TuneProgress], None] | None,
         began: float,
     ):
-        self.total = config.coarse_iterations + config.fine_iterations
+        self.total = config.fine_iterations
         self.cable_length = cable_length
         self.progress = progress
         self.began = began

@@ -66,7 +66,8 @@ class FitConfig:
             time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
         materials: Values of the material that are fitted with the ten parameters, some of
-            `material_space.FITTED`, unless the cable's file gives them.
+            `material_space.FITTED`, unless the cable's file gives them, or the casts are likelier
+            without all of them.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -244,11 +245,24 @@ class TrackFit:
 
     def rescaled(self, state: FitState) -> FitState:
         """Return a state whose misfit is that of its best point, with costs to match."""
-        count = self._track_count
-        known = 0.5 * float(state.best().losses[0])
-        misfit = (MISFIT_TRACKS * MISFIT_START + count * known) / (MISFIT_TRACKS + count)
+        misfit = self._misfit(state)
         costs = self._cost(state.points, state.losses, misfit)
         return dataclasses.replace(state, costs=costs, misfit=misfit)
+
+    def unlikelihood(self, state: FitState) -> float:
+        """Return the negative log posterior density at the best point and the likeliest misfit.
+
+        Unlike F at a given misfit, it compares fits that leave different ones, up to a constant.
+        """
+        best = state.best()
+        draws = 2.0 * TRACK_WEIGHT * (MISFIT_TRACKS + self._track_count)
+        return float(draws * np.log(self._misfit(best)) + self.prior.cost(best.points)[0])
+
+    def _misfit(self, state: FitState) -> float:
+        """Return the likeliest misfit at the best point [cable lengths]."""
+        count = self._track_count
+        known = 0.5 * float(state.best().losses[0])
+        return (MISFIT_TRACKS * MISFIT_START + count * known) / (MISFIT_TRACKS + count)
 
     def curvatures(
         self, points: NDArray[np.float64], misfit: float, *, expected: bool = False
