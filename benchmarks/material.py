@@ -1,9 +1,9 @@
 """Fit with and without a material: what damping, curl and an attachment with size are worth.
 
-Casts of each cable on each copy of the virtual laboratory are collected, as `cablecast aim` makes
-them, and random ones. The first are fitted with the ten parameters alone, and with the values of
-the material, too; the random ones tell how far the simulated endpoint then is from the measured
-one.
+Casts of each cable in each copy of a laboratory are collected, as `cablecast aim` makes them, and
+random ones. The first are fitted with the ten parameters alone, and with the values of the
+material, too, where they are likelier with these; the random ones tell how far the simulated
+endpoint then is from the measured one.
 """
 
 import dataclasses
@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Table, write_json
+from benchmarks.places import open_rig
 from cablecast.cli.progress import console_progress
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
 from cablecast.material import ROD_ARM
 from cablecast.pipeline.collect import AnySampling, collect
 from cablecast.pipeline.tune import tune
-from cablecast.rigs.make import make_rig
-from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.workers import LOCAL
 from cablecast.setup import Setup
 from cablecast.tuning.least_squares import FitConfig
@@ -47,6 +46,7 @@ class Args:
     """Fits with and without a material.
 
     Attributes:
+        rig: Rig: virtual, strange, scattering, engine or example.
         cables: Names of the cables.
         labs: Seeds of the laboratories.
         fitted: Casts to fit.
@@ -58,6 +58,7 @@ class Args:
         json: File that gets the figures, too.
     """
 
+    rig: str = "virtual"
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     labs: tuple[int, ...] = (0, 1, 2)
     fitted: int = 5
@@ -86,7 +87,7 @@ def main(args: Args) -> None:
 def collected(cable: str, lab: int, args: Args, out: pathlib.Path) -> Dataset:
     """Return the casts to fit, and then the others."""
     setup = Setup(cable=cable)
-    rig = make_rig(RigVirtual(setup, args.seed, VirtualConfig(lab_seed=lab)), setup)
+    rig = open_rig(args.rig, lab, setup)
     every = CastStore(setup)
     with rig, console_progress() as progress:
         parts: tuple[tuple[str, int, AnySampling], ...] = (
@@ -100,7 +101,7 @@ def collected(cable: str, lab: int, args: Args, out: pathlib.Path) -> Dataset:
                 seed=args.seed,
                 purpose=purpose,
                 sampling=sampling,
-                out=out / f"{cable}-{lab}-{sampling}-{count}",
+                out=out / f"{args.rig}-{cable}-{lab}-{sampling}-{count}",
                 progress=progress,
             )
             every.add_dataset(made)
@@ -126,7 +127,7 @@ def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tu
     return (
         casts.cable.name,
         lab,
-        "ten parameters" if settings else "with material",
+        "ten parameters" if settings else "as the casts ask",
         1e3 * damping_time,
         round(curvature * casts.cable.length, 2),
         round(1e3 * arm / ROD_ARM, 1),

@@ -15,12 +15,14 @@ from cablecast.motion.mirrored import played, rightward, to_right
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import (
+    LEAST_FACTOR,
     OWN_MISS,
     SPREAD_FACTOR,
-    USUAL_MISFIT,
+    USUAL_DISTANCES,
     EnsembleLandings,
     Judgement,
     judged,
+    miss_factor,
     miss_sizes,
 )
 
@@ -94,13 +96,15 @@ def test_expected_landing_and_spread():
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
 
 
-def test_simulators_that_follow_their_own_casts_badly_are_trusted_less():
+def test_simulators_are_trusted_as_they_follow_their_own_casts():
+    low, high = USUAL_DISTANCES
+    assert miss_factor(low) == miss_factor(high) == 1.0
+    assert miss_factor(2.0 * high) == pytest.approx(2.0)
+    assert miss_factor(0.5 * low) == pytest.approx(0.5)
+    # Not for certain, however close they are.
+    assert miss_factor(0.0) == LEAST_FACTOR
     spreads = np.array([0.0, 0.1])
-    usual = miss_sizes(spreads)
-    np.testing.assert_allclose(usual, np.hypot(OWN_MISS, SPREAD_FACTOR * spreads))
-    np.testing.assert_allclose(miss_sizes(spreads, 2.0 * USUAL_MISFIT), 4.0 * usual)
-    # A good fit to a handful of casts proves nothing.
-    np.testing.assert_allclose(miss_sizes(spreads, 0.5 * USUAL_MISFIT), usual)
+    np.testing.assert_allclose(miss_sizes(spreads), np.hypot(OWN_MISS, SPREAD_FACTOR * spreads))
 
 
 def test_the_friction_moves_a_landing_from_less_to_more():

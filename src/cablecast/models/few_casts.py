@@ -27,8 +27,8 @@ LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
 landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
 
 FRICTION_SIZE, FRICTION_REACH = 0.017, 3.0
-"""Standard deviation of h along each of x and y, as a relative change of the friction, and its
-length scales over those of g. It stands for all errors that are magnified as friction's are."""
+"""Usual standard deviation of h along each of x and y, as a relative change of the friction, and
+its length scales over those of g. It stands for all errors that are magnified as friction's are."""
 
 _JITTER = 1e-9
 
@@ -42,12 +42,15 @@ class ResidualScales:
         noise: Standard deviation of the scatter e along each of x and y [cable lengths].
         length: Factor of all length scales.
         power: Exponent of the local size.
+        friction: Standard deviation of h along each of x and y, as a relative change of the
+            friction [-]; it is not fitted.
     """
 
     amplitude: float = 0.055
     noise: float = 0.017
     length: float = 0.8
     power: float = 0.9
+    friction: float = FRICTION_SIZE
 
     def to_array(self) -> NDArray[np.float64]:
         """Return the unconstrained numbers of the fit, shape [4]."""
@@ -165,7 +168,7 @@ class FewCastResidual:
         kernel = self._kernel(places)
         explained = np.einsum("ai,ai->a", kernel @ self._inverse, kernel)
         prior = (self._sizes(places) * self.scales.amplitude) ** 2
-        prior = prior + (FRICTION_SIZE * places.frictions) ** 2
+        prior = prior + (self.believed.friction * places.frictions) ** 2
         return kernel @ self._solved, np.maximum(prior - explained, 0.0)
 
     def means(self, places: Places) -> NDArray[np.float64]:
@@ -236,7 +239,7 @@ class FewCastResidual:
         kernel *= self._sizes(self.places)
         # The factor of the length scales is that of g: it says nothing of h.
         wide = _correlation(places, self.places, FRICTION_REACH)
-        wide *= (FRICTION_SIZE**2 * places.frictions)[:, None]
+        wide *= (self.believed.friction**2 * places.frictions)[:, None]
         wide *= self.places.frictions
         return kernel + wide
 

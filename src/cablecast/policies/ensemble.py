@@ -27,10 +27,10 @@ OWN_MISS, SPREAD_FACTOR = 0.035, 0.85
 [cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
 docs/aim.md has the share of landings that lie in the regions that are stated with them."""
 
-USUAL_MISFIT = 0.017
-"""Misfit of a fit up to which `OWN_MISS` and `SPREAD_FACTOR` hold [cable lengths]; it is that of
-fits in the virtual rig. The rig of benchmarks/strange_rig.py, which no simulator here follows as
-well, has up to 0.03, and misses there are larger in proportion to the square of it."""
+USUAL_DISTANCES, LEAST_FACTOR = (0.012, 0.021), 0.3
+"""Mean distances from a fit to its tracks between which these two hold [cable lengths]: those of
+fits in the virtual rig, where the distance tells no more. Beyond, misses grow and shrink with it,
+down to the least factor. A few tracks are not followed to millimetres by a wrong simulator."""
 
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
@@ -51,30 +51,37 @@ class Judgement:
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
-        misfit: Scale of the simulators' own error that their fit found [cable lengths].
+        factor: Size of misses over the usual one [-].
     """
 
     landing_xy: NDArray[np.float64]
     frictions: NDArray[np.float64]
     spreads: NDArray[np.float64]
     leaving: NDArray[np.float64]
-    misfit: float = USUAL_MISFIT
+    factor: float = 1.0
 
     @property
     def sizes(self) -> NDArray[np.float64]:
         """Size of the misses that these tell, along each axis [cable lengths], shape [action]."""
-        return miss_sizes(self.spreads, self.misfit)
+        return self.factor * miss_sizes(self.spreads)
 
 
-def miss_sizes(spreads: NDArray[np.float64], misfit: float = USUAL_MISFIT) -> NDArray[np.float64]:
-    """Return the expected size of misses along each axis [cable lengths].
+def miss_sizes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the usual size of misses along each axis [cable lengths].
 
     Args:
         spreads: Standard deviations of the simulated landings along each axis [cable lengths].
-        misfit: Scale of the simulators' own error that the fit found [cable lengths].
     """
-    larger = max(1.0, misfit / USUAL_MISFIT) ** 2
-    return larger * np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
+    return np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
+
+
+def miss_factor(distance: float) -> float:
+    """Return the size of misses over the usual one [-].
+
+    Args:
+        distance: Mean distance from a fit to its tracks [cable lengths].
+    """
+    return max(LEAST_FACTOR, distance / float(np.clip(distance, *USUAL_DISTANCES)))
 
 
 class EnsembleLandings:
@@ -90,7 +97,7 @@ class EnsembleLandings:
         engine: Engine that simulates them.
         best: Simulator whose landings are expected.
         fine_engine: Engine that simulates it.
-        posterior: Uncertainty of the parameters, and the misfit that the fit left; None for
+        posterior: Uncertainty of the parameters, and the distance that the fit left; None for
             simulators that do not learn, and follow the cable as well as usual.
     """
 
@@ -215,8 +222,13 @@ class EnsembleLandings:
             frictions=rows[:, 2],
             spreads=rows[:, 3],
             leaving=rows[:, 4],
-            misfit=USUAL_MISFIT if self.posterior is None else self.posterior.misfit,
+            factor=self.factor,
         )
+
+    @property
+    def factor(self) -> float:
+        """Size of misses over the usual one [-], from how closely the fit follows its casts."""
+        return 1.0 if self.posterior is None else miss_factor(self.posterior.distance)
 
     @functools.cached_property
     def _rubbed(self) -> tuple[Dynamics, Dynamics]:

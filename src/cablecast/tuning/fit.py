@@ -157,6 +157,7 @@ def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPoster
         mean=point[0],
         covariance=(covariance + covariance.T) / 2,
         misfit=best.misfit,
+        distance=float(best.losses[0]),
     )
 
 

@@ -66,8 +66,7 @@ class FitConfig:
             time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
         materials: Values of the material that are fitted with the ten parameters, some of
-            `material_space.FITTED`, unless the cable's file gives them, or the casts are likelier
-            without all of them.
+            `FITTED`, unless the cable's file gives them, or the casts are likelier without all.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -250,19 +249,15 @@ class TrackFit:
         return dataclasses.replace(state, costs=costs, misfit=misfit)
 
     def unlikelihood(self, state: FitState) -> float:
-        """Return the negative log posterior density at the best point and the likeliest misfit.
-
-        Unlike F at a given misfit, it compares fits that leave different ones, up to a constant.
-        """
+        """Return the negative log posterior density at the best point and its likeliest misfit."""
         best = state.best()
         draws = 2.0 * TRACK_WEIGHT * (MISFIT_TRACKS + self._track_count)
         return float(draws * np.log(self._misfit(best)) + self.prior.cost(best.points)[0])
 
     def _misfit(self, state: FitState) -> float:
         """Return the likeliest misfit at the best point [cable lengths]."""
-        count = self._track_count
-        known = 0.5 * float(state.best().losses[0])
-        return (MISFIT_TRACKS * MISFIT_START + count * known) / (MISFIT_TRACKS + count)
+        counts, known = (MISFIT_TRACKS, self._track_count), 0.5 * float(state.best().losses[0])
+        return float(np.average((MISFIT_START, known), weights=counts))
 
     def curvatures(
         self, points: NDArray[np.float64], misfit: float, *, expected: bool = False

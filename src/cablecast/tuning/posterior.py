@@ -30,6 +30,7 @@ class ParamPosterior:
         covariance: Covariance about it, shape [10, 10].
         misfit: Scale of the model's own error, half the mean distance that the fit leaves [cable
             lengths].
+        distance: Mean distance from the tracks to those of the best point [cable lengths].
     """
 
     space: SearchSpace
@@ -37,6 +38,7 @@ class ParamPosterior:
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     misfit: float
+    distance: float
 
     @property
     def deviation(self) -> NDArray[np.float64]:
@@ -121,6 +123,7 @@ class ParamPosterior:
             "prior_mean": self.prior.mean.tolist(),
             "prior_deviation": self.prior.deviation.tolist(),
             "misfit": self.misfit,
+            "distance": self.distance,
             "undetermined": list(self.undetermined),
             "at_bound": list(self.at_bound),
         }
@@ -160,6 +163,7 @@ class ParamPosterior:
                 mean=arrays["mean"],
                 covariance=arrays["covariance"],
                 misfit=float(values["misfit"]),
+                distance=float(values["distance"]),
             )
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise InputError(f"this is no posterior of a fit: {error}") from None
