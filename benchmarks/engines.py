@@ -32,6 +32,8 @@ COMMON = (20, 1e-3)
 """Segments and step at which engines are compared [-, s]."""
 REPEATS = 3
 """Number of runs of EngineWarp, of which the fastest counts: other programs only slow it down."""
+CUDA_GAIN = 1.05
+"""Least gain of rate by a larger batch on a GPU at which one four times larger follows [-]."""
 CUDA_TOLERANCE_PCT = 0.5
 """Largest median distance between landings on a GPU and on a CPU in single precision: the order of
 rounding differs, and a cast is sensitive [% of cable length]."""
@@ -271,18 +273,14 @@ def cuda(job: Job) -> Table | None:
         ("worlds", "rollouts/s", "memory per world [KiB]"),
         [],
     )
-    worlds = 1024
-    while True:
-        free = device.free_memory
-        try:
-            seconds = job.play(engine, job.many(worlds))[1]
-        except (RuntimeError, MemoryError):
-            break
-        used = max(0, free - device.free_memory) / worlds / 1024
-        table.rows.append((worlds, worlds / seconds, used))
+    worlds, rate, last = 1024, 0.0, 0.0
+    while rate >= CUDA_GAIN * last:
+        paths = job.many(worlds)
+        last, rate = rate, worlds / min(job.play(engine, paths)[1] for _ in range(REPEATS))
+        # The largest batch so far is this one.
+        used = wp.get_mempool_used_mem_high(device) / worlds / 1024
+        table.rows.append((worlds, rate, used))
         worlds *= 4
-        if worlds > 2**22:
-            break
     return table
 
 

@@ -36,6 +36,8 @@ class Args:
     """Largest number of passes over them."""
     target: tuple[float, float] = (1.05, 15.0)
     """Target of the first aimed cast: distance from the base [m] and angle to the right [deg]."""
+    device: str = "cpu"
+    """Device that simulates and trains: "cpu" or "cuda"."""
     cold: bool = False
     """Skip the warm-up run: times then include the compilation of missing kernels."""
 
@@ -50,7 +52,7 @@ def timed(cable: str, args: Args) -> tuple[float, ...]:
     ):
         casts = cc.collect(rig, count=args.calibration, sampling="spread", progress=progress)
         moments = [time.perf_counter()]
-        tuned = cc.tune(casts, validation_count=0, progress=progress)
+        tuned = cc.tune(casts, validation_count=0, device=args.device, progress=progress)
         moments.append(time.perf_counter())
         session = cc.prepare_aim(
             rig,
@@ -58,6 +60,7 @@ def timed(cable: str, args: Args) -> tuple[float, ...]:
             tuned=tuned,
             count=args.count,
             epochs=args.epochs,
+            device=args.device,
             out=out,
             progress=progress,
         )
@@ -76,5 +79,7 @@ def main(args: Args) -> int:
             timed(cable, few)
     rows = [(cable, *(f"{value:.0f}" for value in timed(cable, args))) for cable in args.cables]
     title = f"From {args.calibration} casts to the first aimed one, {core_count()} cores"
+    if args.device != "cpu":
+        title += f" and {args.device}"
     print(Table(title=title, columns=COLUMNS, rows=rows))
     return 0

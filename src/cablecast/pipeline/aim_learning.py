@@ -59,7 +59,8 @@ class AimLearning:
         epochs: Largest number of passes over them.
         candidate_count: Motions to choose from.
         seed: Seed of everything that is drawn by chance.
-        device: "cpu" or "cuda".
+        device: "cpu" or "cuda": simulates casts and trains. Fits stay on the CPU, which plays
+            their few hundred worlds faster.
         folder: Folder that keeps the results; none where None.
 
     Raises:
@@ -146,7 +147,6 @@ class AimLearning:
         return tune(
             casts,
             validation_count=validation_count,
-            device=self.device,
             out=None if place is None else place / TUNE_FOLDER,
             progress=progress,
         )

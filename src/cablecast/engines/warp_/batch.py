@@ -91,14 +91,12 @@ class Batch:
 
     def array(self, values: NDArray, dtype) -> wp.array:
         """Return a device array of lanes or of vectors of lanes, [group, ...]."""
-        values = np.ascontiguousarray(values)
-        device = self.layout.device
         axes = values.ndim - (2 if dtype is self.build.vec3 else 1)
-        if self.layout.interleaved and axes > 1:
-            groups_last = np.ascontiguousarray(np.moveaxis(values, 0, axes - 1))
-            stored = wp.array(groups_last, dtype=dtype, device=device)
-            return stored.transpose((axes - 1, *range(axes - 1)))
-        return wp.array(values, dtype=dtype, device=device)
+        swapped = self.layout.interleaved and axes > 1
+        stored = np.ascontiguousarray(np.moveaxis(values, 0, axes - 1) if swapped else values)
+        # With the shape: Warp cannot tell one group with one lane from one with none.
+        array = wp.array(stored, dtype, shape=stored.shape[:axes], device=self.layout.device)
+        return array.transpose((axes - 1, *range(axes - 1))) if swapped else array
 
     def zeros(self, *shape: int, dtype) -> wp.array:
         """Return zeros in the layout of `array`."""

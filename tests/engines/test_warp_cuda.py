@@ -1,0 +1,132 @@
+"""EngineWarp on a CUDA device: the same cable as on the CPU. Skipped where there is none."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.cable import CableParams, load_cable
+from cablecast.engines.base import CableState
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.engines.warp_.features import Features
+from cablecast.engines.warp_.rollout import rollout_kernel
+from cablecast.material import Material
+from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.grip_path import GripPath
+from cablecast.setup import Setup
+
+CABLE = load_cable("cable_1")
+MATERIALS = {
+    "plain": {},
+    "damped and curled": {"damping_time": 0.004, "rest_curvature": 1.0},
+    "yielding": {"yield_curvature": 15.0, "yield_time": 0.2},
+    "in the air, with a grain": {"drag_coefficient": 1.1, "friction_ratio": 0.8},
+    "with a rod at its end": {"attachment_arm": 0.02, "attachment_friction_ratio": 0.7},
+}
+
+pytestmark = pytest.mark.cuda
+
+
+@pytest.fixture(autouse=True)
+def cuda_device():
+    import warp as wp
+
+    EngineWarp()
+    if not wp.get_cuda_devices():
+        pytest.skip("no CUDA device")
+
+
+def casts(count, seed=7):
+    """Random casts over the whole range that the motion room allows."""
+    rng = np.random.default_rng(seed)
+    theta1 = -np.radians(rng.uniform(5, 80, count))
+    theta2 = np.radians(rng.uniform(5, 80, count))
+    r2 = rng.uniform(0.35, 0.8, count)
+    psi = theta2 + np.radians(rng.uniform(0, 90, count))
+    setup = Setup().with_motion(v_max=1.5)
+    return cast_grip_paths(np.stack([theta1, theta2, r2, psi], axis=1), setup)
+
+
+def made_of(**material):
+    return dataclasses.replace(CABLE, material=Material(**material))
+
+
+def landings_apart(cable, paths, **options):
+    """Distances between landings on the CPU and on CUDA [% of cable length], shape [world]."""
+    cpu, cuda = (
+        EngineWarp(device=device, **options).rollout(cable, CABLE.params, paths)
+        for device in ("cpu", "cuda")
+    )
+    np.testing.assert_array_equal(cpu.finite, cuda.finite)
+    apart = np.linalg.norm(cuda.endpoint_xy[:, -1] - cpu.endpoint_xy[:, -1], axis=1)
+    return 100 * apart / CABLE.length
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_cuda_gives_the_landings_of_the_cpu(name):
+    apart = landings_apart(made_of(**MATERIALS[name]), casts(256), precision="double")
+    # Same arithmetic in another order: rounding of 1e-16, grown by the sensitivity of a cast.
+    assert np.median(apart) < 1e-3
+    assert np.percentile(apart, 90) < 0.1
+
+
+def test_cuda_in_single_precision_lands_as_near_as_the_cpu_in_single_precision():
+    double = EngineWarp(precision="double").rollout(CABLE, CABLE.params, casts(256))
+    errors = []
+    for device in ("cpu", "cuda"):
+        single = EngineWarp(device=device).rollout(CABLE, CABLE.params, casts(256))
+        apart = np.linalg.norm(single.endpoint_xy[:, -1] - double.endpoint_xy[:, -1], axis=1)
+        errors.append(100 * np.percentile(apart, (50, 90)) / CABLE.length)
+    assert (errors[1] < 1.5 * errors[0] + 0.01).all()
+
+
+def test_cables_of_different_lengths_play_in_one_batch():
+    cables = [load_cable(name) for name in ("cable_1", "cable_2", "cable_3")]
+    params = CableParams.from_array(np.stack([cable.params.to_array() for cable in cables]))
+    paths = casts(3)
+    cpu, cuda = (
+        EngineWarp(device=device, precision="double").rollout(cables, params, paths)
+        for device in ("cpu", "cuda")
+    )
+    np.testing.assert_allclose(cuda.endpoint_xyz[:, :8], cpu.endpoint_xyz[:, :8], atol=1e-6)
+
+
+def test_a_cable_that_is_held_at_both_ends_and_hangs_in_the_air():
+    count = 41
+    nodes = np.stack([np.zeros(count), np.linspace(0, CABLE.length, count), np.zeros(count)], 1)
+    path = GripPath.hold(np.zeros(5), 1.0)
+    far = GripPath.hold([0.0, CABLE.length, 0.0, 0.0, 0.0], 1.0)
+    cpu, cuda = (
+        EngineWarp(count - 1, device=device, precision="double", table=False).rollout(
+            CABLE,
+            CABLE.params,
+            path,
+            CableState.at_rest(nodes[None]),
+            duration=0.3,
+            far_path=far,
+            record_nodes=True,
+        )
+        for device in ("cpu", "cuda")
+    )
+    assert cpu.nodes is not None
+    assert cuda.nodes is not None
+    np.testing.assert_allclose(cuda.nodes, cpu.nodes, atol=1e-9)
+
+
+def test_a_world_depends_on_no_other_and_comes_again_to_the_bit():
+    paths = casts(4000)
+    engine = EngineWarp(device="cuda")
+    whole, again = (engine.rollout(CABLE, CABLE.params, paths).endpoint_xyz for _ in range(2))
+    np.testing.assert_array_equal(whole, again)
+    alone = engine.rollout(CABLE, CABLE.params, paths[np.arange(33, 35)], duration=3.0)
+    np.testing.assert_array_equal(whole[33:35, :30], alone.endpoint_xyz[:, :30])
+
+
+def test_the_kernel_compiles_ahead_of_time(tmp_path):
+    import warp as wp
+
+    # Double precision is the same source.
+    module = rollout_kernel("single", 1, Features()).kernel.module
+    files = wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
+    assert [file.suffix for file in files] == [".ptx"]
+    assert ".entry" in files[0].read_text()
