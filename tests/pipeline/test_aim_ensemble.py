@@ -15,7 +15,7 @@ from cablecast.motion.mirrored import played, rightward, to_right
 from cablecast.policies.aimed import AimedCast
 from cablecast.policies.aiming import Aimer
 from cablecast.policies.ensemble import (
-    LEAST_FACTOR,
+    FACTORS,
     OWN_MISS,
     SPREAD_FACTOR,
     USUAL_DISTANCES,
@@ -99,10 +99,10 @@ def test_expected_landing_and_spread():
 def test_simulators_are_trusted_as_they_follow_their_own_casts():
     low, high = USUAL_DISTANCES
     assert miss_factor(low) == miss_factor(high) == 1.0
-    assert miss_factor(2.0 * high) == pytest.approx(2.0)
-    assert miss_factor(0.5 * low) == pytest.approx(0.5)
-    # Not for certain, however close they are.
-    assert miss_factor(0.0) == LEAST_FACTOR
+    assert miss_factor(1.5 * high) == pytest.approx(2.25)
+    assert miss_factor(0.5 * low) == pytest.approx(0.25)
+    # Not for certain, however close they are, and not without end, however far.
+    assert (miss_factor(0.0), miss_factor(1.0)) == FACTORS
     spreads = np.array([0.0, 0.1])
     np.testing.assert_allclose(miss_sizes(spreads), np.hypot(OWN_MISS, SPREAD_FACTOR * spreads))
 

@@ -53,13 +53,13 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
     said = ensemble.judge(*rightward(actions))
     known = np.isfinite(said.landing_xy).all(axis=1)
     size = LocalSize(landing_xy=said.landing_xy[known], values=said.sizes[known])
-    # Casts that scatter cannot be followed closely, either.
-    steady = min(1.0, ensemble.factor)
+    # Casts that scatter cannot be followed more closely than they scatter.
+    smaller = min(1.0, ensemble.factor)
     usual = ResidualScales()
     scales = dataclasses.replace(
         usual,
         amplitude=size.usual,
-        noise=steady * usual.noise,
-        friction=steady * usual.friction,
+        noise=np.sqrt(smaller) * usual.noise,
+        friction=smaller * usual.friction,
     )
     return Beliefs(scales=scales, size=size, ensemble=ensemble)

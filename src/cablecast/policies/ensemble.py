@@ -27,10 +27,11 @@ OWN_MISS, SPREAD_FACTOR = 0.035, 0.85
 [cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
 docs/aim.md has the share of landings that lie in the regions that are stated with them."""
 
-USUAL_DISTANCES, LEAST_FACTOR = (0.012, 0.021), 0.3
+USUAL_DISTANCES, FACTORS = (0.012, 0.021), (0.05, 3.0)
 """Mean distances from a fit to its tracks between which these two hold [cable lengths]: those of
-fits in the virtual rig, where the distance tells no more. Beyond, misses grow and shrink with it,
-down to the least factor. A few tracks are not followed to millimetres by a wrong simulator."""
+fits in the virtual rig, where the distance tells no more. Beyond, misses grow and shrink with its
+square, between the least and the largest factor. The square, since what the physics of a fit gets
+wrong is off by more elsewhere than along the tracks that the fit had in view."""
 
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
@@ -81,7 +82,8 @@ def miss_factor(distance: float) -> float:
     Args:
         distance: Mean distance from a fit to its tracks [cable lengths].
     """
-    return max(LEAST_FACTOR, distance / float(np.clip(distance, *USUAL_DISTANCES)))
+    ratio = distance / float(np.clip(distance, *USUAL_DISTANCES))
+    return float(np.clip(ratio**2, *FACTORS))
 
 
 class EnsembleLandings:
