@@ -9,6 +9,7 @@ import numpy as np
 
 from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
 from cablecast.engines.base import Engine
+from cablecast.material import Material
 from cablecast.tuning.ensemble import fit_ensemble
 from cablecast.tuning.least_squares import (
     MISFIT_START,
@@ -59,32 +60,22 @@ def fit_params(
     config = config or FitConfig()
     began = time.monotonic()
     fine = TrackObjective(engine, cable, training)
-    space = SearchSpace.for_cable(cable)
-    ten = space.dimension
-    report = _Report(config, cable.length, progress, began)
     coarse = TrackObjective(coarse_engine, cable, training)
-    materials, state = _coarse_fit(coarse, space, config, report)
-    points = state.best(config.fine_start_count).points
-    for attempt in range(WIDEN_MAX + 1):
-        prior = ParamPrior.for_cable(cable, space)
-        fit = TrackFit(fine, space, materials.joined(prior), materials)
-        state = fit.start(points, state.misfit)
-        state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
-        material = materials.to_material(state.best().points[0, ten:])
-        fitted = cable.with_material(material)
-        known = TrackFit(TrackObjective(engine, fitted, training), space, prior)
-        posterior = _posterior(known, prior, state)
-        wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
-        if wider is None:
-            break
-        points = state.best(config.fine_start_count).points.copy()
-        points[:, :ten] = wider.to_unit(space.to_params(points[:, :ten]))
-        space = wider
-        report.extend(config.fine_iterations)
+    report = _Report(cable.length, progress, began)
+    found, none = (MaterialSpace(cable, names) for names in (config.materials, ()))
+    # A rod that has none of what a material adds, as a simulated one may, is followed worse with
+    # it: what is usual of a real cable is wrong for it, and parameters make up for that.
+    fits = [
+        _fit_with(materials, coarse, fine, config, report)
+        for materials in ([found, none] if len(found) else [none])
+    ]
+    likeliest = min(fits, key=lambda one: one.unlikelihood)
+    state, space, posterior = likeliest.state, likeliest.space, likeliest.posterior
+    material, fitted = likeliest.material, likeliest.cable
     best = state.best(len(state.points))
     params = posterior.params
     steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
-    fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, prior)
+    fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, posterior.prior)
     ensemble = fit_ensemble(fit, engine, params, state.misfit, config.ensemble_iterations, steps)
 
     def distances(tracks: MeasuredTracks) -> TrackDistances:
@@ -94,9 +85,9 @@ def fit_params(
     on_training = distances(training)
     return TuneResult(
         params=params,
-        material=material if len(materials) else None,
+        material=material,
         ensemble=ensemble,
-        population=space.to_params(best.points[:, :ten]),
+        population=space.to_params(best.points[:, : space.dimension]),
         population_losses=best.losses * cable.length,
         space=space,
         training=on_training,
@@ -111,32 +102,76 @@ def fit_params(
     )
 
 
-def _coarse_fit(
-    objective: TrackObjective, space: SearchSpace, config: FitConfig, report: "_Report"
-) -> tuple[MaterialSpace, FitState]:
-    """Fit the ten parameters with and without a material, and return the likelier of the two.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """Result of the fit with some values of the material.
 
-    A rod that has none of what a material adds, as a simulated one may, is followed worse with it:
-    what is usual of a real cable is wrong for it, and parameters make up for that.
-
-    Returns:
-        Values of the material that the fit goes on with, possibly none, and its points.
+    Attributes:
+        unlikelihood: Negative log posterior density of its best point.
+        state: Points of parameters and material.
+        space: Ranges of the parameters.
+        material: Material of the best point; None for the ten parameters alone.
+        cable: Cable with it.
+        posterior: Uncertainty of the parameters, the material given.
     """
-    prior = ParamPrior.for_cable(objective.cable, space)
-    found = MaterialSpace(objective.cable, config.materials)
-    none = MaterialSpace(objective.cable, ())
 
-    def fit_with(materials: MaterialSpace) -> tuple[float, MaterialSpace, FitState]:
-        joined = materials.joined(prior)
-        fit = TrackFit(objective, space, joined, materials)
-        report.extend(config.coarse_iterations)
-        state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
-        state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-        return fit.unlikelihood(state), materials, state
+    unlikelihood: float
+    state: FitState
+    space: SearchSpace
+    material: Material | None
+    cable: Cable
+    posterior: ParamPosterior
 
-    tried = [fit_with(materials) for materials in ([found, none] if len(found) else [none])]
-    _, materials, state = min(tried, key=lambda one: one[0])
-    return materials, state
+
+def _fit_with(
+    materials: MaterialSpace,
+    coarse: TrackObjective,
+    fine: TrackObjective,
+    config: FitConfig,
+    report: "_Report",
+) -> _Fit:
+    """Fit the ten parameters and some values of the material.
+
+    Args:
+        materials: Values of the material, possibly none.
+        coarse: Objective of the first steps.
+        fine: Objective of the last steps.
+        config: Settings of the fit.
+        report: Told of every step.
+    """
+    cable = fine.cable
+    space = SearchSpace.for_cable(cable)
+    prior = ParamPrior.for_cable(cable, space)
+    ten = space.dimension
+    joined = materials.joined(prior)
+    fit = TrackFit(coarse, space, joined, materials)
+    report.extend(config.coarse_iterations + config.fine_iterations)
+    state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
+    state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
+    points = state.best(config.fine_start_count).points
+    for attempt in range(WIDEN_MAX + 1):
+        fit = TrackFit(fine, space, materials.joined(prior), materials)
+        state = fit.start(points, state.misfit)
+        state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
+        material = materials.to_material(state.best().points[0, ten:])
+        fitted = cable.with_material(material)
+        known = TrackFit(TrackObjective(fine.engine, fitted, fine.tracks), space, prior)
+        posterior = _posterior(known, prior, state)
+        wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
+        if wider is None:
+            break
+        points = state.best(config.fine_start_count).points.copy()
+        points[:, :ten] = wider.to_unit(space.to_params(points[:, :ten]))
+        space, prior = wider, ParamPrior.for_cable(cable, wider)
+        report.extend(config.fine_iterations)
+    return _Fit(
+        unlikelihood=fit.unlikelihood(state),
+        state=state,
+        space=space,
+        material=material if len(materials) else None,
+        cable=fitted,
+        posterior=posterior,
+    )
 
 
 def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPosterior:
@@ -192,12 +227,11 @@ class _Report:
 
     def __init__(
         self,
-        config: FitConfig,
         cable_length: float,
         progress: Callable[[TuneProgress], None] | None,
         began: float,
     ):
-        self.total = config.fine_iterations
+        self.total = 0
         self.cable_length = cable_length
         self.progress = progress
         self.began = began
