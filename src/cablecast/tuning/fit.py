@@ -65,10 +65,9 @@ def fit_params(
     found, none = (MaterialSpace(cable, names) for names in (config.materials, ()))
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
     # it: what is usual of a real cable is wrong for it, and parameters make up for that.
-    fits = [
-        _fit_with(materials, coarse, fine, config, report)
-        for materials in ([found, none] if len(found) else [none])
-    ]
+    tried = [found, none] if len(found) else [none]
+    report.extend(len(tried) * (config.coarse_iterations + config.fine_iterations))
+    fits = [_fit_with(materials, coarse, fine, config, report) for materials in tried]
     likeliest = min(fits, key=lambda one: one.unlikelihood)
     state, space, posterior = likeliest.state, likeliest.space, likeliest.posterior
     material, fitted = likeliest.material, likeliest.cable
@@ -145,7 +144,6 @@ def _fit_with(
     ten = space.dimension
     joined = materials.joined(prior)
     fit = TrackFit(coarse, space, joined, materials)
-    report.extend(config.coarse_iterations + config.fine_iterations)
     state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
     points = state.best(config.fine_start_count).points
