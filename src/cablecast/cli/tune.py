@@ -102,21 +102,25 @@ class Tune:
         print_table(tuned.metrics, casts.cable.name)
         for line in tuned.metrics["open"]:
             print(f"note: {line}")
-        if (material := tuned.dynamics.material) is not None:
-            words = material_words(material, casts.cable.length)
-            print(f"note: beside the ten parameters, the cable has {words}")
+        material = tuned.dynamics.material
+        searched = self.method == "least-squares" and casts.cable.material.is_plain
+        if material is not None or searched:
+            print(f"note: {material_words(material, casts.cable.length)}")
         print(f"parameters  {out / PARAMS_FILE}\ntracks      {out / TRACKS_FILE}")
 
 
-def material_words(material: "Material", length: float) -> str:
+def material_words(material: "Material | None", length: float) -> str:
     """Return what a fitted cable has beside the ten parameters, in words.
 
     Args:
-        material: Material that was found; one value each.
+        material: Material that was found, one value each; None where the casts are likelier
+            without one.
         length: Length of the cable [m].
     """
     from cablecast.material import ROD_ARM
 
+    if material is None:
+        return "the casts are likelier without a material beside the ten parameters"
     words = []
     if material.drag_coefficient:
         words.append(f"a drag coefficient of {material.drag_coefficient:.2g}")
@@ -130,7 +134,7 @@ def material_words(material: "Material", length: float) -> str:
         words.append(f"bends that stay if they are sharper than {material.yield_curvature:.2g} 1/m")
     if material.attachment_arm:
         words.append(f"an attachment of {1e3 * material.attachment_arm / ROD_ARM:.0f} mm")
-    return ", ".join(words)
+    return f"beside the ten parameters, the cable has {', '.join(words)}"
 
 
 def print_table(metrics: dict[str, Any], cable_name: str) -> None:
