@@ -52,7 +52,7 @@ def timed(cable: str, args: Args) -> tuple[float, ...]:
     ):
         casts = cc.collect(rig, count=args.calibration, sampling="spread", progress=progress)
         moments = [time.perf_counter()]
-        tuned = cc.tune(casts, validation_count=0, device=args.device, progress=progress)
+        tuned = cc.tune(casts, validation_count=0, progress=progress)
         moments.append(time.perf_counter())
         session = cc.prepare_aim(
             rig,

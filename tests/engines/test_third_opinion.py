@@ -1,9 +1,8 @@
 """Two engines and a third, plain rod: who is right where they differ."""
 
 import dataclasses
-import importlib.util
-import pathlib
 
+import explicit_rod
 import numpy as np
 import pytest
 
@@ -11,12 +10,6 @@ from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.setup import Setup
-
-spec = importlib.util.spec_from_file_location(
-    "explicit_rod", pathlib.Path(__file__).with_name("explicit_rod.py")
-)
-explicit_rod = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(explicit_rod)
 
 CABLE = load_cable("cable_1")
 # The plain rod has no spinning friction.

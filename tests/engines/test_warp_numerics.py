@@ -6,34 +6,13 @@ import threading
 
 import numpy as np
 import pytest
+from wide_casts import CABLE, casts, distance_pct
 
-from cablecast.cable import CableParams, load_cable
+from cablecast.cable import CableParams
 from cablecast.conventions import mirror_xy
 from cablecast.engines.warp_ import EngineWarp, rollout
 from cablecast.errors import InputError
-from cablecast.motion.cast import cast_grip_paths
-from cablecast.setup import Setup
 from cablecast.tuning.search_space import SearchSpace
-
-CABLE = load_cable("cable_1")
-
-
-def random_actions(count, seed):
-    """Actions over the whole range that the motion room allows [rad, m], shape [count, 4]."""
-    rng = np.random.default_rng(seed)
-    theta1 = -np.radians(rng.uniform(5, 80, count))
-    theta2 = np.radians(rng.uniform(5, 80, count))
-    r2 = rng.uniform(0.35, 0.8, count)
-    return np.stack([theta1, theta2, r2, theta2 + np.radians(rng.uniform(0, 90, count))], axis=1)
-
-
-def casts(count, seed=0, v_max=1.5):
-    return cast_grip_paths(random_actions(count, seed), Setup().with_motion(v_max=v_max))
-
-
-def distance_pct(a, b):
-    """Distance of landings in % of cable length."""
-    return 100 * np.linalg.norm(a[:, -1] - b[:, -1], axis=1) / CABLE.length
 
 
 def errors_by_step(params, steps):

@@ -69,8 +69,8 @@ def fit_params(
     report.extend(len(tried) * (config.coarse_iterations + config.fine_iterations))
     fits = [_fit_with(materials, coarse, fine, config, report) for materials in tried]
     likeliest = min(fits, key=lambda one: one.unlikelihood)
-    state, space, posterior = likeliest.state, likeliest.space, likeliest.posterior
-    material, fitted = likeliest.material, likeliest.cable
+    state, posterior, material = likeliest.state, likeliest.posterior, likeliest.material
+    space, fitted = posterior.space, cable.with_material(material)
     best = state.best(len(state.points))
     params = posterior.params
     steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
@@ -108,17 +108,13 @@ class _Fit:
     Attributes:
         unlikelihood: Negative log posterior density of its best point.
         state: Points of parameters and material.
-        space: Ranges of the parameters.
         material: Material of the best point; None for the ten parameters alone.
-        cable: Cable with it.
         posterior: Uncertainty of the parameters, the material given.
     """
 
     unlikelihood: float
     state: FitState
-    space: SearchSpace
     material: Material | None
-    cable: Cable
     posterior: ParamPosterior
 
 
@@ -165,9 +161,7 @@ def _fit_with(
     return _Fit(
         unlikelihood=fit.unlikelihood(state),
         state=state,
-        space=space,
         material=material if len(materials) else None,
-        cable=fitted,
         posterior=posterior,
     )
 
