@@ -56,6 +56,32 @@ def test_a_log_gets_the_first_and_the_last_line_and_few_between(clock, capsys):
     assert len(lines) <= 6
 
 
+def test_work_that_begins_again_has_a_new_clock(clock, capsys):
+    with console_progress() as show:
+        show(casting(0))
+        clock[0] += 800.0
+        show(casting(80))
+        clock[0] += 900.0
+        show(casting(0))
+        clock[0] += 20.0
+        show(casting(20))
+    again, last = capsys.readouterr().err.splitlines()[2:]
+    assert again == "Casting: 0 of 80 casts (0 s)"
+    assert "(20 s, about 60 s left" in last
+
+
+def test_a_bar_begins_again_with_its_work(monkeypatch):
+    # rich writes bars to a terminal only.
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    with console_progress() as show:
+        for done in (0, 80, 0, 20):
+            show(casting(done))
+        (bar,) = show.__self__._bars.tasks
+        assert not bar.finished
+        assert bar.completed == 20
+
+
 def test_work_that_knows_its_own_end_and_state_is_believed(clock, capsys):
     with console_progress() as show:
         show(casting(1, note="best 8.2 %", seconds_left=7200.0))

@@ -43,11 +43,15 @@ def console_progress() -> Iterator[ProgressCallback]:
 
 
 class _Bars:
-    """Bars for tasks with a count, lines for tasks that are only announced."""
+    """Bars for tasks with a count, lines for tasks that are only announced.
+
+    A task that has fewer units done than before has begun again, with a new clock.
+    """
 
     def __init__(self, bars: Any):
         self._bars = bars
         self._tasks: dict[str, Any] = {}
+        self._done: dict[str, int] = {}
 
     def show(self, progress: Progress) -> None:
         """Show a report."""
@@ -56,6 +60,9 @@ class _Bars:
             return
         if progress.task not in self._tasks:
             self._tasks[progress.task] = self._bars.add_task(progress.task, note="")
+        elif progress.done < self._done[progress.task]:
+            self._bars.reset(self._tasks[progress.task])
+        self._done[progress.task] = progress.done
         note = " ".join(text for text in (progress.unit, progress.note) if text)
         self._bars.update(
             self._tasks[progress.task], completed=progress.done, total=progress.total, note=note
@@ -63,11 +70,15 @@ class _Bars:
 
 
 class _Lines:
-    """Lines with the expected end, at most one every few seconds."""
+    """Lines with the expected end, at most one every few seconds.
+
+    A task that has fewer units done than before has begun again, with a new clock.
+    """
 
     def __init__(self, file: Any):
         self._file = file
         self._begun: dict[str, tuple[float, int]] = {}
+        self._done: dict[str, int] = {}
         self._last = -_LINE_EVERY
 
     def show(self, progress: Progress) -> None:
@@ -76,9 +87,12 @@ class _Lines:
         if not progress.total:
             self._write(_headline(progress))
             return
-        is_first = progress.task not in self._begun
-        # Units that a resumed run found done took it no time.
-        begun, first_done = self._begun.setdefault(progress.task, (now, progress.done))
+        is_first = progress.done < self._done.get(progress.task, progress.total + 1)
+        self._done[progress.task] = progress.done
+        if is_first:
+            # Units that a resumed run found done took it no time.
+            self._begun[progress.task] = (now, progress.done)
+        begun, first_done = self._begun[progress.task]
         is_last = progress.done == progress.total
         if not (is_first or is_last) and now - self._last < _LINE_EVERY:
             return
