@@ -43,10 +43,11 @@ the real casts. paper: Differential Evolution, then fine-tuning where there are 
 MANY = "many"
 """Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
 
-RIGS = ("virtual", "strange", "scattering", "engine", "example")
+RIGS = ("virtual", "strange", "scattering", "even", "engine", "example")
 """virtual: the package's laboratory. strange: another rod, friction law, curl, servo, and scatter.
-scattering: strange with three times the scatter. engine: the engine that the learner simulates
-with, set to other parameters. example: the rig of the documentation's example."""
+scattering: strange with three times the scatter. even: strange with one friction everywhere.
+engine: the engine that the learner simulates with, set to other parameters. example: the rig of the
+documentation's example."""
 EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.py"
 
 MISSED_PCT = 100.0
@@ -149,10 +150,14 @@ def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
     if name == "example":
         example = runpy.run_path(str(EXAMPLE_RIG))
         return cc.make_rig(example["make_rig"](setup, lab), setup)
-    scatter = {"strange": 1.0, "scattering": 3.0}
-    if name not in scatter:
+    differences: dict[str, dict[str, Any]] = {
+        "strange": {},
+        "scattering": {"scatter": Scatter().times(3.0)},
+        "even": {"unevenness": 0.0},
+    }
+    if name not in differences:
         raise InputError(f"unknown rig {name[:40]!r}: one of {', '.join(RIGS)}")
-    return cc.make_rig(StrangeRig(setup, 0, lab, Scatter().times(scatter[name])), setup)
+    return cc.make_rig(StrangeRig(setup, 0, lab, **differences[name]), setup)
 
 
 def some_targets(count: int, lab: int) -> NDArray[np.float64]:

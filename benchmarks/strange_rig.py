@@ -86,14 +86,20 @@ class StrangeRig(RigLifecycle):
         seed: Seed of what differs from trial to trial.
         lab_seed: Seed of the world.
         scatter: Differences between equal casts.
+        unevenness: Standard deviation of the friction from place to place over its mean [-].
     """
 
     def __init__(
-        self, setup: Setup, seed: int = 0, lab_seed: int = 0, scatter: Scatter | None = None
+        self,
+        setup: Setup,
+        seed: int = 0,
+        lab_seed: int = 0,
+        scatter: Scatter | None = None,
+        unevenness: float = 0.08,
     ):
         super().__init__()
         self.setup, self.seed, self.lab_seed = setup, seed, lab_seed
-        self.scatter = scatter or Scatter()
+        self.scatter, self.unevenness = scatter or Scatter(), unevenness
         self._draw = (seed, 0)
         rng = world_draws(setup, lab_seed)
         self.params = other_params(setup, rng)
@@ -112,6 +118,7 @@ class StrangeRig(RigLifecycle):
             "seed": seed,
             "lab_seed": lab_seed,
             "scatter": dataclasses.asdict(self.scatter),
+            "unevenness": unevenness,
         }
 
     def seek(self, index: int, purpose: str = "") -> None:
@@ -170,7 +177,7 @@ class StrangeRig(RigLifecycle):
     def _friction_at(self, xy: NDArray[np.float64]) -> float:
         """Return the friction at a place over its mean."""
         waves = np.cos(self.waves @ np.nan_to_num(xy) + self.phases)
-        return float(1.0 + 0.08 * np.sqrt(2.0 / len(waves)) * waves.sum())
+        return float(1.0 + self.unevenness * np.sqrt(2.0 / len(waves)) * waves.sum())
 
     def _move(self, trajectory: Trajectory) -> JointPath:
         """Return the joints as they move: late, and the base no faster than it can."""
