@@ -161,7 +161,12 @@ def _calibrated(
     learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback | None
 ) -> Dataset:
     """Return casts to fit the simulator to; see `prepare_aim`."""
+    from cablecast.engines.warp_.ahead import compile_ahead
+    from cablecast.engines.warp_.features import Features
+
     (progress or ignore)(Progress(task=f"1/4 {count} casts to fit the simulator to"))
+    # For the fit, whose materials a kernel of their own plays.
+    compile_ahead(Features(remembers=True, surface=True))
     out = None if learning.folder is None else learning.folder / CALIBRATION_FOLDER
     return collect(
         rig, count=count, sampling="spread", seed=learning.seed, out=out, progress=progress
