@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.camera.sight import CameraSight
 from cablecast.errors import InputError
 from cablecast.pipeline.aim_learning import Learned
 from cablecast.pipeline.aim_session import AimSession
@@ -184,6 +185,21 @@ def test_what_is_dark_is_drawn_in_lighter_colours(page):
         assert page.solid._cable.color == paint.cable
         landing = f"/marks/tries/{page.desk.last.number}/ball"
         assert page.server.scene._handle_from_node_name[landing].color == paint.text
+
+
+def test_places_that_the_camera_is_blind_at_are_marked_from_the_session_on(page):
+    names = page.server.scene._handle_from_node_name
+    hatch = [f"/room/blind/{number}/hatch" for number in range(2)]
+    places = ((-1.08, 0.42, 0.16), (0.5, 0.9, 0.05))
+    for count in (0, 2, 1):
+        page.desk.session.sight = CameraSight(position=(0.0, 0.9, 2.2), blind=places[:count])
+        page.refresh()
+        assert [name in names for name in hatch] == [number < count for number in range(2)]
+    page.set_dark(True)
+    assert np.all(names[hatch[0]].colors == DARK.reach)
+    page.desk.session.sight = None
+    page.refresh()
+    assert hatch[0] not in names
 
 
 def test_the_last_miss_is_written_over_no_other_number(page, own):

@@ -9,6 +9,7 @@ from cablecast.view.shapes import (
     TRAIL_WIDTH,
     Rods,
     arm_rods,
+    hatched_circle,
     map_image,
     miss_map,
     ribbon,
@@ -67,6 +68,18 @@ def test_the_map_knows_the_reach_and_the_misses(policy):
     assert image.shape == (*shown.miss.shape, 4)
     # The first row of the picture is the far edge.
     assert np.array_equal(image[0, :, 3] > 0, np.isfinite(shown.miss[-1]))
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.16])
+def test_a_blind_place_is_hatched_inside_its_circle(radius):
+    segments = hatched_circle((-1.08, 0.42), radius, 0.004)
+    away = np.linalg.norm(segments[..., :2] - [-1.08, 0.42], axis=-1)
+    np.testing.assert_allclose(away, radius)
+    # The outline has 48 segments; each line across it is longer than they are.
+    lines = segments[48:]
+    assert len(lines) >= 1
+    assert np.all(np.linalg.norm(lines[:, 1] - lines[:, 0], axis=-1) > 2 * np.pi * radius / 48)
+    assert np.all(segments[..., 2] == 0.004)
 
 
 def test_a_trail_always_has_as_many_vertices_and_as_wide_a_ribbon():

@@ -245,6 +245,8 @@ class Page:
     def refresh(self) -> None:
         """Bring the controls up to date with the desk and the worker."""
         with self._lock:
+            session = self.desk.session
+            self._room.set_sight(None if session is None else session.sight)
             self.cast_controls.refresh()
             self.work_controls.refresh()
             self.playback.refresh()

@@ -5,13 +5,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.sight import CameraSight
 from cablecast.pipeline.aim import ellipse_points
 from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
 from cablecast.view.figure import LIFT
 from cablecast.view.lettering import add_text
 from cablecast.view.palette import GREEN, LIGHT, VERMILLION, Paint
-from cablecast.view.shapes import circle, level, polyline, reach_arc, table_lines
+from cablecast.view.shapes import (
+    circle,
+    hatched_circle,
+    level,
+    polyline,
+    reach_arc,
+    table_lines,
+)
 
 if TYPE_CHECKING:
     import viser
@@ -40,6 +48,7 @@ class Room:
     def __init__(self, server: "viser.ViserServer", setup: Setup, paint: Paint = LIGHT):
         self._server, self._setup = server, setup
         self.paint = paint
+        self._blind: tuple[tuple[float, float, float], ...] = ()
         self._light()
         self.draw(paint)
 
@@ -107,6 +116,31 @@ class Room:
         )
         self._label("axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
         self._label("axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
+        self._draw_blind()
+
+    def set_sight(self, sight: CameraSight | None) -> None:
+        """Mark the places on the table that the camera is blind at, where they are known."""
+        blind = () if sight is None else sight.blind
+        if blind != self._blind:
+            self._blind = blind
+            self._draw_blind()
+
+    def _draw_blind(self) -> None:
+        """Hatch the blind places, over what was there."""
+        self._server.scene.remove_by_name("/room/blind")
+        for number, (x, y, radius) in enumerate(self._blind):
+            name = f"/room/blind/{number}"
+            self._server.scene.add_line_segments(
+                f"{name}/hatch",
+                hatched_circle((x, y), radius, LIFT).astype(np.float32),
+                self.paint.reach,
+                thickness=1.0,
+                thickness_units="screen",
+            )
+            # On the near side, where it hides no target in the place.
+            below = (x, y - radius - _TEXT_HEIGHT / 2, LIFT)
+            color = self.paint.text
+            add_text(self._server, f"{name}/label", "not seen", below, color, _TEXT_HEIGHT)
 
     def _label(self, name: str, text: str, position: tuple[float, float, float]) -> None:
         add_text(self._server, f"/room/scale/{name}", text, position, self.paint.text)
