@@ -149,6 +149,19 @@ def test_the_end_of_a_cast_is_read_from_its_track(x_of, status, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("x_of", "status"),
+    [(lambda t: 0.2, TrialStatus.OK), (lambda t: t, TrialStatus.OCCLUDED)],
+    ids=["at rest", "moving"],
+)
+def test_a_marker_that_is_lost_a_moment_before_the_end_was_seen_at_rest(x_of, status, tmp_path):
+    rows = rows_with(lambda t: x_of(t) if t < 0.75 else "")
+    (one,) = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP)
+    assert one.status is status
+    assert one.times[-1] == pytest.approx(0.7)
+    assert np.all(np.isfinite(one.endpoint_xy))
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda rows: [row.pop("y_m") for row in rows], "lacks the columns y_m"),
