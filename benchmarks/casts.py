@@ -10,7 +10,6 @@ larger one asks for. Medians come with the interval that holds 90 % of 2,000 boo
 """
 
 import dataclasses
-import itertools
 import pathlib
 from typing import Any
 
@@ -63,7 +62,7 @@ class Args:
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
     """Folder of the results, which the same command goes on with."""
     figure: pathlib.Path | None = None
-    """Picture of the misses to write, such as docs/images/casts.png."""
+    """Picture of the misses to write: against tries, or against several numbers of casts."""
 
     @property
     def shares(self) -> list[int]:
@@ -175,43 +174,6 @@ def print_blind(found: Found, args: Args) -> None:
     print_misses(seen, args.tries, ", at the others")
 
 
-def draw(found: Found, path: pathlib.Path) -> None:
-    """Draw the misses of each try: medians with their intervals, and the quartiles."""
-    from cablecast.files import write_bytes
-    from cablecast.report import style
-
-    names = list(dict.fromkeys((name, cable) for name, cable, _, _ in found))
-    lines = list(dict.fromkeys((count, method) for _, _, count, method in found))
-    colors = itertools.cycle((style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY))
-    color_of = dict(zip(lines, colors, strict=False))
-    with style.styled():
-        figure = style.new_figure(max(3.0, 0.33 * style.PAGE_WIDTH * len(names)), 2.9)
-        axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
-        for (name, cable, count, method), rows in found.items():
-            axis = axes[names.index((name, cable))]
-            misses = np.array([row["miss_pct"] for row in rows])
-            tries = np.arange(1, misses.shape[1] + 1)
-            middle, low, high = np.array([median_interval(values) for values in misses.T]).T
-            q1, q3 = np.quantile(misses, (0.25, 0.75), axis=0)
-            color = color_of[count, method]
-            axis.fill_between(tries, q1, q3, color=color, alpha=0.15, linewidth=0)
-            axis.errorbar(
-                tries,
-                middle,
-                (middle - low, high - middle),
-                marker="o",
-                markersize=4,
-                capsize=2,
-                color=color,
-                label=f"{method}, {count} casts before",
-            )
-            axis.set(title=f"{cable}, {name} rig: {len(rows)} targets", xlabel="try", xticks=tries)
-            axis.grid(axis="y", color=style.FAINT)
-        axes[0].set(ylabel="miss [% of cable length]", ylim=(0, None))
-        axes[0].legend()
-        write_bytes(path, style.png_bytes(figure))
-
-
 def main(args: Args) -> int:
     """Run the benchmark and print its tables."""
     args = dataclasses.replace(args, **QUICK) if args.quick else args
@@ -226,5 +188,7 @@ def main(args: Args) -> int:
         print_blind(found, args)
     print_differences(found)
     if args.figure is not None:
+        from benchmarks.casts_figures import draw
+
         draw(found, args.figure)
     return 0

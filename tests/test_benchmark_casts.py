@@ -1,0 +1,60 @@
+"""The picture of misses: against tries, or against the number of casts before."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from benchmarks.casts_figures import draw
+from matplotlib.figure import Figure
+
+
+def found(counts, methods):
+    """Results whose misses of a try are 8, 4, 2, 1 % on average, at 20 targets."""
+    rng = np.random.default_rng(0)
+    tries = {"aim": 4}
+    return {
+        ("virtual", "cable_1", count, method): [
+            {"miss_pct": list(8.0 * 0.5 ** np.arange(tries.get(method, 1)) + rng.uniform(-1, 1))}
+            for _ in range(20)
+        ]
+        for count in counts
+        for method in methods
+    }
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Return a function that draws, and returns the axis with what it shows."""
+    figures = []
+    savefig = Figure.savefig
+
+    def kept(figure, *args, **options):
+        figures.append(figure)
+        savefig(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", kept)
+
+    def draw_it(*what):
+        draw(found(*what), tmp_path / "casts.png")
+        assert (tmp_path / "casts.png").stat().st_size > 10_000
+        return figures[-1].axes[0]
+
+    return draw_it
+
+
+def medians(axis):
+    return {bars.get_label(): bars.lines[0].get_ydata() for bars in axis.containers}
+
+
+def test_one_number_of_casts_is_drawn_against_the_tries(drawn):
+    lines = medians(drawn((5,), ("aim",)))
+    np.testing.assert_allclose(lines["aim, 5 casts before"], [8, 4, 2, 1], atol=0.8)
+
+
+def test_several_numbers_are_drawn_beside_each_other_with_a_line_for_each_try(drawn):
+    axis = drawn((2, 5, 50), ("aim", "simulated"))
+    lines = medians(axis)
+    assert list(lines) == [*(f"aim, try {number}" for number in (1, 2, 3, 4)), "simulated"]
+    np.testing.assert_allclose(lines["aim, try 3"], [2, 2, 2], atol=0.8)
+    assert [label.get_text() for label in axis.get_xticklabels()] == ["2", "5", "50"]
