@@ -1,11 +1,11 @@
-"""Calibration casts that teach most, beside random ones.
+"""Calibration casts that teach most, beside random ones and those that `aim` begins with.
 
 Before any cast, the actions are chosen one after another whose tracks tell most of the parameters:
 those with the largest mean logarithm of the determinant of the Fisher information, over cables
 drawn from what is believed. The prior's precision is part of it, so directions that no cast can
 tell count for nothing. Only actions are allowed whose simulated free end stays on the table for all
-of these cables. A fit to these casts and fits to random ones are compared on other, random casts of
-the rig.
+of these cables. Fits to these casts, to random ones, and to casts whose landings are spread over
+the table, which `aim` makes, are compared on other, random casts of the rig.
 """
 
 import dataclasses
@@ -33,9 +33,10 @@ from cablecast.tuning.least_squares import MISFIT_START, TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.prior import ParamPrior
 from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.spread import spread_actions
 from cablecast.tuning.tracks import MeasuredTracks
 
-COLUMNS = ("casts", "chosen", "fits", "other casts", "median", "q1", "q3", "first fit better")
+COLUMNS = ("casts", "chosen", "fits", "other casts", "median", "q1", "q3", "better than random")
 
 STEP = 0.3
 """Step of the finite differences over the believed deviation: a local slope of an erratic cast
@@ -49,7 +50,7 @@ EDGE = 0.05
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Args:
-    """Fits to the casts that teach most, beside fits to random ones."""
+    """Fits to the casts that teach most, to random ones, and to spread ones."""
 
     rig: str = "strange"
     """Rig: virtual, strange, scattering, even, engine or example."""
@@ -184,9 +185,12 @@ def compare(
     for repeat in range(args.repeats):
         actions = feasible_uniform(most, setup, seed=200 + repeat)
         sets.append(("random", cast(f"random-{repeat}", actions)))
+    coarse = cc.FitConfig()
+    engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
     errors: dict[tuple[int, str], list[NDArray[np.float64]]] = {}
     for count in args.counts:
-        for number, (kind, casts) in enumerate(sets):
+        spread = cast(f"spread-{count}", spread_actions(setup, count, engine))
+        for number, (kind, casts) in enumerate([*sets, ("spread", spread)]):
             report(Progress(task=f"{cable}, laboratory {lab}: fit to {count} {kind} casts"))
             tuned = cc.tune(
                 first(casts, count),
@@ -194,7 +198,8 @@ def compare(
                 workers=args.workers,
                 out=place / f"fit-{count}-{number}",
             )
-            objective = TrackObjective(make_engine(), setup.cable, tracks)
+            fitted = setup.cable.with_material(tuned.dynamics.material)
+            objective = TrackObjective(make_engine(), fitted, tracks)
             final = objective.distances(tuned.params).final[0] / setup.cable.length
             errors.setdefault((count, kind), []).append(100.0 * final[np.isfinite(final)])
     return errors
