@@ -15,6 +15,9 @@ def test_a_process_compiles_a_kernel_while_this_one_goes_on(tmp_path, monkeypatc
     assert compiled.stat().st_size > 10_000
 
 
-def test_a_single_core_compiles_when_it_comes_to_it(monkeypatch):
-    monkeypatch.setattr(ahead, "core_count", lambda: 1)
+@pytest.mark.parametrize("change", [("core_count", lambda: 1), ("sys.executable", "/no/python")])
+def test_without_another_process_a_kernel_is_compiled_when_it_is_needed(change, monkeypatch):
+    monkeypatch.setattr(ahead, "core_count", lambda: 2)
+    name, value = change
+    monkeypatch.setattr(f"{ahead.__name__}.{name}", value)
     assert ahead.compile_ahead(Features()) is None

@@ -26,18 +26,17 @@ def compile_ahead(features: Features) -> subprocess.Popen[bytes] | None:
         features: Features that the kernel plays.
 
     Returns:
-        The process; None on a single core, which would only be slower.
+        The process; None on a single core, which would only be slower, or where none can start.
     """
     if core_count() < 2:
         return None
-    told = json.dumps(dataclasses.asdict(features))
-    nothing = subprocess.DEVNULL
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cablecast.engines.warp_.ahead", told],
-        stdin=nothing,
-        stdout=nothing,
-        stderr=nothing,
-    )
+    told, nothing = json.dumps(dataclasses.asdict(features)), subprocess.DEVNULL
+    # -P: a file of the current folder must not stand in for a library.
+    command = [sys.executable, "-P", "-m", "cablecast.engines.warp_.ahead", told]
+    try:
+        process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
+    except OSError:
+        return None
     # Nobody else waits for it.
     threading.Thread(target=process.wait, daemon=True).start()
     return process
