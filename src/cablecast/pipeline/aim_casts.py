@@ -131,7 +131,7 @@ class AimTrial:
             within_pct: Distance from a target at which a cast has hit [% of cable length].
         """
         note = cast.note
-        target = np.array(note.get("target_xy", (np.nan, np.nan)), dtype=float)
+        target = target_of(cast)
         final_xy = cast.endpoint_xy
         miss_pct = 100.0 * float(np.linalg.norm(final_xy - target)) / cable_length
         return cls(
@@ -176,10 +176,11 @@ def law_after(trials: Iterable[AimTrial]) -> RegionLaw:
     return RegionLaw.after(square for square in squares if math.isfinite(square))
 
 
-def was_aimed(cast: StoredCast) -> bool:
-    """Return whether a stored cast was made at a target in its own session.
+def target_of(cast: StoredCast) -> NDArray[np.float64]:
+    """Return the target that a stored cast was aimed at in its own session [m], shape [2].
 
     Args:
-        cast: Stored cast; one that came from a dataset was not, whatever it was made for there.
+        cast: Stored cast; one that came from a dataset has no target, NaN, whatever it was made for
+            there.
     """
-    return "target_xy" in cast.note
+    return np.array(cast.note.get("target_xy", (np.nan, np.nan)), dtype=float)

@@ -19,7 +19,7 @@ from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim_beliefs import make_beliefs
-from cablecast.pipeline.aim_casts import SAME_TARGET, AimProposal, AimTrial, law_after, was_aimed
+from cablecast.pipeline.aim_casts import SAME_TARGET, AimProposal, AimTrial, law_after, target_of
 from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_lessons import Lessons
@@ -166,7 +166,7 @@ class AimSession:
         self.aimer = self.aimer.emptied()
         self._scaled_count = 0
         numbered = enumerate(self.store.casts)
-        for is_aimed, group in itertools.groupby(numbered, lambda item: was_aimed(item[1])):
+        for is_aimed, group in itertools.groupby(numbered, lambda row: "target_xy" in row[1].note):
             # Casts for something else came together, aimed ones one by one.
             rows = list(group)
             for part in [[row] for row in rows] if is_aimed else [rows]:
@@ -190,7 +190,7 @@ class AimSession:
                 action=cast.action,
                 endpoint_xy=cast.endpoint_xy,
                 fitted=self._was_fitted(number, cast),
-                aimed=was_aimed(cast),
+                target_xy=target_of(cast),
             )
             for number, cast in casts
             if np.all(np.isfinite(cast.action))

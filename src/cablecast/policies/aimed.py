@@ -15,13 +15,18 @@ class AimedCast:
         endpoint_xy: Landing [m], shape [2]; NaN for a cast without one.
         fitted: True if the simulator was fitted to it: it then lands nearer to its prediction than
             others will, and teaches less.
-        aimed: True if it was aimed at a target: other casts do not tell how far such casts miss.
+        target_xy: Target that it was aimed at [m], shape [2]; NaN for a cast without one.
     """
 
     action: NDArray[np.float64]
     endpoint_xy: NDArray[np.float64]
     fitted: bool = False
-    aimed: bool = True
+    target_xy: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.full(2, np.nan))
+
+    @property
+    def aimed(self) -> bool:
+        """True if it was aimed at a target: other casts do not tell how far such casts miss."""
+        return bool(np.all(np.isfinite(self.target_xy)))
 
     @property
     def landed(self) -> bool:

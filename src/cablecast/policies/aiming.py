@@ -99,8 +99,8 @@ class Aimer:
         """Return an aimer for one target whose simulators learned from some casts, too.
 
         Simulators that were moved towards casts near a target say better what a small change of
-        these does. Elsewhere they are no better than before, so casts that landed far from the
-        target are left out: what simulators say of a cast takes time.
+        these does. Elsewhere they are no better than before, so casts far from the target are left
+        out: what simulators say of a cast takes time.
 
         Args:
             tracks: Casts near the target that the simulators were not fitted to.
@@ -112,15 +112,26 @@ class Aimer:
         other = self.emptied(ensemble.taught(tracks))
         known = other.experience
         known.residual = dataclasses.replace(known.residual, scales=self.experience.residual.scales)
-        # A cast without a landing may have been near.
-        ends = np.array([c.endpoint_xy if c.landed else target_xy for c in self.casts])
-        far = np.linalg.norm(ends.reshape(-1, 2) - target_xy, axis=1)
-        near = np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
+        near = self._near(target_xy)
         ages = iter(self.experience.ages)
         known_ages = [next(ages) if cast.landed else 1.0 for cast in self.casts]
         other.casts = [self.casts[k] for k in near]
         other.predictor.learn(other.casts, [known_ages[k] for k in near])
         return other
+
+    def _near(self, target_xy: NDArray[np.float64]) -> NDArray[np.int_]:
+        """Return the rows of the casts that tell most of a target, in ascending order.
+
+        Near is a cast that landed there or was aimed there, or would have landed there according to
+        the network where it has no landing.
+        """
+        actions, hands = rightward(np.array([cast.action for cast in self.casts]))
+        landings = np.array([cast.endpoint_xy for cast in self.casts])
+        expected = to_right(self.predictor.model.predict(actions), hands)
+        ends = np.where(np.isfinite(landings), landings, expected)
+        aims = np.array([cast.target_xy for cast in self.casts])
+        far = np.fmin(*(np.linalg.norm(xy - target_xy, axis=1) for xy in (ends, aims)))
+        return np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
 
     def learn(self, casts: list[AimedCast], *, refit: bool = True) -> None:
         """Take casts into account, in the order in which they were made.
