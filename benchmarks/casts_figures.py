@@ -14,7 +14,6 @@ from cablecast.report import style
 if TYPE_CHECKING:
     from benchmarks.casts import Found
 
-TICKS = (1, 2, 5, 10, 20, 50, 100)
 COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY)
 
 
@@ -28,7 +27,8 @@ def draw(found: "Found", path: pathlib.Path) -> None:
     names = list(dict.fromkeys((name, cable) for name, cable, _, _ in found))
     by_count = len({count for _, _, count, _ in found}) > 1
     with style.styled():
-        figure = style.new_figure(max(4.0, 0.33 * style.PAGE_WIDTH * len(names)), 2.9)
+        width = max(4.0, 0.33 * style.PAGE_WIDTH * len(names))
+        figure = style.new_figure(width + 1.4 * by_count, 2.9)
         axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
         for axis, (name, cable) in zip(axes, names, strict=True):
             here = {
@@ -39,7 +39,10 @@ def draw(found: "Found", path: pathlib.Path) -> None:
             axis.set(title=f"{cable}, {name} rig: {targets} targets")
             axis.grid(axis="y", color=style.FAINT)
         axes[0].set(ylabel="miss [% of cable length]")
-        axes[0].legend()
+        if by_count:
+            figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
+        else:
+            axes[0].legend()
         write_bytes(path, style.png_bytes(figure))
 
 
@@ -62,6 +65,8 @@ def _over_tries(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
 
 def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
     """Draw medians with their intervals: the first try of every method, and later ones dashed."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     counts = sorted({count for count, _ in here})
     methods = dict.fromkeys(method for _, method in here)
     for method, color in zip(methods, itertools.cycle(COLORS), strict=False):
@@ -74,7 +79,9 @@ def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None
             _medians(axis, places, misses, color, label, "-" if number == 0 else "--")
     axis.set(xlabel="real casts before the first target", yscale="log")
     axis.set_xticks(range(len(counts)), [str(count) for count in counts])
-    axis.set_yticks(TICKS, [str(tick) for tick in TICKS])
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.yaxis.set_minor_formatter(NullFormatter())
     axis.minorticks_off()
 
 
