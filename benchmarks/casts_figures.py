@@ -2,22 +2,19 @@
 
 import itertools
 import pathlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.casts import Found
 from cablecast.evaluation.intervals import median_interval
 from cablecast.files import write_bytes
 from cablecast.report import style
 
-if TYPE_CHECKING:
-    from benchmarks.casts import Found
-
 COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY)
 
 
-def draw(found: "Found", path: pathlib.Path) -> None:
+def draw(found: Found, path: pathlib.Path) -> None:
     """Draw misses against tries; against the number of real casts where there are several numbers.
 
     Args:
@@ -32,7 +29,9 @@ def draw(found: "Found", path: pathlib.Path) -> None:
         axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
         for axis, (name, cable) in zip(axes, names, strict=True):
             here = {
-                key[2:]: misses_of(rows) for key, rows in found.items() if key[:2] == (name, cable)
+                key[2:]: np.array([row["miss_pct"] for row in rows])
+                for key, rows in found.items()
+                if key[:2] == (name, cable)
             }
             (_over_counts if by_count else _over_tries)(axis, here)
             targets = len(next(iter(here.values())))
@@ -44,11 +43,6 @@ def draw(found: "Found", path: pathlib.Path) -> None:
         else:
             axes[0].legend()
         write_bytes(path, style.png_bytes(figure))
-
-
-def misses_of(rows: list[dict]) -> NDArray[np.float64]:
-    """Return the misses [% of cable length], shape [target, try]."""
-    return np.array([row["miss_pct"] for row in rows])
 
 
 def _over_tries(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
@@ -65,7 +59,7 @@ def _over_tries(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
 
 def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
     """Draw medians with their intervals: the first try of every method, and later ones dashed."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
 
     counts = sorted({count for count, _ in here})
     methods = dict.fromkeys(method for _, method in here)
@@ -81,7 +75,6 @@ def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None
     axis.set_xticks(range(len(counts)), [str(count) for count in counts])
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
     axis.minorticks_off()
 
 

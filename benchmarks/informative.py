@@ -33,7 +33,6 @@ from cablecast.tuning.least_squares import MISFIT_START, TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective
 from cablecast.tuning.prior import ParamPrior
 from cablecast.tuning.search_space import SearchSpace
-from cablecast.tuning.spread import spread_actions
 from cablecast.tuning.tracks import MeasuredTracks
 
 COLUMNS = ("casts", "chosen", "fits", "other casts", "median", "q1", "q3", "better than random")
@@ -185,11 +184,9 @@ def compare(
     for repeat in range(args.repeats):
         actions = feasible_uniform(most, setup, seed=200 + repeat)
         sets.append(("random", cast(f"random-{repeat}", actions)))
-    coarse = cc.FitConfig()
-    engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
     errors: dict[tuple[int, str], list[NDArray[np.float64]]] = {}
     for count in args.counts:
-        spread = cast(f"spread-{count}", spread_actions(setup, count, engine))
+        spread = cc.collect(rig, count=count, sampling="spread", out=place / f"spread-{count}")
         for number, (kind, casts) in enumerate([*sets, ("spread", spread)]):
             report(Progress(task=f"{cable}, laboratory {lab}: fit to {count} {kind} casts"))
             tuned = cc.tune(

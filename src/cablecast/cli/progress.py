@@ -42,27 +42,37 @@ def console_progress() -> Iterator[ProgressCallback]:
         yield _Bars(bars).show
 
 
-class _Bars:
-    """Bars for tasks with a count, lines for tasks that are only announced.
+class _Beginnings:
+    """Tells where tasks begin: one that has fewer units done than before has begun again."""
 
-    A task that has fewer units done than before has begun again, with a new clock.
-    """
+    def __init__(self):
+        self._done: dict[str, int] = {}
+
+    def begins(self, progress: Progress) -> bool:
+        """Return whether a task begins with a report, which is told once."""
+        begins = progress.done < self._done.get(progress.task, progress.done + 1)
+        self._done[progress.task] = progress.done
+        return begins
+
+
+class _Bars:
+    """Bars for tasks with a count, lines for tasks that are only announced."""
 
     def __init__(self, bars: Any):
         self._bars = bars
         self._tasks: dict[str, Any] = {}
-        self._done: dict[str, int] = {}
+        self._beginnings = _Beginnings()
 
     def show(self, progress: Progress) -> None:
         """Show a report."""
         if not progress.total:
             self._bars.console.print(_headline(progress), highlight=False, markup=False)
             return
+        begins = self._beginnings.begins(progress)
         if progress.task not in self._tasks:
             self._tasks[progress.task] = self._bars.add_task(progress.task, note="")
-        elif progress.done < self._done[progress.task]:
+        elif begins:
             self._bars.reset(self._tasks[progress.task])
-        self._done[progress.task] = progress.done
         note = " ".join(text for text in (progress.unit, progress.note) if text)
         self._bars.update(
             self._tasks[progress.task], completed=progress.done, total=progress.total, note=note
@@ -70,15 +80,12 @@ class _Bars:
 
 
 class _Lines:
-    """Lines with the expected end, at most one every few seconds.
-
-    A task that has fewer units done than before has begun again, with a new clock.
-    """
+    """Lines with the expected end, at most one every few seconds."""
 
     def __init__(self, file: Any):
         self._file = file
         self._begun: dict[str, tuple[float, int]] = {}
-        self._done: dict[str, int] = {}
+        self._beginnings = _Beginnings()
         self._last = -_LINE_EVERY
 
     def show(self, progress: Progress) -> None:
@@ -87,8 +94,7 @@ class _Lines:
         if not progress.total:
             self._write(_headline(progress))
             return
-        is_first = progress.done < self._done.get(progress.task, progress.total + 1)
-        self._done[progress.task] = progress.done
+        is_first = self._beginnings.begins(progress)
         if is_first:
             # Units that a resumed run found done took it no time.
             self._begun[progress.task] = (now, progress.done)

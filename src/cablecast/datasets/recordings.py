@@ -186,9 +186,9 @@ def _recording(path: pathlib.Path, name: str, columns: dict[str, Array], setup: 
     moved = np.any(list(motion.values()), axis=0) if motion else np.zeros(len(times), dtype=bool)
     looks = seen | ~moved
     # A tracker that lost the marker a moment before the end saw where it came to rest.
-    lost = times > times[seen][-1]
-    if times[looks][-1] <= times[seen][-1] + _REST_TIME:
-        looks &= ~lost
+    last_seen = times[seen][-1]
+    if times[looks][-1] <= last_seen + _REST_TIME:
+        looks &= times <= last_seen
     joint_times, q = _group(columns, JOINT_COLUMNS, motion.get(JOINT_COLUMNS))
     grip_times, grip_xy = _group(columns, GRIP_COLUMNS, motion.get(GRIP_COLUMNS))
     poses = None

@@ -165,8 +165,9 @@ class AimSession:
         self._left_out = frozenset(without)
         self.aimer = self.aimer.emptied()
         self._scaled_count = 0
-        numbered = enumerate(self.store.casts)
-        for is_aimed, group in itertools.groupby(numbered, lambda row: "target_xy" in row[1].note):
+        for is_aimed, group in itertools.groupby(
+            enumerate(self.store.casts), lambda row: bool(np.isfinite(target_of(row[1])).all())
+        ):
             # Casts for something else came together, aimed ones one by one.
             rows = list(group)
             for part in [[row] for row in rows] if is_aimed else [rows]:

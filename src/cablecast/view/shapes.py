@@ -181,14 +181,14 @@ def circle(center_xy: ArrayLike, radius: float, height: float, point_count: int 
 
 def hatched_circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     """Return the segments of a level circle and of lines across it [m], shape [segment, 2, 3]."""
-    x, y = np.asarray(center_xy, dtype=float)
+    center = np.asarray(center_xy, dtype=float)
     count = max(1, round(2 * radius / HATCH_STEP) - 1)
     away = np.linspace(-radius, radius, count + 2)[1:-1]
     half = np.sqrt(radius**2 - away**2)
     # Turned by an eighth: the table has lines along both of its sides.
     across = np.array([1.0, 1.0]) / np.sqrt(2.0)
     along = np.array([1.0, -1.0]) / np.sqrt(2.0)
-    middles = [x, y] + away[:, None] * across
+    middles = center + away[:, None] * across
     ends = np.stack([middles - half[:, None] * along, middles + half[:, None] * along], axis=1)
     lines = level(ends.reshape(-1, 2), height).reshape(-1, 2, 3)
     return np.concatenate([circle(center_xy, radius, height), lines])
