@@ -11,7 +11,7 @@ class AfterCasts:
     """Rig, laboratories, and how the models learn."""
 
     rig: str = "virtual"
-    """Rig: virtual, strange, scattering, even, engine or example."""
+    """Rig: virtual, strange, scattering, even, patchy, engine or example."""
     labs: tuple[int, ...] = (0, 1, 2)
     """Seeds of the laboratories."""
     calibration: int = 5

@@ -33,7 +33,7 @@ class Args:
     """Error at targets against the number of real casts."""
 
     rigs: tuple[str, ...] = ("virtual", "strange")
-    """Rigs, some of virtual, strange, scattering, even, engine, example."""
+    """Rigs, some of virtual, strange, scattering, even, patchy, engine, example."""
     labs: tuple[int, ...] = (0, 1, 2)
     """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")

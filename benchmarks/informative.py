@@ -52,7 +52,7 @@ class Args:
     """Fits to the casts that teach most, to random ones, and to spread ones."""
 
     rig: str = "strange"
-    """Rig: virtual, strange, scattering, even, engine or example."""
+    """Rig: virtual, strange, scattering, even, patchy, engine or example."""
     labs: tuple[int, ...] = (0, 1, 2)
     """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")

@@ -46,7 +46,7 @@ class Args:
     """Fits with and without a material.
 
     Attributes:
-        rig: Rig: virtual, strange, scattering, even, engine or example.
+        rig: Rig: virtual, strange, scattering, even, patchy, engine or example.
         cables: Names of the cables.
         labs: Seeds of the laboratories.
         fitted: Casts to fit.

@@ -43,11 +43,12 @@ the real casts. paper: Differential Evolution, then fine-tuning where there are 
 MANY = "many"
 """Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
 
-RIGS = ("virtual", "strange", "scattering", "even", "engine", "example")
-"""virtual: the package's laboratory. strange: another rod, friction law, curl, servo, and scatter.
-scattering: strange with three times the scatter. even: strange with one friction everywhere.
-engine: the engine that the learner simulates with, set to other parameters. example: the rig of the
-documentation's example."""
+RIGS = ("virtual", "strange", "scattering", "even", "patchy", "engine", "example")
+"""virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
+scatter. scattering: strange with three times the scatter. even: strange with one friction
+everywhere. patchy: strange with the mean friction along the way of the free end. engine: the engine
+that the learner simulates with, set to other parameters. example: the rig of the documentation's
+example."""
 EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.py"
 
 MISSED_PCT = 100.0
@@ -154,6 +155,7 @@ def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
         "strange": {},
         "scattering": {"scatter": Scatter().times(3.0)},
         "even": {"unevenness": 0.0},
+        "patchy": {"along": True},
     }
     if name not in differences:
         raise InputError(f"unknown rig {name[:40]!r}: one of {', '.join(RIGS)}")

@@ -63,7 +63,7 @@ class Args:
     actions: int = 60
     """Random casts whose landings the draws are compared by."""
     rig: str = "virtual"
-    """Rig: virtual, strange, scattering, even, engine or example."""
+    """Rig: virtual, strange, scattering, even, patchy, engine or example."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
     """Folder of casts and fits, which it shares with `benchmarks casts`."""
 

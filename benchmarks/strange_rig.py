@@ -87,6 +87,8 @@ class StrangeRig(RigLifecycle):
         lab_seed: Seed of the world.
         scatter: Differences between equal casts.
         unevenness: Standard deviation of the friction from place to place over its mean [-].
+        along: True for a cast with the mean friction along the way of its free end; False for one
+            with the friction of the place where it comes to rest.
     """
 
     def __init__(
@@ -96,10 +98,11 @@ class StrangeRig(RigLifecycle):
         lab_seed: int = 0,
         scatter: Scatter | None = None,
         unevenness: float = 0.08,
+        along: bool = False,
     ):
         super().__init__()
         self.setup, self.seed, self.lab_seed = setup, seed, lab_seed
-        self.scatter, self.unevenness = scatter or Scatter(), unevenness
+        self.scatter, self.unevenness, self.along = scatter or Scatter(), unevenness, along
         self._draw = (seed, 0)
         rng = world_draws(setup, lab_seed)
         self.params = other_params(setup, rng)
@@ -119,6 +122,7 @@ class StrangeRig(RigLifecycle):
             "lab_seed": lab_seed,
             "scatter": dataclasses.asdict(self.scatter),
             "unevenness": unevenness,
+            "along": along,
         }
 
     def seek(self, index: int, purpose: str = "") -> None:
@@ -133,7 +137,7 @@ class StrangeRig(RigLifecycle):
         path = grip_path_from_joints(joints, self.setup.arm)
         duration = float(trajectory.duration) + SETTLE_TIME
         factor, xy, times = 1.0 + friction, np.empty((0, 2)), np.empty(0)
-        # The table is known by where the cable comes to rest: find the place, then its friction.
+        # The friction follows from where the cable goes: find its way, then the friction there.
         for _ in range(2):
             params = self._params(factor)
             state = reset_state(self.setup.cable, params, path, SEGMENT_COUNT)
@@ -146,7 +150,7 @@ class StrangeRig(RigLifecycle):
                 sample_dt=SAMPLE_DT,
             )
             xy, times = rollout.endpoint_xy[0], rollout.times
-            factor = (1.0 + friction) * self._friction_at(xy[-1])
+            factor = (1.0 + friction) * self._friction_of(xy)
         seen = xy + rng.normal(scale=0.001, size=xy.shape)
         status = self._status(xy, trajectory)
         if status is TrialStatus.OCCLUDED:
@@ -174,10 +178,15 @@ class StrangeRig(RigLifecycle):
         values["lateral_friction"] = float(np.clip(values["lateral_friction"] * factor, 0.05, 2.0))
         return CableParams(**values)
 
-    def _friction_at(self, xy: NDArray[np.float64]) -> float:
-        """Return the friction at a place over its mean."""
-        waves = np.cos(self.waves @ np.nan_to_num(xy) + self.phases)
-        return float(1.0 + self.unevenness * np.sqrt(2.0 / len(waves)) * waves.sum())
+    def _friction_of(self, xy: NDArray[np.float64]) -> float:
+        """Return the friction of a cast over the mean of the table, shape of the way [step, 2]."""
+        places = np.nan_to_num(xy)
+        waves = np.cos(places @ self.waves.T + self.phases)
+        friction = 1.0 + self.unevenness * np.sqrt(2.0 / len(self.waves)) * waves.sum(axis=1)
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        if not self.along or not steps.any():
+            return float(friction[-1])
+        return float(np.average((friction[1:] + friction[:-1]) / 2, weights=steps))
 
     def _move(self, trajectory: Trajectory) -> JointPath:
         """Return the joints as they move: late, and the base no faster than it can."""

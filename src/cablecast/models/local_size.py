@@ -3,7 +3,7 @@
 Far and sideways landings depend more on what is not known of the cable. Where simulators of
 different physics follow the same casts, the spread of their landings tells the size. Otherwise the
 sensitivity of landings to the action does: over the whole table it tells where the simulator errs,
-but not among actions with the same landing (docs/aim.md).
+but not among actions with the same landing (docs/aim-results.md).
 """
 
 import dataclasses

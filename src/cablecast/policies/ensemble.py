@@ -25,7 +25,7 @@ from cablecast.tuning.update import ParamUpdate
 OWN_MISS, SPREAD_FACTOR = 0.035, 0.85
 """A landing misses by about the spread of the ensemble times a factor, and by a part of its own
 [cable lengths]. Chosen by landings at targets in laboratories 0 and 1 of the virtual rig;
-docs/aim.md has the share of landings that lie in the regions that are stated with them."""
+docs/aim-results.md has the share of landings that lie in the regions that are stated with them."""
 
 USUAL_DISTANCES, FACTORS = (0.012, 0.021), (0.05, 3.0)
 """Mean distances from a fit to its tracks between which these two hold [cable lengths]: those of

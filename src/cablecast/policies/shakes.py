@@ -2,7 +2,7 @@
 
 Small differences from cast to cast move a landing as a change of the action does, and as a change
 of the friction does: a cable that slides far, or that just tips over, is moved by either. How well
-the two rank the scatter of casts is told in docs/aim.md.
+the two rank the scatter of casts is told in docs/aim-results.md.
 """
 
 import numpy as np

@@ -1,0 +1,143 @@
+"""What uneven friction does to landings, and what it leaves of a miss after one correction.
+
+The strange rig is cast at random actions without scatter, once as it is and once with one friction
+everywhere. The landings of both give the shift by the uneven friction; central differences about
+the action give the Jacobian of the landing. A correction by the Jacobian J of the even world moves
+the landing in the uneven one, whose Jacobian is J', so that the share |I - J' J^+| of a miss in the
+worst direction is left: what a learner with no other error would leave.
+"""
+
+import dataclasses
+import pathlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.common import Table, write_json
+from benchmarks.strange_rig import Scatter, StrangeRig
+from cablecast.errors import JointLimitError
+from cablecast.motion.action import Action, ActionRanges
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.trajectory import plan_trajectory
+from cablecast.setup import Setup
+from cablecast.track import TrialStatus
+
+STEP = 0.02
+"""Half the way of a central difference, as a share of the range of each number of an action."""
+STILL = Scatter(angle=0.0, bow=0.0, friction=0.0)
+ALONG = {"strange": False, "patchy": True}
+"""Rigs, and whether a cast has the friction of its way or of the place where it rests."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """Effect of uneven friction on landings and corrections.
+
+    Attributes:
+        cable: Name of a preset.
+        labs: Seeds of the laboratories.
+        count: Actions in each laboratory whose casts come to rest on the table.
+        json: File that gets the figures, too.
+    """
+
+    cable: str = "cable_1"
+    labs: tuple[int, ...] = (0, 1, 2)
+    count: int = 24
+    json: pathlib.Path | None = None
+
+
+def landing(rig: StrangeRig, action: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return where a cast comes to rest [m], shape [2]; None unless it is made and seen there."""
+    try:
+        motion = plan_trajectory(Action.from_array(action), rig.setup)
+    except JointLimitError:
+        return None
+    # The camera errs alike in every cast, which differences don't see.
+    rig.seek(0)
+    rig.reset()
+    track = rig.execute(motion)
+    return track.endpoint_xy[-1] if track.status is TrialStatus.OK else None
+
+
+def linear(rig: StrangeRig, actions: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the landing of an action, then its change with each number, shape [1 + number, 2].
+
+    Args:
+        rig: Rig without scatter.
+        actions: An action, then those a step up and those a step down in each of its numbers,
+            shape [1 + 2 number, number].
+    """
+    found = []
+    for action in actions:
+        xy = landing(rig, action)
+        if xy is None:
+            return None
+        found.append(xy)
+    middle, up, down = np.split(np.array(found), (1, 1 + len(found) // 2))
+    return np.concatenate([middle, (up - down) / 2])
+
+
+def stencils(setup: Setup, count: int, seed: int) -> NDArray[np.float64]:
+    """Return feasible actions with their steps up and down, shape [action, 1 + 2 number, number].
+
+    psi moves with theta2, so that theta2 can take a step where the wrist does not turn.
+    """
+    ranges = ActionRanges.for_setup(setup)
+    bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
+    inner = bounds + STEP * np.diff(bounds) * [1.0, -1.0]
+    theta1, theta2, r2, wrist = ((float(low), float(high)) for low, high in inner)
+    within = ActionRanges(theta1=theta1, theta2=theta2, r2=r2, wrist=wrist)
+    actions = feasible_uniform(count, setup, within, seed=seed)
+    steps = np.diag(STEP * np.diff(bounds)[:, 0])
+    steps[1, 3] = steps[1, 1]
+    around = np.concatenate([np.zeros((1, 4)), steps, -steps])
+    return actions[:, None] + around
+
+
+def after_correction(
+    believed: NDArray[np.float64], true: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the relative error of a Jacobian, and the share of a miss that a step by it leaves.
+
+    Args:
+        believed: Jacobian that the correction inverts, shape [2, number].
+        true: Jacobian of the rig, shape [2, number].
+    """
+    change = np.linalg.norm(true - believed) / np.linalg.norm(believed)
+    left = np.linalg.norm(np.eye(2) - true @ np.linalg.pinv(believed), 2)
+    return float(change), float(left)
+
+
+def compare(args: Args, world: str) -> NDArray[np.float64]:
+    """Return shift [%], change of the Jacobian [-] and share left [-], shape [action, 3]."""
+    setup = Setup(cable=args.cable)
+    rows = []
+    for lab in args.labs:
+        even = StrangeRig(setup, lab_seed=lab, scatter=STILL, unevenness=0.0)
+        uneven = StrangeRig(setup, lab_seed=lab, scatter=STILL, along=ALONG[world])
+        wanted = len(rows) + args.count
+        for actions in stencils(setup, 10 * args.count, lab):
+            smooth, rough = linear(even, actions), linear(uneven, actions)
+            if smooth is None or rough is None:
+                continue
+            shift = 100.0 * np.linalg.norm(rough[0] - smooth[0]) / setup.cable.length
+            rows.append((shift, *after_correction(smooth[1:].T, rough[1:].T)))
+            if len(rows) == wanted:
+                break
+    return np.array(rows)
+
+
+def main(args: Args) -> None:
+    """Print medians and quartiles in both worlds."""
+    table = Table(
+        f"Uneven friction beside one friction, {args.cable}: medians (quartiles)",
+        ("rig", "actions", "shift of the landing [%]", "change of the Jacobian", "miss left"),
+        [],
+    )
+    for world in ALONG:
+        found = compare(args, world)
+        q1, median, q3 = np.quantile(found, (0.25, 0.5, 0.75), axis=0)
+        cells = (f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(median, q1, q3, strict=True))
+        table.rows.append((world, len(found), *cells))
+    print(table)
+    write_json(args.json, [table])
