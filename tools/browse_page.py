@@ -9,6 +9,7 @@ takes the pictures of the documentation from a page that runs with a prepared se
 import argparse
 import base64
 import contextlib
+import io
 import pathlib
 import re
 import shutil
@@ -17,6 +18,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
@@ -42,6 +44,9 @@ FLAGS = (
 
 PICTURED = (-0.5, 0.85)
 """Target of the pictures [m]."""
+
+COLORS = 256
+"""Colours of a picture."""
 
 PATIENCE = 90_000
 """Longest wait for anything on the page [ms]: a busy machine draws slowly."""
@@ -170,7 +175,8 @@ class TablePage:
         session = self.tab.context.new_cdp_session(self.tab)
         answer = session.send("Page.captureScreenshot", {"format": "png"})
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(base64.b64decode(answer["data"]))
+        shown = Image.open(io.BytesIO(base64.b64decode(answer["data"]))).convert("RGB")
+        shown.quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
         return path
 
 
@@ -199,6 +205,10 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         page.tab.get_by_role("tab", name="Look").click()
         page.button("Open").click()
         page.wait_for("from measured")
+        # The last one, which the other pictures show, too.
+        page.tab.get_by_label("Cast", exact=True).last.click()
+        page.tab.get_by_role("option").last.click()
+        time.sleep(4.0)
         for kind in ("believed", "tuned"):
             page.tab.get_by_label(kind).click()
             time.sleep(2.0)
