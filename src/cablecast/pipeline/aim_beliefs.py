@@ -36,7 +36,8 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
     """Return how far landings are expected to be from those of a fitted simulator.
 
     Args:
-        tuned: Result of `tune`; None for a simulator that was not fitted.
+        tuned: Result of `tune`; None for a simulator of which nothing is known, whose landings are
+            taken to be as far off as those of one that follows some casts as usual.
     """
     if tuned is None or tuned.ensemble is None:
         return Beliefs()
