@@ -34,10 +34,10 @@ from cablecast.policies.refinement import refine_actions, within_ranges
 from cablecast.policies.sight import lost_chance
 from cablecast.tuning.tracks import MeasuredTracks
 
-# Candidates whose simulated landings are nearest: at least so many, and so many pairs of one and
-# a cast. Of these, those whose expected landings are nearest, which the ensemble judges; and of
-# these, those with the least expected miss. Without an ensemble more than these would find actions
-# that the simulator is too sure of (`LocalSize`).
+# The choice narrows in three steps: candidates whose simulated landings are nearest (at least
+# _NEIGHBOR_COUNT, more while candidates times casts stay below _PAIR_COUNT); of these, those whose
+# expected landings are nearest, which the ensemble judges; of these, those with the least expected
+# miss. Without an ensemble, judging more than the last few selects for the simulator's own errors.
 _NEIGHBOR_COUNT, _PAIR_COUNT, _JUDGED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 64, 16
 # Casts that an aimer for one target knows at most.
 _NEAR_COUNT = 20
@@ -98,9 +98,9 @@ class Aimer:
     def taught(self, tracks: MeasuredTracks, target_xy: NDArray[np.float64]) -> "Aimer":
         """Return an aimer for one target whose simulators learned from some casts, too.
 
-        Simulators that were moved towards casts near a target say better what a small change of
-        these does. Elsewhere they are no better than before, so casts far from the target are left
-        out: what simulators say of a cast takes time.
+        Simulators that follow the casts near a target predict better what a small change of these
+        does. Elsewhere they are no better than before, so casts far from the target are left out,
+        which saves the time to simulate them.
 
         Args:
             tracks: Casts near the target that the simulators were not fitted to.
@@ -122,8 +122,8 @@ class Aimer:
     def _near(self, target_xy: NDArray[np.float64]) -> NDArray[np.int_]:
         """Return the rows of the casts that tell most of a target, in ascending order.
 
-        Near is a cast that landed there or was aimed there, or would have landed there according to
-        the network where it has no landing.
+        A cast is near if it was aimed there or landed there. One without a landing counts where the
+        network expects it.
         """
         actions, hands = rightward(np.array([cast.action for cast in self.casts]))
         landings = np.array([cast.endpoint_xy for cast in self.casts])
@@ -176,7 +176,7 @@ class Aimer:
         some = Candidates.join([self._candidates(goal, tried) for goal in goals])
         risk, failure = self._risks(some, target, sight)
         if self.predictor.ensemble is not None:
-            # Of actions that were moved it said what is true of those nearby.
+            # Moved actions still carry the judgement of the action that they started from.
             few = np.argsort(risk)[:_SHORTLIST_COUNT]
             some = self.predictor.judge(some.actions[few], some.hands[few])
             risk, failure = self._risks(some, target, sight)
@@ -221,13 +221,13 @@ class Aimer:
     def _candidates(self, target: NDArray[np.float64], tried: bool) -> Candidates:
         """Return promising actions, those that are expected on the target, and some in between.
 
-        What is known of an action holds the less, the farther it is changed: a part of the way to
-        the target may miss by less than all of it.
+        The uncertainty grows with the change of an action, so a part of the way to the target may
+        miss by less than all of it.
         """
         starts = self._shortlist(target, tried)
         ends = self._moved(starts, target)
         if self.predictor.ensemble is not None:
-            # It says something else of an action that was moved far.
+            # The judgement changes over a long step: judge again, and take another one.
             ends = self._moved(self.predictor.judge(ends.actions, ends.hands), target)
         some = Candidates.join([starts.towards(ends, part) for part in _PARTS])
         return some.at(within_ranges(some.actions))

@@ -1,8 +1,8 @@
 """EnsembleLandings: where simulators of different physics land the same casts, and how far apart.
 
 All of them follow the casts that they were fitted to. One, at full resolution, is the best guess.
-Where the others part, the physics matters that those casts do not tell, so their spread says how
-far off it may be (docs/aim.md).
+Where they disagree, physics matters that those casts do not determine, so their spread says how far
+off the best guess may be (docs/aim.md).
 """
 
 import concurrent.futures
@@ -30,12 +30,12 @@ docs/aim-results.md has the share of landings that lie in the regions that are s
 USUAL_DISTANCES, FACTORS = (0.012, 0.021), (0.05, 3.0)
 """Mean distances from a fit to its tracks between which these two hold [cable lengths]: those of
 fits in the virtual rig, where the distance tells no more. Beyond, misses grow and shrink with its
-square, between the least and the largest factor. The square, since what the physics of a fit gets
-wrong is off by more elsewhere than along the tracks that the fit had in view."""
+square, between the least and the largest factor. With the square, because wrong physics errs by
+more elsewhere than along the tracks that were fitted."""
 
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
-# Farther apart than this nothing is known of a landing, by however much more [cable lengths].
+# Largest distance between landings that counts: farther apart they tell nothing [cable lengths].
 _APART_MAX = 1.0
 # Between samples the free end moves by some centimetres where it turns at the back [s].
 _SAMPLE_DT = 0.05
@@ -144,7 +144,7 @@ class EnsembleLandings:
     ) -> NDArray[np.float64]:
         paths = members[0].follow(cast_grip_paths(actions, self.setup), self.setup)
         count = len(members)
-        # All in one batch; worlds side by side follow the same motion, and rest at about one time.
+        # One batch: neighbouring worlds follow the same motion, and rest at about the same time.
         left = [member.mirrored() for member in members]
         rows = np.arange(count) + np.where(hands < 0, count, 0)[:, None]
         worlds = Dynamics.stack([*members, *left], self.setup).rows(rows.ravel())
@@ -164,7 +164,7 @@ class EnsembleLandings:
         """
         if not self._updates or not tracks.compared.any():
             return self
-        # A few casts are too small a batch for several cores: the simulators share these instead.
+        # A few casts do not fill the cores, so the simulators run side by side.
         with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
             learned = list(pool.map(lambda update: update.params_after(tracks), self._updates))
         best, *members = [
@@ -204,7 +204,7 @@ class EnsembleLandings:
             some = list(row_of.values())
             count = len(self.members)
             played = (*self.members, *self._rubbed)
-            # A few casts are too small a batch for several cores.
+            # A few casts do not fill the cores, so both resolutions run side by side.
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
                 best = pool.submit(
                     self._tracks, self.fine_engine, (self.best,), actions[some], hands[some]

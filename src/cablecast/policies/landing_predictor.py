@@ -1,9 +1,9 @@
 """LandingPredictor: where casts are expected to land, and how surely.
 
-A policy's network knows about where every action lands in a simulator. Where the best simulator of
-the cable was asked, its own landing counts; that of an action nearby differs from it as the network
-says. Simulators of different physics tell how far it may be off (`EnsembleLandings`). A Gaussian
-process adds what real casts showed (`Experience`).
+A policy's network approximates where every action lands in a simulator. Where the best simulator of
+the cable has played an action, its own landing is used, and the network only says how the landing
+of an action nearby differs from it. Simulators of different physics tell how far off it may be
+(`EnsembleLandings`). A Gaussian process adds what real casts showed (`Experience`).
 """
 
 import copy
@@ -87,7 +87,7 @@ class LandingPredictor:
         """
         known = [None] * len(casts) if ages is None else ages
         if casts:
-            # All at once takes hardly longer than one.
+            # One batch takes hardly longer than one cast.
             self.judge(*rightward(np.array([cast.action for cast in casts])))
         for cast, age in zip(casts, known, strict=True):
             place, simulated_xy, hand = self._place(cast.action)
@@ -153,8 +153,9 @@ class LandingPredictor:
     ) -> Places:
         """Return the places of candidates for the residuals of real casts.
 
-        Of two actions that land at one place the ensemble may trust one more. It is right by half:
-        the action that it trusts most is trusted too much (docs/aim.md).
+        The ensemble may trust one of two actions more that land at one place. The size is the
+        geometric mean of its own and the usual one there, because the action that it trusts most
+        of many is trusted too much (docs/aim.md).
 
         Args:
             some: Candidates.
