@@ -126,7 +126,7 @@ class Aim:
                     progress=progress,
                 )
             known, fitted = len(session.history), session.fitted_count
-            print(f"{known} casts of {setup.cable.name} are known; the simulator fits {fitted}")
+            print(f"{known} casts of {setup.cable.name} are known; the simulator is fitted to {fitted}")
             result = aim(
                 session,
                 rig,
@@ -147,7 +147,7 @@ def refit_and_say(session: "AimSession", reason: str) -> None:
     print(f"\nnew fit   {reason} (--no-refit keeps the model)", flush=True)
     with console_progress() as progress:
         session.refit(progress)
-    print(f"          the simulator fits {session.fitted_count} casts now")
+    print(f"          the simulator is fitted to {session.fitted_count} casts now")
 
 
 def print_proposal(proposal: "AimProposal") -> None:

@@ -69,7 +69,7 @@ def refit_reason(trials: Sequence[AimTrial], fitted_count: int) -> str:
     known = len(trials)
     if not 0 < fitted_count < ENOUGH:
         return ""
-    counts = f"{known} casts are known, and the simulator fits {fitted_count}"
+    counts = f"{known} casts are known, and the simulator is fitted to {fitted_count}"
     if known >= GROWTH * fitted_count:
         return counts
     if known < EARLY_GROWTH * fitted_count:

@@ -44,9 +44,8 @@ def reason_text(action: NDArray[np.float64], earlier: Sequence[AimTrial], known_
         return "another action, which is expected to land nearer than a correction of the last"
     theta1, theta2, r2, psi = action - nearest.action
     return (
-        f"try {nearest.try_number} changed by {math.degrees(theta1):+.1f} and "
-        f"{math.degrees(theta2):+.1f} deg of theta, {100 * r2:+.1f} cm of r2 and "
-        f"{math.degrees(psi):+.1f} deg of psi"
+        f"try {nearest.try_number} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
+        f"{math.degrees(theta2):+.1f} deg, r2 {100 * r2:+.1f} cm, psi {math.degrees(psi):+.1f} deg"
     )
 
 
@@ -64,8 +63,8 @@ def change_text(proposal: AimProposal, trial: AimTrial, predictor: LandingPredic
     moved = 100.0 * (xy[0] - proposal.expected_xy)
     scatter_pct = 100.0 * scatter[0] / predictor.length
     return (
-        f"this action is now expected {moved[0]:+.1f} cm in x and {moved[1]:+.1f} cm in y from "
-        f"before, with a scatter of {scatter_pct:.1f} % of the cable's length"
+        f"the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
+        f"{moved[1]:+.1f} cm in y; its scatter is {scatter_pct:.1f} % of the cable's length"
     )
 
 

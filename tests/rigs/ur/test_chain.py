@@ -72,7 +72,7 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
     few = ("--count", "50", "--candidate-count", "500", "--tries", "1")
     # What so small a model aims at, it may miss: 3 says so.
     assert cablecast("aim", *known, *few, "--target", "1.10", "16.7") in (0, 3)
-    assert "2 casts of cable_1 are known; the simulator fits 2" in capsys.readouterr().out
+    assert "2 casts of cable_1 are known; the simulator is fitted to 2" in capsys.readouterr().out
     aimed = json.loads((lab / "runs/cable_1/aim/session/casts/00002.json").read_text())
     assert aimed["purpose"] == "aim"
     assert len(aimed["values"]["speed_scaling"]) == len(aimed["values"]["actual_times"])
