@@ -126,7 +126,8 @@ class Aim:
                     progress=progress,
                 )
             known, fitted = len(session.history), session.fitted_count
-            print(f"{known} casts of {setup.cable.name} are known; the simulator is fitted to {fitted}")
+            name = setup.cable.name
+            print(f"{known} casts of {name} are known; the simulator is fitted to {fitted}")
             result = aim(
                 session,
                 rig,

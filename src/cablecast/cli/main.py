@@ -87,9 +87,15 @@ VERBS: dict[str, type] = {
 }
 """Verbs of the command line, in the order in which data flows."""
 
-_Command: Any = Union[  # noqa: UP007
-    tuple(Annotated[kind, tyro.conf.subcommand(name)] for name, kind in VERBS.items())
-]
+
+def _commands(*, brief: bool) -> Any:
+    """Return the type of all verbs, with the first lines alone of their descriptions if brief."""
+    options = []
+    for name, kind in VERBS.items():
+        first = (kind.__doc__ or "").split("\n\n")[0]
+        subcommand = tyro.conf.subcommand(name, description=first if brief else None)
+        options.append(Annotated[kind, subcommand])
+    return Union[tuple(options)]  # noqa: UP007
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -140,9 +146,11 @@ def _run(arguments: list[str]) -> int:
     if arguments == ["--version"]:
         print(f"cablecast {cablecast.__version__}")
         return 0
+    # A list of verbs has a line for each; its own help explains one of them.
+    brief = not arguments or arguments[0] not in VERBS
     try:
         command = tyro.cli(
-            _Command,
+            _commands(brief=brief),
             prog="cablecast",
             description=_DESCRIPTION,
             args=arguments or ["--help"],
