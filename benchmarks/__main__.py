@@ -18,7 +18,7 @@ NAMES = {
     "casts": "error at targets against the number of real casts and corrections",
     "preparation": "time from five casts to the first aimed one",
     "scatter": "scatter of equal casts, and what tells it and the error beforehand",
-    "uneven": "what uneven friction leaves of a miss after one correction",
+    "uneven": "share of a miss that one correction leaves on uneven friction",
     "sessions": "first tries of a session with and without new fits to all its casts",
     "informative": "fits to the casts that teach most beside fits to random ones",
     "sampler": "posterior of a fit beside draws of a sampler",

@@ -1,4 +1,4 @@
-"""What uneven friction does to landings, and what it leaves of a miss after one correction.
+"""Shift of landings by uneven friction, and the share of a miss that one correction leaves.
 
 The strange rig is cast at random actions without scatter, once as it is and once with one friction
 everywhere. The landings of both give the shift by the uneven friction; central differences about

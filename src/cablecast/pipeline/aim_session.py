@@ -60,8 +60,8 @@ class AimSession:
     Args:
         policy: Policy of simulated casts alone, as `train(simulated)` returns it.
         casts: Casts on the rig to begin with.
-        tuned: What the simulator was fitted to some of them; says how far off the first casts may
-            be. Without it they are stated as for a simulator that follows some casts as usual.
+        tuned: Fit of the simulator to some of them; says how far off the first casts may be.
+            Without it they are stated as for a simulator that follows some casts as usual.
         fitted_count: Casts of the session, from the first on, that the simulator was fitted to;
             those of the dataset that `tuned` came from where None.
         out: Folder that keeps the casts; none where None.
