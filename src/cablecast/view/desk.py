@@ -180,7 +180,7 @@ class Desk:
             session.take_up(learned)
             self.set_session(session)
         self.rehearse(session)
-        self.message = f"The simulator is fitted to {session.fitted_count} casts now."
+        self.message = f"The simulator fits {session.fitted_count} casts now."
 
     @property
     def refit_reason(self) -> str:
