@@ -16,20 +16,29 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Table
-from benchmarks.places import MANY, METHODS, MISSED_PCT, REAL_MIN, Place, some_targets, try_count
+from benchmarks.places import (
+    MANY,
+    METHODS,
+    MISSED_PCT,
+    REAL_MIN,
+    Found,
+    Place,
+    PlaceArgs,
+    some_targets,
+    try_count,
+)
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.intervals import difference_interval, median_interval
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
-from cablecast.runs.workers import LOCAL
 
 COLUMNS = ("rig", "cable", "casts", "method", "targets", "try", "median", "q1", "q3", "missed")
 REGION_COLUMNS = ("rig", "cable", "casts", "method", "try", "landings", "in 50 %", "in 90 %")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(PlaceArgs):
     """Error at targets against the number of real casts."""
 
     rigs: tuple[str, ...] = ("virtual", "strange")
@@ -38,29 +47,13 @@ class Args:
     """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
-    counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
-    """Numbers of real casts before the first target."""
     methods: tuple[str, ...] = METHODS
     """Methods, some of aim, full gain, one simulator, simulated, correction, fine-tuning, paper,
     many."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
-    tries: int = 4
-    """Casts at each target."""
-    simulated: int = 16_000
-    """Simulated casts that each model learns from."""
-    epochs: int = 60
-    """Largest number of passes over them."""
-    candidates: int = 20_000
-    """Motions that planning chooses from."""
-    many_cables: pathlib.Path | None = None
-    """Model of many cables for the method many, which `cablecast train --cables` made."""
-    workers: str = LOCAL
-    """Who simulates for fits and models: local, ray, or ray:ADDRESS."""
     quick: bool = False
     """Use the strange rig, one laboratory, one cable, 8 targets, and small models only."""
-    out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
-    """Folder of the results, which the same command goes on with."""
     figure: pathlib.Path | None = None
     """Picture of the misses to write: against tries, or against several numbers of casts."""
 
@@ -83,10 +76,6 @@ QUICK: dict[str, Any] = {
     "epochs": 15,
     "candidates": 2000,
 }
-
-
-Found = dict[tuple[str, str, int, str], list[dict]]
-"""Results at the targets by rig, cable, number of casts and method."""
 
 
 def run(args: Args, report: ProgressCallback) -> Found:

@@ -6,7 +6,7 @@ import pathlib
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.casts import Found
+from benchmarks.places import Found
 from cablecast.evaluation.intervals import median_interval
 from cablecast.files import write_bytes
 from cablecast.report import style

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 import runpy
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,7 @@ from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.parts import Parts
 from cablecast.runs.progress import Progress, ProgressCallback
-
-if TYPE_CHECKING:
-    from benchmarks.casts import Args
+from cablecast.runs.workers import LOCAL
 
 LOOPS = ("aim", "full gain", "one simulator")
 """Methods that look where a cast landed before the next one. aim: this package's loop. full gain:
@@ -49,6 +47,13 @@ scatter. scattering: strange with three times the scatter. even: strange with on
 everywhere. patchy: strange with the mean friction along the way of the free end. engine: the engine
 that the learner simulates with, set to other parameters. example: the rig of the documentation's
 example."""
+DIFFERENCES: dict[str, dict[str, Any]] = {
+    "strange": {},
+    "scattering": {"scatter": Scatter().times(3.0)},
+    "even": {"unevenness": 0.0},
+    "patchy": {"along": True},
+}
+"""Arguments of the strange rig by name of the rig."""
 EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.py"
 
 MISSED_PCT = 100.0
@@ -57,6 +62,37 @@ FIT_MAX = 20
 """Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
 REAL_MIN = {"correction": 50, "fine-tuning": 50}
 """Casts that a method needs: some of them have no landing to learn from."""
+
+Found = dict[tuple[str, str, int, str], list[dict]]
+"""Results at the targets by rig, cable, number of casts and method."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ModelArgs:
+    """How models learn, and where they are kept."""
+
+    simulated: int = 16_000
+    """Simulated casts that each model learns from."""
+    epochs: int = 60
+    """Largest number of passes over them."""
+    candidates: int = 20_000
+    """Motions that planning chooses from."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
+    """Folder of the results, which the same command goes on with."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlaceArgs(ModelArgs):
+    """Casts that a place makes before the first target, and models that learn from them."""
+
+    counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
+    """Numbers of real casts before the first target."""
+    tries: int = 4
+    """Casts at each target."""
+    many_cables: pathlib.Path | None = None
+    """Model of many cables for the method many, which `cablecast train --cables` made."""
+    workers: str = LOCAL
+    """Who simulates for fits and models: local, ray, or ray:ADDRESS."""
 
 
 class Luck:
@@ -151,15 +187,19 @@ def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
     if name == "example":
         example = runpy.run_path(str(EXAMPLE_RIG))
         return cc.make_rig(example["make_rig"](setup, lab), setup)
-    differences: dict[str, dict[str, Any]] = {
-        "strange": {},
-        "scattering": {"scatter": Scatter().times(3.0)},
-        "even": {"unevenness": 0.0},
-        "patchy": {"along": True},
-    }
-    if name not in differences:
+    if name not in DIFFERENCES:
         raise InputError(f"unknown rig {name[:40]!r}: one of {', '.join(RIGS)}")
-    return cc.make_rig(StrangeRig(setup, 0, lab, **differences[name]), setup)
+    return cc.make_rig(StrangeRig(setup, 0, lab, **DIFFERENCES[name]), setup)
+
+
+def fit_name(count: int, paper: bool) -> str:
+    """Return the name of the fit to some casts, and of its model: that of the largest fit at most.
+
+    Args:
+        count: Casts before the first target.
+        paper: True for the paper's search in place of least squares.
+    """
+    return f"{min(count, FIT_MAX)}{'-paper' if paper else ''}"
 
 
 def some_targets(count: int, lab: int) -> NDArray[np.float64]:
@@ -178,7 +218,7 @@ def some_targets(count: int, lab: int) -> NDArray[np.float64]:
 class Place:
     """One cable in one laboratory: its casts, and the models that learned from them."""
 
-    def __init__(self, args: "Args", name: str, lab: int, cable: str, report: ProgressCallback):
+    def __init__(self, args: PlaceArgs, name: str, lab: int, cable: str, report: ProgressCallback):
         self.args, self.name, self.lab, self.report = args, name, lab, report
         self.setup = cc.Setup(cable=cable)
         self.rig = open_rig(name, lab, self.setup)
@@ -219,14 +259,14 @@ class Place:
             few,
             config=cc.TuneConfig() if paper else cc.FitConfig(),
             validation_count=1 if paper else 0,
-            out=self.folder / "fits" / f"{count}{'-paper' if paper else ''}",
+            out=self.folder / "fits" / fit_name(count, paper),
             workers=self.args.workers,
             progress=self.report,
         )
 
     def policy(self, count: int, paper: bool) -> ForwardSearchPolicy:
         """Return the model of casts that were simulated with what some casts taught."""
-        folder = self.models / f"{count}{'-paper' if paper else ''}"
+        folder = self.models / fit_name(count, paper)
         tuned = self.tuned(count, paper)
         simulated = simulate_to_aim(
             self.setup,
@@ -271,7 +311,7 @@ class Place:
         if real is None:
             raise InputError(f"method {method} needs casts")
         real = dataclasses.replace(real, info=real.info | {"kind": "real"})
-        simulated = cc.read_dataset(policy_dataset(self.models, count, method == "paper"))
+        simulated = cc.read_dataset(self.models / fit_name(count, method == "paper") / "dataset")
         how: Any = "correction" if method == "correction" else "fine-tuning"
         model: Any = policy.model
         return FixedSession(cc.train(simulated, real, method=how, start=model))
@@ -320,8 +360,3 @@ class Place:
 
     def _report(self, task: str, done: int, total: int) -> None:
         self.report(Progress(task=task, done=done, total=total, unit="targets"))
-
-
-def policy_dataset(models: pathlib.Path, count: int, paper: bool) -> pathlib.Path:
-    """Return the folder of the simulated casts of a model."""
-    return models / f"{count}{'-paper' if paper else ''}" / "dataset"

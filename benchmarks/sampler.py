@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks import casts as cast_benchmark
 from benchmarks.common import Table
-from benchmarks.places import Place
+from benchmarks.places import Place, PlaceArgs
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.motion.cast import cast_grip_paths
@@ -208,7 +207,7 @@ def main(args: Args) -> int:
     """Run the benchmark and print its tables."""
     from scipy.stats import spearmanr
 
-    shared = cast_benchmark.Args(counts=(args.count,), out=args.out)
+    shared = PlaceArgs(counts=(args.count,), out=args.out)
     rows: list[tuple] = []
     with console_progress() as progress:
         for cable in args.cables:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, write_json
+from benchmarks.places import DIFFERENCES
 from benchmarks.strange_rig import Scatter, StrangeRig
 from cablecast.errors import JointLimitError
 from cablecast.motion.action import Action, ActionRanges
@@ -25,8 +26,8 @@ from cablecast.track import TrialStatus
 STEP = 0.02
 """Half the way of a central difference, as a share of the range of each number of an action."""
 STILL = Scatter(angle=0.0, bow=0.0, friction=0.0)
-ALONG = {"strange": False, "patchy": True}
-"""Rigs, and whether a cast has the friction of its way or of the place where it rests."""
+UNEVEN = ("strange", "patchy")
+"""Rigs that are compared with the one of even friction."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -108,36 +109,44 @@ def after_correction(
     return float(change), float(left)
 
 
-def compare(args: Args, world: str) -> NDArray[np.float64]:
-    """Return shift [%], change of the Jacobian [-] and share left [-], shape [action, 3]."""
-    setup = Setup(cable=args.cable)
-    rows = []
-    for lab in args.labs:
-        even = StrangeRig(setup, lab_seed=lab, scatter=STILL, unevenness=0.0)
-        uneven = StrangeRig(setup, lab_seed=lab, scatter=STILL, along=ALONG[world])
-        wanted = len(rows) + args.count
-        for actions in stencils(setup, 10 * args.count, lab):
-            smooth, rough = linear(even, actions), linear(uneven, actions)
-            if smooth is None or rough is None:
+def still_rig(name: str, args: Args, lab: int) -> StrangeRig:
+    """Return a rig of a laboratory, without scatter."""
+    differences = DIFFERENCES[name] | {"scatter": STILL}
+    return StrangeRig(Setup(cable=args.cable), lab_seed=lab, **differences)
+
+
+def compare(args: Args) -> dict[str, NDArray[np.float64]]:
+    """Return shift [%], change of the Jacobian [-] and share left [-] by rig, [action, 3].
+
+    The actions are those that come to rest on the table on all rigs.
+    """
+    length = Setup(cable=args.cable).cable.length
+    rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in UNEVEN}
+    for number, lab in enumerate(args.labs, 1):
+        rigs = [still_rig(name, args, lab) for name in ("even", *UNEVEN)]
+        for actions in stencils(rigs[0].setup, 10 * args.count, lab):
+            casts = [cast for rig in rigs if (cast := linear(rig, actions)) is not None]
+            if len(casts) < len(rigs):
                 continue
-            shift = 100.0 * np.linalg.norm(rough[0] - smooth[0]) / setup.cable.length
-            rows.append((shift, *after_correction(smooth[1:].T, rough[1:].T)))
-            if len(rows) == wanted:
+            smooth, *others = casts
+            for name, rough in zip(UNEVEN, others, strict=True):
+                shift = 100.0 * float(np.linalg.norm(rough[0] - smooth[0])) / length
+                rows[name].append((shift, *after_correction(smooth[1:].T, rough[1:].T)))
+            if len(rows[UNEVEN[0]]) == number * args.count:
                 break
-    return np.array(rows)
+    return {name: np.array(of) for name, of in rows.items()}
 
 
 def main(args: Args) -> None:
-    """Print medians and quartiles in both worlds."""
+    """Print medians and quartiles on both rigs."""
     table = Table(
         f"Uneven friction beside one friction, {args.cable}: medians (quartiles)",
         ("rig", "actions", "shift of the landing [%]", "change of the Jacobian", "miss left"),
         [],
     )
-    for world in ALONG:
-        found = compare(args, world)
+    for name, found in compare(args).items():
         q1, median, q3 = np.quantile(found, (0.25, 0.5, 0.75), axis=0)
         cells = (f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(median, q1, q3, strict=True))
-        table.rows.append((world, len(found), *cells))
+        table.rows.append((name, len(found), *cells))
     print(table)
     write_json(args.json, [table])
