@@ -27,8 +27,8 @@ from cablecast.cli.progress import console_progress
 from cablecast.datasets.schema import ENDPOINT_COLUMNS
 from cablecast.datasets.simulate import simulate_actions
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.many_cables import CABLE_COUNT, DT, REFINE_COUNT, SEGMENT_COUNT
-from cablecast.pipeline.simulate import make_engine
 from cablecast.runs.parts import Parts
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.runs.workers import LOCAL

@@ -26,7 +26,7 @@ from cablecast.datasets.store import CastStore
 from cablecast.evaluation.intervals import median_interval
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.engine import make_engine
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.runs.workers import LOCAL
 from cablecast.tuning.least_squares import MISFIT_START, TRACK_WEIGHT

@@ -250,11 +250,11 @@ class Place:
             chosen.add(cast)
         return chosen.dataset()
 
-    def tuned(self, count: int, paper: bool) -> cc.Tuned | None:
-        """Return what some casts say of the cable; None without casts."""
+    def tuned(self, count: int, paper: bool) -> cc.Tuned:
+        """Return what some casts say of the cable; what is believed of it without casts."""
         few = self.casts(min(count, FIT_MAX))
         if few is None:
-            return None
+            return cc.Tuned.believed(self.setup)
         return cc.tune(
             few,
             config=cc.TuneConfig() if paper else cc.FitConfig(),
@@ -290,7 +290,7 @@ class Place:
             raise InputError("method many needs --many-cables: a folder of train --cables")
         return cc.policy_for_cable(
             cc.ManyCablesModel.load(self.args.many_cables),
-            self.tuned(count, paper=False) or self.setup.cable.params,
+            self.tuned(count, paper=False),
             self.setup,
             refine=REFINE_COUNT,
             candidate_count=self.args.candidates,
@@ -321,7 +321,7 @@ class Place:
     ) -> cc.AimSession:
         """Return a session that knows some casts."""
         tuned = self.tuned(count, paper=False)
-        if tuned is not None and not ensemble:
+        if not ensemble:
             tuned = dataclasses.replace(tuned, ensemble=None)
         session = cc.AimSession(
             policy,

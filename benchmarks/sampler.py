@@ -22,7 +22,7 @@ from cablecast.cli.progress import console_progress
 from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.mirrored import rightward
-from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.engine import make_engine
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.least_squares import TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective
@@ -214,7 +214,7 @@ def main(args: Args) -> int:
             for lab in args.labs:
                 place = Place(shared, args.rig, lab, cable, progress)
                 tuned, casts = place.tuned(args.count, paper=False), place.casts(args.count)
-                if tuned is None or tuned.posterior is None or casts is None:
+                if tuned.posterior is None or casts is None:
                     continue
                 known = tuned.posterior
                 tracks = MeasuredTracks.from_dataset(casts)

@@ -53,7 +53,6 @@ def aim_in_turn(place: Place, args: Args, refit: bool) -> list[dict[str, Any]]:
     stored = [place.parts.get(f"{name}-{index:03d}") for index in range(len(targets))]
     if all(row is not None for row in stored):
         return [row for row in stored if row is not None]
-    tuned = place.tuned(args.calibration, paper=False)
     learning = AimLearning(
         setup=place.setup,
         count=args.simulated,
@@ -64,7 +63,8 @@ def aim_in_turn(place: Place, args: Args, refit: bool) -> list[dict[str, Any]]:
     session = cc.AimSession(
         place.policy(args.calibration, paper=False),
         casts=place.casts(args.calibration),
-        tuned=tuned,
+        tuned=place.tuned(args.calibration, paper=False),
+        fitted_count=None if args.calibration else 0,
         tries=args.tries,
         out=folder / "session",
         learning=learning,

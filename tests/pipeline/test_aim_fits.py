@@ -73,6 +73,29 @@ def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_pa
     assert [cast.fitted for cast in later.aimer.casts] == [True] * 5 + [False]
 
 
+def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig, tmp_path):
+    options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, **SMALL, "calibration_count": 0}
+    session = cc.prepare_aim(rig, **options)
+    assert (len(session.history), session.fitted_count, session.refit_reason) == (0, 0, "")
+    believed = session.propose(TARGETS[0])
+    # The simulators land far apart, and the region says so.
+    sure = cc.AimSession(session.aimer.policy).propose(TARGETS[0])
+    assert believed.ellipse(0.9)[0] > 1.5 * sure.ellipse(0.9)[0]
+
+    cc.aim(session, rig, [*TARGETS, [0.4, 1.0]])
+    assert session.fitted_count == 0
+    due = "6 casts are known, and the simulator is fitted to none"
+    assert session.refit_reason == due
+    # A session that is opened again waits for them, too.
+    again = cc.prepare_aim(rig, **options)
+    assert again.refit_reason == due
+    cc.aim(again, rig, [0.0, 1.1])
+    assert again.fitted_count == 6
+    assert cc.prepare_aim(rig, **options).fitted_count == 6
+    with pytest.raises(InputError, match="calibration_count is 1: a fit takes at least 2"):
+        cc.prepare_aim(rig, **SMALL | {"calibration_count": 1})
+
+
 def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
     with pytest.raises(InputError, match="needs the folder of a session"):
         cc.prepare_aim(rig, out=tmp_path, fit_all=True, **SMALL)
@@ -188,3 +211,5 @@ def test_a_new_fit_is_due_at_three_times_the_casts_or_when_first_tries_land_far_
     assert refit_reason(corrections, 5) == ""
     assert refit_reason(trials(*[3.0] * 100, fitted=40), 40) == ""
     assert refit_reason(trials(*[3.0] * 100), 0) == ""
+    assert refit_reason(trials(*[1.0] * 4, fitted=0), 0, waits=True) == ""
+    assert "fitted to none" in refit_reason(trials(*[1.0] * 5, fitted=0), 0, waits=True)

@@ -5,7 +5,7 @@ import pytest
 
 import cablecast as cc
 from cablecast.errors import InputError
-from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.engine import make_engine
 from cablecast.rigs.engine import RigEngine
 from cablecast.tuning.spread import spread_actions
 

@@ -8,10 +8,16 @@ import pytest
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.material import MATERIAL_BOUNDS, Material
-from cablecast.tuning.ensemble import MEMBER_COUNT, Ensemble, other_materials
+from cablecast.tuning.ensemble import (
+    MEMBER_COUNT,
+    Ensemble,
+    believed_ensemble,
+    other_materials,
+)
 from cablecast.tuning.fit import fit_params
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.objective import TrackObjective
+from cablecast.tuning.posterior import ParamPosterior
 from cablecast.tuning.result import ParamsFile, params_file, write_params
 
 CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
@@ -95,3 +101,24 @@ def test_its_simulations_count_as_coarse_ones(fitted, cable, few):
     alone = fit_params(cable, few, None, engine, engine, without)
     more = fitted.coarse_simulation_count - alone.coarse_simulation_count
     assert more == fitted.simulation_count - alone.simulation_count > 0
+
+
+def test_before_any_cast_the_members_are_drawn_from_what_is_believed(cable):
+    engine, belief = EngineWarp(**COARSE), ParamPosterior.before_casts(cable)
+    one, same, other = (believed_ensemble(cable, engine, seed) for seed in (0, 0, 1))
+    assert one == same != other
+    assert (one.fine_segment_count, one.fine_dt) == (10, 2e-3)
+    likeliest = one.members[0]
+    np.testing.assert_allclose(likeliest.params.to_array(), cable.params.to_array())
+    # What is usual of a real cable, though its file says nothing of it.
+    assert likeliest.material.damping_time == pytest.approx(8e-3)
+    assert likeliest.material.rest_curvature == pytest.approx(0.0)
+    many = [m for seed in range(20) for m in believed_ensemble(cable, engine, seed).members[1:]]
+    turns = [cable.length * m.material.rest_curvature for m in many]
+    assert 0.2 < np.std(turns) < 0.4
+    # Draws lie about a deviation from the believed values, and all deviate.
+    points = np.array([belief.space.to_unit(m.params) for m in many])
+    deviation = np.sqrt(np.mean((points - belief.mean) ** 2, axis=0))
+    assert np.all(deviation > 0.5 * np.minimum(belief.deviation, 0.3))
+    assert np.all(deviation < 1.3 * belief.deviation)
+    assert set(belief.undetermined) == set(cable.params.names())

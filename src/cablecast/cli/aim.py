@@ -66,7 +66,8 @@ class Aim:
     fit_all: bool = False
     """Do so now. The same folder goes on with the newest fit from then on."""
     calibration_count: int = 5
-    """Casts that the rig makes to begin with."""
+    """Casts that the rig makes to begin with. With 0 it aims at once with the believed cable, and
+    the simulator is fitted to the first casts."""
     count: int = 16_000
     """Number of simulated casts that the model learns from."""
     candidate_count: int = 20_000

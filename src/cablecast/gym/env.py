@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.errors import InputError
 from cablecast.gym.casters import Caster, EngineCaster, RigCaster
 from cablecast.gym.task import CastTask
-from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.base import check_targets
 from cablecast.rigs.base import Rig

@@ -104,7 +104,8 @@ def prepare_aim(
         refine: Simulated casts that the model of many cables learns from first; none where 0.
         fit_all: True to fit the simulator anew now to all casts that the session in `out` has, and
             to learn anew from it. Later calls for the same folder go on with the newest such fit.
-        calibration_count: Casts to make where none were given.
+        calibration_count: Casts to make where none were given. With 0 the session aims at once
+            with what is believed of the cable, and the simulator is fitted to its first casts.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
         candidate_count: Motions to choose from.
@@ -123,7 +124,6 @@ def prepare_aim(
         RigError: A cast failed too often.
         MissingExtraError: A library that a later step needs is missing.
     """
-    check_count("calibration_count", calibration_count, 2, ACTION_COUNT_MAX)
     place = None if out is None else pathlib.Path(out)
     learning = AimLearning(
         setup=rig.setup,
@@ -159,11 +159,16 @@ def prepare_aim(
 
 def _calibrated(
     learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback | None
-) -> Dataset:
-    """Return casts to fit the simulator to; see `prepare_aim`."""
+) -> Dataset | None:
+    """Return casts to fit the simulator to; None where none are asked for. See `prepare_aim`."""
     from cablecast.engines.warp_.ahead import compile_ahead
     from cablecast.engines.warp_.features import Features
 
+    check_count("calibration_count", count, 0, ACTION_COUNT_MAX)
+    if count == 1:
+        raise InputError("calibration_count is 1: a fit takes at least 2 casts; 0 begins without")
+    if not count:
+        return None
     (progress or ignore)(Progress(task=f"1/4 {count} casts to fit the simulator to"))
     # For the fit, whose materials a kernel of their own plays.
     compile_ahead(Features(remembers=True, surface=True))

@@ -8,7 +8,7 @@ from cablecast.models.few_casts import ResidualScales
 from cablecast.models.local_size import LocalSize
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.mirrored import rightward
-from cablecast.pipeline.simulate import make_engine
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.ensemble import EnsembleLandings
 

@@ -28,6 +28,9 @@ The surprise is the squared distance from the expected landing over the expected
 With the 5-cast fits of the virtual rig, three first tries exceed it in 28 to 66 % of draws where a
 fit is poor (regions of 90 % that hold less than 75 %), and in 1 to 11 % elsewhere."""
 
+FIRST_COUNT = 5
+"""Casts from which on the first fit is due, where a session began without one."""
+
 ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters (docs/tuning.md)."""
 
@@ -58,15 +61,18 @@ def newest_fit(folder: pathlib.Path) -> int:
     return max(known, default=0)
 
 
-def refit_reason(trials: Sequence[AimTrial], fitted_count: int) -> str:
+def refit_reason(trials: Sequence[AimTrial], fitted_count: int, *, waits: bool = False) -> str:
     """Return why the simulator should be fitted anew, in words; empty where it need not be.
 
     Args:
         trials: All casts of a session, in the order in which they were made.
         fitted_count: Number of them that the simulator was fitted to; 0 where it was not fitted to
             casts of the session, and is none of its business.
+        waits: True for a simulator that waits for the first casts of the session.
     """
     known = len(trials)
+    if waits and not fitted_count and known >= FIRST_COUNT:
+        return f"{known} casts are known, and the simulator is fitted to none"
     if not 0 < fitted_count < ENOUGH:
         return ""
     counts = f"{known} casts are known, and the simulator is fitted to {fitted_count}"

@@ -30,7 +30,8 @@ class Learned:
         policy: Policy of simulated casts alone.
         tuned: Fit that they were simulated with; None for the believed cable.
         fitted_count: Casts of the session, from the first on, that the simulator was fitted to;
-            those of the dataset that `tuned` came from where None.
+            those of the dataset that `tuned` came from where None. 0 for a simulator that waits for
+            the first casts of the session.
 
     Raises:
         InputError: The policy has learned from real casts.
@@ -95,13 +96,17 @@ class AimLearning:
         """Return the first model of a session.
 
         Args:
-            casts: Casts to fit the simulator to; may be None with `tuned`.
+            casts: Casts to fit the simulator to; None for the believed cable.
             tuned: Fit to simulate with, in place of one to the casts.
             progress: Told how far each step is.
         """
-        if tuned is None and casts is not None:
+        waits = tuned is None and casts is None
+        if casts is not None and tuned is None:
             tuned = self._fitted(casts, self.folder, progress)
-        return Learned(policy=self._policy(tuned, self.folder, progress), tuned=tuned)
+        elif tuned is None:
+            tuned = Tuned.believed(self.setup, self.seed)
+        policy = self._policy(tuned, self.folder, progress)
+        return Learned(policy=policy, tuned=tuned, fitted_count=0 if waits else None)
 
     def learned_anew(
         self, casts: Dataset, count: int, progress: ProgressCallback | None = None

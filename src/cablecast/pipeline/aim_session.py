@@ -61,7 +61,8 @@ class AimSession:
         policy: Policy of simulated casts alone, as `train(simulated)` returns it.
         casts: Casts on the rig to begin with.
         tuned: Fit of the simulator to some of them; says how far off the first casts may be.
-            Without it they are stated as for a simulator that follows some casts as usual.
+            Without it they are stated as for a simulator that follows some casts as usual; give
+            `Tuned.believed(setup)` for one that was fitted to none.
         fitted_count: Casts of the session, from the first on, that the simulator was fitted to;
             those of the dataset that `tuned` came from where None.
         out: Folder that keeps the casts; none where None.
@@ -151,7 +152,8 @@ class AimSession:
     @property
     def refit_reason(self) -> str:
         """Why the simulator should be fitted to all casts now; empty where it need not be."""
-        return "" if self._learning is None else refit_reason(self._trials, self.fitted_count)
+        waits, fitted = self._fit_count == 0, self.fitted_count
+        return "" if self._learning is None else refit_reason(self._trials, fitted, waits=waits)
 
     def relearn(self, without: Collection[int] = ()) -> None:
         """Learn anew from all casts, in the order and the groups in which they were made.

@@ -16,8 +16,8 @@ from cablecast.datasets.collect import (
 from cablecast.datasets.reader import Dataset
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary
-from cablecast.pipeline.simulate import make_engine
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import ProgressCallback, resumed_counter

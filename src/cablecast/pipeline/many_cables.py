@@ -18,8 +18,9 @@ from cablecast.models.many_cables_training import MANY_CABLES_CONFIG, train_many
 from cablecast.models.torch_ import check_device
 from cablecast.models.training import TrainingConfig
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.pipeline.simulate import make_engine, simulate
+from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import CARD_FILE
 from cablecast.pipeline.tuned import Tuned
 from cablecast.policies.forward_search import ForwardSearchPolicy

@@ -24,9 +24,9 @@ from cablecast.evaluation.selection import (
     choose_r0,
 )
 from cablecast.files import write_bytes
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.repeat import Repeated
-from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore

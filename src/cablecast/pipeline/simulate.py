@@ -8,6 +8,7 @@ from cablecast.cable import CableParams
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.motion.action import ActionRanges
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import record_run
@@ -105,19 +106,3 @@ def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Datase
     coarse = dataclasses.replace(tuned, dynamics=first)
     resolution: dict[str, Any] = {"segment_count": ensemble.segment_count, "dt": ensemble.dt}
     return simulate(setup, coarse, **(resolution | options))
-
-
-def make_engine(
-    segment_count: int | None = None, dt: float | None = None, device: str = "cpu"
-) -> Any:
-    """Return the simulator; what is not given is what the convergence study chose.
-
-    Args:
-        segment_count: Segments of the simulated cable.
-        dt: Time step [s].
-        device: "cpu" or "cuda".
-    """
-    from cablecast.engines.warp_ import EngineWarp
-
-    given = {"segment_count": segment_count, "dt": dt}
-    return EngineWarp(device=device, **{k: v for k, v in given.items() if v is not None})

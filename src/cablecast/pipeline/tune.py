@@ -12,8 +12,8 @@ from cablecast.dynamics import Dynamics
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError
 from cablecast.files import write_bytes
+from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.pipeline.simulate import make_engine
 from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore

@@ -7,8 +7,9 @@ from typing import Any
 from cablecast.cable import CableParams
 from cablecast.dynamics import Dynamics
 from cablecast.errors import InputError
+from cablecast.pipeline.engine import make_engine
 from cablecast.setup import Setup
-from cablecast.tuning.ensemble import Ensemble
+from cablecast.tuning.ensemble import Ensemble, believed_ensemble
 from cablecast.tuning.posterior import ParamPosterior
 
 
@@ -40,6 +41,20 @@ class Tuned:
     def params(self) -> CableParams:
         """Parameters of the cable."""
         return self.dynamics.params
+
+    @classmethod
+    def believed(cls, setup: Setup, seed: int = 0) -> "Tuned":
+        """Return a simulator of the most likely cable before any cast, and of others it may be.
+
+        Args:
+            setup: Set-up with the cable, its believed values and deviations.
+            seed: Seed of the others.
+        """
+        ensemble = believed_ensemble(setup.cable, make_engine(), seed)
+        posterior = ParamPosterior.before_casts(setup.cable)
+        return cls(
+            setup=setup, dynamics=ensemble.members[0], ensemble=ensemble, posterior=posterior
+        )
 
     @classmethod
     def of(cls, value: "Tuned | CableParams | None", setup: Setup) -> "Tuned":

@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.cable import CableParams
+from cablecast.cable import Cable, CableParams
 from cablecast.checks import check_count, check_number
 from cablecast.dynamics import Dynamics
 from cablecast.engines.base import Engine
 from cablecast.material import MATERIAL_BOUNDS, Material
-from cablecast.tuning.least_squares import FitState, TrackFit, run_fit
+from cablecast.tuning.least_squares import FitConfig, FitState, TrackFit, run_fit
+from cablecast.tuning.material_space import MaterialSpace
+from cablecast.tuning.prior import ParamPrior
+from cablecast.tuning.search_space import SearchSpace
 
 # Differences from the fitted material: air drags on a smooth cylinder with 1 to 1.2, ropes lose
 # energy within some hundredths of a second, the other two are as large as is hardly noticed by eye.
@@ -99,6 +102,31 @@ def other_materials(material: Material, length: float) -> tuple[Material, ...]:
             changed(rest_curvature=float(material.rest_curvature) + curl / length)
             for curl in _CURLS
         ),
+    )
+
+
+def believed_ensemble(cable: Cable, fine_engine: Engine, seed: int) -> Ensemble:
+    """Return simulators of what a cable may be before any cast.
+
+    Args:
+        cable: Cable with its believed values and deviations.
+        fine_engine: Engine that simulates the most likely cable.
+        seed: Seed of the draws of parameters and material; the first simulator has the most likely
+            ones.
+    """
+    config, space = FitConfig(), SearchSpace.for_cable(cable)
+    materials = MaterialSpace(cable, config.materials)
+    belief = materials.joined(ParamPrior.for_cable(cable, space))
+    draws = np.split(belief.draw(MEMBER_COUNT, seed), [space.dimension], axis=1)
+    return Ensemble(
+        members=tuple(
+            Dynamics(params=space.to_params(params), material=materials.to_material(material))
+            for params, material in zip(*draws, strict=True)
+        ),
+        segment_count=config.coarse_segment_count,
+        dt=config.coarse_dt,
+        fine_segment_count=fine_engine.segment_count,
+        fine_dt=fine_engine.dt,
     )
 
 
