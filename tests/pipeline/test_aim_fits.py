@@ -96,6 +96,15 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
         cc.prepare_aim(rig, **SMALL | {"calibration_count": 1})
 
 
+def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):
+    options = ["--rig", "engine", "--out", str(tmp_path), "--calibration-count", "0"]
+    options += ["--count", "120", "--tries", "1", "--within", "0.01", "--candidate-count", "300"]
+    assert main(["aim", "--target", "1.1", "10", *options]) == 3
+    assert "no cast of cable_1 is known yet" in capsys.readouterr().out
+    assert main(["aim", "--target", "1.0", "-5", *options]) == 3
+    assert "1 casts of cable_1 are known; the simulator is fitted to 0" in capsys.readouterr().out
+
+
 def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
     with pytest.raises(InputError, match="needs the folder of a session"):
         cc.prepare_aim(rig, out=tmp_path, fit_all=True, **SMALL)

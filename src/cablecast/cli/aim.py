@@ -128,7 +128,10 @@ class Aim:
                 )
             known, fitted = len(session.history), session.fitted_count
             name = setup.cable.name
-            print(f"{known} casts of {name} are known; the simulator is fitted to {fitted}")
+            if known:
+                print(f"{known} casts of {name} are known; the simulator is fitted to {fitted}")
+            else:
+                print(f"no cast of {name} is known yet: the simulator has the believed values")
             result = aim(
                 session,
                 rig,
