@@ -1,11 +1,9 @@
 """Calibration casts that teach most, beside random ones and those that `aim` begins with.
 
-Before any cast, the actions are chosen one after another whose tracks tell most of the parameters:
-those with the largest mean logarithm of the determinant of the Fisher information, over cables
-drawn from what is believed. The prior's precision is part of it, so directions that no cast can
-tell count for nothing. Only actions are allowed whose simulated free end stays on the table for all
-of these cables. Fits to these casts, to random ones, and to casts whose landings are spread over
-the table, which `aim` makes, are compared on other, random casts of the rig.
+Casts that teach most (`collect --sampling informative`) are chosen before any cast, from what is
+believed of the cable; or the first two are, and each later one after a fit to those before it, from
+its posterior. Fits to these casts, to random ones, and to casts whose landings are spread over the
+table, which `aim` makes, are compared on other, random casts of the rig.
 """
 
 import dataclasses
@@ -18,33 +16,20 @@ from numpy.typing import NDArray
 import cablecast as cc
 from benchmarks.common import Table
 from benchmarks.places import open_rig
-from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.datasets.collect import collect_dataset
 from cablecast.datasets.reader import Dataset
 from cablecast.datasets.store import CastStore
 from cablecast.evaluation.intervals import median_interval
-from cablecast.motion.cast import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.engine import make_engine
+from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.runs.workers import LOCAL
-from cablecast.tuning.least_squares import MISFIT_START, TRACK_WEIGHT
 from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.search_space import SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks
 
 COLUMNS = ("casts", "chosen", "fits", "other casts", "median", "q1", "q3", "better than random")
-
-STEP = 0.3
-"""Step of the finite differences over the believed deviation: a local slope of an erratic cast
-promises more than the cast can tell."""
-OFFSET_MAX = 0.25
-"""Largest offset of a sample that counts [cable lengths], for the same reason."""
-SAMPLE_DT = 0.1
-EDGE = 0.05
-"""Distance from the table's edges that every simulated sample must keep [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -63,63 +48,10 @@ class Args:
     """Random casts to measure the fits with."""
     repeats: int = 2
     """Draws of the random casts."""
-    candidates: int = 150
-    """Actions to choose from."""
-    draws: int = 6
-    """Cables drawn from what is believed."""
     workers: str = LOCAL
     """Who simulates for the fits: local, ray, or ray:ADDRESS."""
     out: pathlib.Path | None = None
     """Folder that keeps casts and fits and lets a stopped run go on."""
-
-
-def informative_actions(
-    setup: cc.Setup, count: int, *, candidates: int, draws: int, seed: int = 0
-) -> NDArray[np.float64]:
-    """Choose the actions whose tracks tell most of a cable that is only believed.
-
-    Args:
-        setup: Cable with what is believed of it, workspace, arm and motion settings.
-        count: Number of actions.
-        candidates: Random actions to choose from.
-        draws: Cables drawn from what is believed.
-        seed: Seed of the candidates and of the draws.
-
-    Returns:
-        Actions, the most telling one first, shape [count, 4].
-    """
-    space = SearchSpace.for_cable(setup.cable)
-    prior = ParamPrior.for_cable(setup.cable, space)
-    actions = feasible_uniform(candidates, setup, seed=1000 + seed)
-    points = prior.draw(draws, seed)
-    step = np.where(points > 0.5, -1.0, 1.0) * STEP * prior.deviation
-    shifted = points[:, None] + np.eye(space.dimension)[None] * step[:, None]
-    cables = np.concatenate([points[:, None], np.clip(shifted, 0.0, 1.0)], axis=1)
-    values = space.to_params(cables.reshape(-1, space.dimension)).to_array()
-    rollout = make_engine(30, 1e-3).rollout(
-        setup.cable,
-        CableParams.from_array(np.tile(values, (candidates, 1))),
-        cast_grip_paths(actions, setup)[np.repeat(np.arange(candidates), len(values))],
-        sample_dt=SAMPLE_DT,
-    )
-    shape = (candidates, draws, space.dimension + 1, -1, 2)
-    xy = rollout.endpoint_xy.reshape(shape)
-    margin = setup.workspace.edge_distance(xy).min(axis=(1, 2, 3))
-    offsets = (xy[:, :, 1:] - xy[:, :, :1]) / setup.cable.length
-    offsets = offsets / np.sqrt(1.0 + np.sum(offsets**2, axis=-1, keepdims=True) / OFFSET_MAX**2)
-    slopes = offsets / step[None, :, :, None, None]
-    weight = TRACK_WEIGHT / (2.0 * MISFIT_START**2 * xy.shape[3])
-    information = weight * np.einsum("adptc,adqtc->adpq", slopes, slopes)
-    safe = np.isfinite(information).all(axis=(1, 2, 3)) & (margin > EDGE)
-    known = np.broadcast_to(np.diag(prior.deviation**-2.0), information.shape[1:]).copy()
-    chosen: list[int] = []
-    for _ in range(count):
-        gain = np.full(candidates, -np.inf)
-        left = safe & ~np.isin(np.arange(candidates), chosen)
-        gain[left] = np.linalg.slogdet(known + information[left])[1].mean(axis=1)
-        chosen.append(int(np.argmax(gain)))
-        known = known + information[chosen[-1]]
-    return actions[chosen]
 
 
 def main(args: Args) -> int:
@@ -166,6 +98,30 @@ def first(casts: Dataset, count: int) -> Dataset:
     return chosen.dataset()
 
 
+def one_by_one(
+    rig: CheckedRig, begun: Dataset, count: int, place: pathlib.Path, report: ProgressCallback
+) -> Dataset:
+    """Return casts each of which tells most after a fit to those before it.
+
+    Args:
+        rig: Rig that makes the casts.
+        begun: First casts.
+        count: Number of casts with them.
+        place: Folder that keeps fits and casts.
+        report: Told what is done.
+    """
+    store = CastStore(rig.setup)
+    store.add_dataset(begun)
+    for number in range(len(begun), count):
+        report(Progress(task=f"{rig.setup.cable.name}: cast {number + 1} after a fit to {number}"))
+        out = place / f"fit-before-{number}"
+        tuned = cc.tune(store.dataset(), validation_count=0, out=out)
+        out = place / f"next-{number}"
+        made = cc.collect(rig, count=1, sampling="informative", tuned=tuned, seed=number, out=out)
+        store.add_dataset(made)
+    return store.dataset()
+
+
 def compare(
     args: Args, cable: str, lab: int, place: pathlib.Path, report: ProgressCallback
 ) -> dict[tuple[int, str], list[NDArray[np.float64]]]:
@@ -179,8 +135,11 @@ def compare(
 
     others = cast("others", feasible_uniform(args.others, setup, seed=99))
     tracks = MeasuredTracks.from_dataset(others)
-    telling = informative_actions(setup, most, candidates=args.candidates, draws=args.draws)
-    sets = [("most telling", cast("telling", telling))]
+    telling = cc.collect(rig, count=most, sampling="informative", out=place / "informative")
+    sets = [
+        ("most telling", telling),
+        ("one by one", one_by_one(rig, first(telling, 2), most, place, report)),
+    ]
     for repeat in range(args.repeats):
         actions = feasible_uniform(most, setup, seed=200 + repeat)
         sets.append(("random", cast(f"random-{repeat}", actions)))
@@ -193,7 +152,7 @@ def compare(
                 first(casts, count),
                 validation_count=0,
                 workers=args.workers,
-                out=place / f"fit-{count}-{number}",
+                out=place / f"fit-{count}-{kind.replace(' ', '-')}-{number}",
             )
             fitted = setup.cable.with_material(tuned.dynamics.material)
             objective = TrackObjective(make_engine(), fitted, tracks)

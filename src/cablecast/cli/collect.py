@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cablecast.cli.options import argument
 
 if TYPE_CHECKING:
+    from cablecast.pipeline.tuned import Tuned
     from cablecast.setup import Setup
 
 
@@ -34,10 +35,17 @@ class Collect:
     count: Annotated[int | None, argument("INT", "80 to tune, 200 real")] = None
     """Number of casts."""
     sampling: Annotated[
-        typing.Literal["uniform", "grid", "spread"] | None,
-        argument("{uniform,grid,spread}", "uniform to tune, grid for real, as in the paper"),
+        typing.Literal["uniform", "grid", "spread", "informative"] | None,
+        argument(
+            "{uniform,grid,spread,informative}", "uniform to tune, grid for real, as in the paper"
+        ),
     ] = None
-    """Sampling of the actions that the arm can make; spread: simulated landings lie far apart."""
+    """Sampling of the actions that the arm can make; spread: simulated landings lie far apart;
+    informative: the tracks tell most of the cable's parameters."""
+    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable's file believes")] = (
+        None
+    )
+    """Fit to earlier casts (params.json of tune), after which informative casts tell most."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data or runs/CABLE/real-data")
     ] = None
@@ -61,6 +69,7 @@ class Collect:
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.checks import check_collect
         from cablecast.pipeline.collect import collect
+        from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
@@ -72,8 +81,9 @@ class Collect:
             seed=self.seed,
             out=out,
         )
+        tuned = None if self.params is None else load_tuned(self.params, setup)
         if self.dry_run:
-            return self._dry_run(setup)
+            return self._dry_run(setup, tuned)
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,
@@ -83,6 +93,7 @@ class Collect:
                 purpose=self.purpose,
                 count=self.count,
                 sampling=self.sampling,
+                tuned=tuned,
                 psi=self.psi,
                 seed=self.seed,
                 out=out,
@@ -92,7 +103,7 @@ class Collect:
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
         return None
 
-    def _dry_run(self, setup: "Setup") -> int:
+    def _dry_run(self, setup: "Setup", tuned: "Tuned | None") -> int:
         """Print what would be done, and return 2 if something would not go."""
         from cablecast.errors import InputError
         from cablecast.pipeline.dry_run import dry_run
@@ -104,6 +115,7 @@ class Collect:
             purpose=self.purpose,
             count=self.count,
             sampling=self.sampling,
+            tuned=tuned,
             psi=self.psi,
             seed=self.seed,
         )

@@ -47,8 +47,9 @@ def check_collect(
     """
     if purpose not in TRIAL_COUNTS:
         raise InputError(f"purpose {str(purpose)[:40]!r} must be one of {', '.join(TRIAL_COUNTS)}")
-    if sampling not in (None, "uniform", "grid", "spread"):
-        raise InputError(f"sampling {str(sampling)[:40]!r} must be uniform, grid or spread")
+    if sampling not in (None, "uniform", "grid", "spread", "informative"):
+        known = "uniform, grid, spread or informative"
+        raise InputError(f"sampling {str(sampling)[:40]!r} must be {known}")
     if count is not None:
         check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)

@@ -14,18 +14,21 @@ from cablecast.datasets.collect import (
     sample_actions,
 )
 from cablecast.datasets.reader import Dataset
+from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary
+from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import ProgressCallback, resumed_counter
 from cablecast.setup import Setup
+from cablecast.tuning.informative import informative_actions
 from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.spread import spread_actions
 
-AnySampling = Sampling | typing.Literal["spread"]
+AnySampling = Sampling | typing.Literal["spread", "informative"]
 
 SAMPLINGS: dict[str, Sampling] = {"tune": "uniform", "real": "grid"}
 """Choice of actions by purpose, as in the paper."""
@@ -37,6 +40,7 @@ def collect(
     purpose: Purpose = "tune",
     count: int | None = None,
     sampling: AnySampling | None = None,
+    tuned: Tuned | None = None,
     psi: bool = True,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
@@ -52,8 +56,11 @@ def collect(
         purpose: Purpose of the casts: "tune" (D_tune) or "real" (D_real). Each draws chances of
             its own on a rig that draws any.
         count: Number of casts; the paper's 80 or 200 where None.
-        sampling: Choice of actions: "uniform" over their ranges, on a "grid", or "spread", so that
-            the simulated landings are spread over the table; as in the paper where None.
+        sampling: Choice of actions: "uniform" over their ranges, on a "grid", "spread", so that
+            the simulated landings are spread over the table, or "informative", so that their tracks
+            tell most of the cable's parameters; as in the paper where None.
+        tuned: Fit to earlier casts, after which informative ones tell most; what the cable's file
+            believes where None.
         psi: Whether the wrist turns (the action set A2 of the paper).
         seed: Seed of the actions.
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
@@ -71,7 +78,8 @@ def collect(
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
     ranges = ActionRanges.for_setup(setup, psi)
-    spread = choose_actions(how, purpose, count, setup, ranges, seed) if how == "spread" else None
+    simulated = how in ("spread", "informative")
+    given = choose_actions(how, purpose, count, setup, ranges, seed, tuned) if simulated else None
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(
             folder,
@@ -79,8 +87,8 @@ def collect(
             setup,
             purpose=purpose,
             count=count,
-            sampling="uniform" if how == "spread" else how,
-            actions=spread,
+            sampling=SAMPLINGS[purpose] if simulated else how,
+            actions=given,
             seed=seed,
             ranges=ranges,
             progress=resumed_counter(progress, f"Casting {setup.cable.name}", "casts"),
@@ -102,6 +110,7 @@ def choose_actions(
     setup: Setup,
     ranges: ActionRanges,
     seed: int,
+    tuned: Tuned | None = None,
 ) -> NDArray[np.float64]:
     """Return the actions of a collection, in the order in which they are made, shape [action, 4].
 
@@ -112,10 +121,22 @@ def choose_actions(
         setup: Cable, workspace, arm and motion settings.
         ranges: Ranges of the actions.
         seed: Seed of the actions.
+        tuned: Fit to earlier casts, for informative ones.
+
+    Raises:
+        InputError: Too few actions stay on the table, or `tuned` goes with another choice or has no
+            posterior.
     """
     count = count or TRIAL_COUNTS[purpose]
-    if sampling != "spread":
+    if tuned is not None and (sampling != "informative" or tuned.posterior is None):
+        raise InputError("tuned goes with informative casts, and is a fit by least squares")
+    if sampling not in ("spread", "informative"):
         return sample_actions(sampling, count, setup, seed, ranges)
     coarse = FitConfig()
     engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
-    return spread_actions(setup, count, engine, ranges, seed)
+    if sampling == "spread":
+        return spread_actions(setup, count, engine, ranges, seed)
+    posterior, material = (
+        (None, None) if tuned is None else (tuned.posterior, tuned.dynamics.material)
+    )
+    return informative_actions(setup, count, engine, posterior, material, ranges, seed)

@@ -12,6 +12,7 @@ from cablecast.motion.polar_cast import reset_pose
 from cablecast.motion.reset import plan_reset
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
+from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.ur.link import UrLink
 from cablecast.rigs.ur.path import SetPoints, check_path
 from cablecast.rigs.ur.reset import RESET_DT, reset_motions
@@ -41,6 +42,7 @@ def dry_run(
     purpose: Purpose = "tune",
     count: int | None = None,
     sampling: AnySampling | None = None,
+    tuned: Tuned | None = None,
     psi: bool = True,
     seed: int = 0,
 ) -> list[Finding]:
@@ -54,6 +56,7 @@ def dry_run(
         purpose: Purpose of the casts.
         count: Number of casts; the paper's where None.
         sampling: Choice of actions; as in the paper where None.
+        tuned: Fit to earlier casts, for informative ones.
         psi: Whether the wrist turns.
         seed: Seed of the actions.
 
@@ -69,6 +72,7 @@ def dry_run(
         setup,
         ActionRanges.for_setup(setup, psi),
         seed,
+        tuned,
     )
     for number, values in enumerate(actions):
         action = Action.from_array(values)
