@@ -98,11 +98,14 @@ def test_expected_landing_and_spread():
 
 def test_simulators_are_trusted_as_they_follow_their_own_casts():
     low, high = USUAL_DISTANCES
-    assert miss_factor(low) == miss_factor(high) == 1.0
-    assert miss_factor(1.5 * high) == pytest.approx(2.25)
-    assert miss_factor(0.5 * low) == pytest.approx(0.25)
+    assert miss_factor(low, 5) == miss_factor(high, 5) == 1.0
+    assert miss_factor(1.5 * high, 5) == pytest.approx(2.25)
+    assert miss_factor(0.5 * low, 5) == pytest.approx(0.25)
     # Not for certain, however close they are, and not without end, however far.
-    assert (miss_factor(0.0), miss_factor(1.0)) == FACTORS
+    assert (miss_factor(0.0, 5), miss_factor(1.0, 5)) == FACTORS
+    # Fewer casts than a fit has numbers to find are followed closely, whatever they are.
+    assert miss_factor(0.5 * low, 2) == 1.0
+    assert miss_factor(1.5 * high, 2) == pytest.approx(2.25)
     spreads = np.array([0.0, 0.1])
     np.testing.assert_allclose(miss_sizes(spreads), np.hypot(OWN_MISS, SPREAD_FACTOR * spreads))
 

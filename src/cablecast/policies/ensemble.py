@@ -33,6 +33,10 @@ fits in the virtual rig, where the distance tells no more. Beyond, misses grow a
 square, between the least and the largest factor. With the square, because wrong physics errs by
 more elsewhere than along the tracks that were fitted."""
 
+TELLING_COUNT = 5
+"""Casts from which on a close fit means small misses elsewhere: a fit finds so many numbers that it
+follows two casts closely, whatever they are."""
+
 # Relative change of the friction, to less and to more.
 _FRICTION_STEP = 0.08
 # Largest distance between landings that counts: farther apart they tell nothing [cable lengths].
@@ -76,14 +80,16 @@ def miss_sizes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
 
 
-def miss_factor(distance: float) -> float:
+def miss_factor(distance: float, track_count: int) -> float:
     """Return the size of misses over the usual one [-].
 
     Args:
         distance: Mean distance from a fit to its tracks [cable lengths].
+        track_count: Number of tracks.
     """
     ratio = distance / float(np.clip(distance, *USUAL_DISTANCES))
-    return float(np.clip(ratio**2, *FACTORS))
+    least, most = FACTORS
+    return float(np.clip(ratio**2, least if track_count >= TELLING_COUNT else 1.0, most))
 
 
 class EnsembleLandings:
@@ -230,7 +236,9 @@ class EnsembleLandings:
     @property
     def factor(self) -> float:
         """Size of misses over the usual one [-], from how closely the fit follows its casts."""
-        return 1.0 if self.posterior is None else miss_factor(self.posterior.distance)
+        if self.posterior is None:
+            return 1.0
+        return miss_factor(self.posterior.distance, self.posterior.track_count)
 
     @functools.cached_property
     def _rubbed(self) -> tuple[Dynamics, Dynamics]:

@@ -185,6 +185,7 @@ def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPoster
         covariance=(covariance + covariance.T) / 2,
         misfit=best.misfit,
         distance=float(best.losses[0]),
+        track_count=fit.track_count,
     )
 
 

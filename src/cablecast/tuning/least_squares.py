@@ -251,12 +251,12 @@ class TrackFit:
     def unlikelihood(self, state: FitState) -> float:
         """Return the negative log posterior density at the best point and its likeliest misfit."""
         best = state.best()
-        draws = 2.0 * TRACK_WEIGHT * (MISFIT_TRACKS + self._track_count)
+        draws = 2.0 * TRACK_WEIGHT * (MISFIT_TRACKS + self.track_count)
         return float(draws * np.log(self._misfit(best)) + self.prior.cost(best.points)[0])
 
     def _misfit(self, state: FitState) -> float:
         """Return the likeliest misfit at the best point [cable lengths]."""
-        counts, known = (MISFIT_TRACKS, self._track_count), 0.5 * float(state.best().losses[0])
+        counts, known = (MISFIT_TRACKS, self.track_count), 0.5 * float(state.best().losses[0])
         return float(np.average((MISFIT_START, known), weights=counts))
 
     def curvatures(
@@ -341,7 +341,7 @@ class TrackFit:
         return TRACK_WEIGHT * compared / (distances * counts[:, None] * misfit)
 
     @property
-    def _track_count(self) -> int:
+    def track_count(self) -> int:
         """Number of tracks with samples to compare."""
         return int(np.count_nonzero(self.objective.tracks.compared.any(axis=1)))
 
@@ -355,7 +355,7 @@ class TrackFit:
         self, points: NDArray[np.float64], losses: NDArray[np.float64], misfit: float
     ) -> NDArray[np.float64]:
         """Return F, shape [point]."""
-        tracks = TRACK_WEIGHT * self._track_count * losses / misfit
+        tracks = TRACK_WEIGHT * self.track_count * losses / misfit
         return tracks + self.prior.cost(points)
 
 

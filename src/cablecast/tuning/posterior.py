@@ -36,6 +36,7 @@ class ParamPosterior:
         misfit: Scale of the model's own error, half the mean distance that the fit leaves [cable
             lengths].
         distance: Mean distance from the tracks to those of the best point [cable lengths].
+        track_count: Number of casts.
     """
 
     space: SearchSpace
@@ -44,6 +45,7 @@ class ParamPosterior:
     covariance: NDArray[np.float64]
     misfit: float
     distance: float
+    track_count: int
 
     @classmethod
     def before_casts(cls, cable: Cable) -> "ParamPosterior":
@@ -61,6 +63,7 @@ class ParamPosterior:
             covariance=np.diag(prior.deviation**2),
             misfit=BELIEVED_MISFIT,
             distance=BELIEVED_DISTANCE,
+            track_count=0,
         )
 
     @property
@@ -147,6 +150,7 @@ class ParamPosterior:
             "prior_deviation": self.prior.deviation.tolist(),
             "misfit": self.misfit,
             "distance": self.distance,
+            "track_count": self.track_count,
             "undetermined": list(self.undetermined),
             "at_bound": list(self.at_bound),
         }
@@ -187,6 +191,7 @@ class ParamPosterior:
                 covariance=arrays["covariance"],
                 misfit=float(values["misfit"]),
                 distance=float(values["distance"]),
+                track_count=int(values["track_count"]),
             )
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise InputError(f"this is no posterior of a fit: {error}") from None
