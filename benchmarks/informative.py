@@ -99,7 +99,12 @@ def first(casts: Dataset, count: int) -> Dataset:
 
 
 def one_by_one(
-    rig: CheckedRig, begun: Dataset, count: int, place: pathlib.Path, report: ProgressCallback
+    rig: CheckedRig,
+    begun: Dataset,
+    count: int,
+    workers: str,
+    place: pathlib.Path,
+    report: ProgressCallback,
 ) -> Dataset:
     """Return casts each of which tells most after a fit to those before it.
 
@@ -107,6 +112,7 @@ def one_by_one(
         rig: Rig that makes the casts.
         begun: First casts.
         count: Number of casts with them.
+        workers: Who simulates for the fits.
         place: Folder that keeps fits and casts.
         report: Told what is done.
     """
@@ -115,7 +121,7 @@ def one_by_one(
     for number in range(len(begun), count):
         report(Progress(task=f"{rig.setup.cable.name}: cast {number + 1} after a fit to {number}"))
         out = place / f"fit-before-{number}"
-        tuned = cc.tune(store.dataset(), validation_count=0, out=out)
+        tuned = cc.tune(store.dataset(), validation_count=0, workers=workers, out=out)
         out = place / f"next-{number}"
         made = cc.collect(rig, count=1, sampling="informative", tuned=tuned, seed=number, out=out)
         store.add_dataset(made)
@@ -138,7 +144,7 @@ def compare(
     telling = cc.collect(rig, count=most, sampling="informative", out=place / "informative")
     sets = [
         ("most telling", telling),
-        ("one by one", one_by_one(rig, first(telling, 2), most, place, report)),
+        ("one by one", one_by_one(rig, first(telling, 2), most, args.workers, place, report)),
     ]
     for repeat in range(args.repeats):
         actions = feasible_uniform(most, setup, seed=200 + repeat)

@@ -69,7 +69,7 @@ Found = dict[tuple[str, str, int, str], list[dict]]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ModelArgs:
-    """How models learn, and where they are kept."""
+    """Settings of the models, and the folder that keeps them."""
 
     simulated: int = 16_000
     """Simulated casts that each model learns from."""

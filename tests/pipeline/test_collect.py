@@ -43,6 +43,7 @@ def test_informative_casts_follow_the_posterior_of_earlier_ones(rig, monkeypatch
     following = cc.collect(rig, count=2, sampling="informative", tuned=tuned, seed=1)
     unfitted = cc.collect(rig, count=2, sampling="informative", seed=1)
     assert not np.array_equal(following.actions, unfitted.actions)
-    for wrong in ({"sampling": "spread"}, {"tuned": cc.Tuned.of(None, SETUP)}):
+    plain = {"tuned": cc.Tuned.of(None, SETUP)}
+    for wrong in ({"sampling": "spread"}, {"sampling": None}, plain):
         with pytest.raises(InputError, match="tuned goes with informative casts"):
             cc.collect(rig, count=2, **({"sampling": "informative", "tuned": tuned} | wrong))

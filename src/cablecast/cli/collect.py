@@ -74,14 +74,15 @@ class Collect:
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS[self.purpose]
+        tuned = None if self.params is None else load_tuned(self.params, setup)
         check_collect(
             purpose=self.purpose,
             count=self.count,
             sampling=self.sampling,
+            tuned=tuned,
             seed=self.seed,
             out=out,
         )
-        tuned = None if self.params is None else load_tuned(self.params, setup)
         if self.dry_run:
             return self._dry_run(setup, tuned)
         with (

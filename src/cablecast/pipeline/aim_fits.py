@@ -71,7 +71,7 @@ def refit_reason(trials: Sequence[AimTrial], fitted_count: int, *, waits: bool =
         waits: True for a simulator that waits for the first casts of the session.
     """
     known = len(trials)
-    if waits and not fitted_count and known >= FIRST_COUNT:
+    if waits and known >= FIRST_COUNT:
         return f"{known} casts are known, and the simulator is fitted to none"
     if not 0 < fitted_count < ENOUGH:
         return ""

@@ -17,6 +17,7 @@ from cablecast.models.rows import MIN_ROWS
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import require
+from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.claim import Claim
 from cablecast.runs.folder import refuse_other_work
 from cablecast.setup import Setup
@@ -37,7 +38,13 @@ Folder = str | os.PathLike[str] | None
 
 
 def check_collect(
-    *, purpose: str, count: int | None, sampling: str | None, seed: int, out: Folder = None
+    *,
+    purpose: str,
+    count: int | None,
+    sampling: str | None,
+    tuned: Tuned | None = None,
+    seed: int,
+    out: Folder = None,
 ) -> None:
     """Check what `collect` is asked for.
 
@@ -50,6 +57,8 @@ def check_collect(
     if sampling not in (None, "uniform", "grid", "spread", "informative"):
         known = "uniform, grid, spread or informative"
         raise InputError(f"sampling {str(sampling)[:40]!r} must be {known}")
+    if tuned is not None and (sampling != "informative" or tuned.posterior is None):
+        raise InputError("tuned goes with informative casts, and is a fit by least squares")
     if count is not None:
         check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)

@@ -14,7 +14,6 @@ from cablecast.datasets.collect import (
     sample_actions,
 )
 from cablecast.datasets.reader import Dataset
-from cablecast.errors import InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.engine import make_engine
@@ -72,9 +71,10 @@ def collect(
     Raises:
         RigError: A cast failed too often.
         DatasetError: The folder holds something else. Casts that are finished are kept.
-        InputError: A count or seed out of bounds.
+        InputError: A count or seed is out of bounds, or `tuned` has no posterior or goes with
+            another choice.
     """
-    check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
+    check_collect(purpose=purpose, count=count, sampling=sampling, tuned=tuned, seed=seed, out=out)
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
     ranges = ActionRanges.for_setup(setup, psi)
@@ -124,12 +124,9 @@ def choose_actions(
         tuned: Fit to earlier casts, for informative ones.
 
     Raises:
-        InputError: Too few actions stay on the table, or `tuned` goes with another choice or has no
-            posterior.
+        InputError: Too few actions stay on the table.
     """
     count = count or TRIAL_COUNTS[purpose]
-    if tuned is not None and (sampling != "informative" or tuned.posterior is None):
-        raise InputError("tuned goes with informative casts, and is a fit by least squares")
     if sampling not in ("spread", "informative"):
         return sample_actions(sampling, count, setup, seed, ranges)
     coarse = FitConfig()

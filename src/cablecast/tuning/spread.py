@@ -3,8 +3,8 @@
 Random actions land mostly in the middle of what the arm reaches, and a fit to a few of them says
 little of casts that swing wide. So the believed cable is simulated, and the area in which it lands
 is divided into as many parts as there are casts (Lloyd's algorithm); near the middle of each the
-most usual action is taken, by turns to the right and to the left. Only actions are used that stay
-on the table for some cables drawn from what is believed, too.
+most usual action is taken, by turns to the right and to the left. Only actions are used whose
+simulated free end stays on the table.
 """
 
 import numpy as np
