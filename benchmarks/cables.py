@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 import cablecast as cc
 from benchmarks.common import Table
 from cablecast.cli.progress import console_progress
-from cablecast.datasets.schema import ENDPOINT_COLUMNS
-from cablecast.datasets.simulate import simulate_actions
+from cablecast.data.schema import ENDPOINT_COLUMNS
+from cablecast.data.simulate import simulate_actions
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.many_cables import CABLE_COUNT, DT, REFINE_COUNT, SEGMENT_COUNT
-from cablecast.runs.parts import Parts
+from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.runs.workers import LOCAL
-from cablecast.tuning.cables import draw_cables
+from cablecast.tuning.space import draw_cables
 
 TEST_SEED = 1
 """Seed of the cables; those of the training have another."""

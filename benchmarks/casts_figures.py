@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.places import Found
-from cablecast.evaluation.intervals import median_interval
+from cablecast.evaluation.evaluate import median_interval
 from cablecast.files import write_bytes
 from cablecast.report import style
 

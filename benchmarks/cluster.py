@@ -13,7 +13,7 @@ import tempfile
 import time
 
 from benchmarks.common import Table
-from cablecast.datasets.simulate import SIMULATED_COUNT, simulate_dataset
+from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.setup import Setup
 

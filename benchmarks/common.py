@@ -15,8 +15,8 @@ from cablecast import files
 from cablecast.cable import Cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.machine import core_count
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.files import core_count
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup

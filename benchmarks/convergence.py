@@ -11,10 +11,9 @@ import pathlib
 import numpy as np
 
 from benchmarks.common import Table, land, landing_error_pct, random_casts, write_json
-from cablecast.cable import CABLE_NAMES, Cable, load_cable
+from cablecast.cable import CABLE_NAMES, ROD_ARM, Cable, Material, load_cable
 from cablecast.engines.base import reset_state
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
-from cablecast.material import ROD_ARM, Material
 
 FINE_SEGMENT_COUNT = 160
 FINE_DT = 1.25e-4

@@ -20,7 +20,7 @@ from benchmarks.engine_robustness import robust
 from cablecast.cable import Cable, load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
-from cablecast.machine import core_count
+from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
 
 FINE_SEGMENT_COUNT = 80

@@ -17,17 +17,16 @@ import cablecast as cc
 from benchmarks.common import Table
 from benchmarks.places import open_rig
 from cablecast.cli.progress import console_progress
-from cablecast.datasets.collect import collect_dataset
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.store import CastStore
-from cablecast.evaluation.intervals import median_interval
+from cablecast.data.dataset import Dataset
+from cablecast.data.record import collect_dataset
+from cablecast.data.store import CastStore
+from cablecast.evaluation.evaluate import median_interval
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.engine import make_engine
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.runs.workers import LOCAL
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
 COLUMNS = ("casts", "chosen", "fits", "other casts", "median", "q1", "q3", "better than random")
 

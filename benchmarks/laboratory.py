@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.common import Table, write_json
 from cablecast.cli.progress import console_progress
-from cablecast.datasets.collect import collect_dataset
+from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.evaluation.published import PUBLISHED_REPEATABILITY, PublishedRepeatability
 from cablecast.evaluation.repeatability import (
@@ -24,14 +24,12 @@ from cablecast.evaluation.repeatability import (
     measure_repeatability,
     repeat_actions,
 )
-from cablecast.reading import read_csv
+from cablecast.files import read_csv
 from cablecast.rigs.make import make_rig
 from cablecast.runs.progress import counter
 from cablecast.setup import Setup
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.published import published_tuning
-from cablecast.tuning.result import distance_summary
-from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
+from cablecast.tuning.tune import distance_summary, published_tuning
 
 FACTOR_MAX = 1.5
 """Largest ratio between our scatter and the published one, either way."""

@@ -15,15 +15,15 @@ import numpy as np
 
 from benchmarks.common import Table, write_json
 from benchmarks.places import open_rig
+from cablecast.cable import ROD_ARM
 from cablecast.cli.progress import console_progress
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.store import CastStore
-from cablecast.material import ROD_ARM
+from cablecast.data.dataset import Dataset
+from cablecast.data.store import CastStore
 from cablecast.pipeline.collect import AnySampling, collect
 from cablecast.pipeline.tune import tune
 from cablecast.runs.workers import LOCAL
 from cablecast.setup import Setup
-from cablecast.tuning.least_squares import FitConfig
+from cablecast.tuning.fit import FitConfig
 
 COLUMNS = (
     "cable",

@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, write_json
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable, CableParams, Material
 from cablecast.conventions import tangent
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 
 Array = NDArray[np.float64]

@@ -20,12 +20,11 @@ import numpy as np
 from tools.browse_page import TablePage, find_browser, open_browser
 
 from benchmarks.common import has
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.pipeline.aim_session import AimSession
-from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.make import make_rig
-from cablecast.view.look_controls import SLIDERS, slid_params
-from cablecast.view.page import Page
-from cablecast.view.session import make_desk, open_session
+from cablecast.view.controls import SLIDERS, slid_params
+from cablecast.view.page import Page, make_desk, open_session
 from cablecast.view.worker import Worker
 
 SLOWLY = 0.2

@@ -17,18 +17,17 @@ from benchmarks.strange_rig import (
     other_params,
     world_draws,
 )
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.store import CastStore
+from cablecast.data.dataset import Dataset
+from cablecast.data.store import CastStore
 from cablecast.errors import InputError
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.pipeline.aim import CALIBRATION_COUNT
 from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.pipeline.simulate import simulate_to_aim
-from cablecast.policies.forward_search import ForwardSearchPolicy
-from cablecast.rigs.attempts import seek_trial
-from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.checked import CheckedRig, seek_trial
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.runs.parts import Parts
+from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.runs.workers import LOCAL
 

@@ -14,7 +14,7 @@ import cablecast as cc
 from benchmarks.common import Table
 from benchmarks.places import open_rig
 from cablecast.cli.progress import console_progress
-from cablecast.machine import core_count
+from cablecast.files import core_count
 from cablecast.pipeline.aim import CALIBRATION_COUNT, EPOCHS, SIMULATED_COUNT
 
 COLUMNS = ("cable", "fit [s]", "casts and model [s]", "first choice [s]", "together [s]")

@@ -19,16 +19,14 @@ from benchmarks.common import Table
 from benchmarks.places import Place, PlaceArgs
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.action import rightward
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.motion.mirrored import rightward
 from cablecast.pipeline.engine import make_engine
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.tuning.least_squares import TRACK_WEIGHT
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.posterior import ParamPosterior
-from cablecast.tuning.search_space import SearchSpace
-from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.fit import TRACK_WEIGHT
+from cablecast.tuning.space import ParamPosterior, SearchSpace
+from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
 COLUMNS = ("parameter", "believed", "Gaussian", "sampler", "shift of the mean")
 SPREAD_COLUMNS = ("cable", "casts", "Gaussian", "with its product", "sampler", "rank correlation")

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
 from benchmarks.places import Luck, Place, equal_casts, some_targets
+from cablecast.aiming.choice import log_shakes
+from cablecast.aiming.ensemble import miss_sizes
+from cablecast.aiming.residual import FRICTION_SIZE
 from cablecast.cli.progress import console_progress
-from cablecast.models.few_casts import FRICTION_SIZE
-from cablecast.motion.mirrored import rightward
-from cablecast.policies.ensemble import miss_sizes
-from cablecast.policies.shakes import log_shakes
+from cablecast.motion.action import rightward
 from cablecast.runs.progress import Progress
 
 COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")

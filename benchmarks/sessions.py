@@ -20,7 +20,7 @@ from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
 from benchmarks.places import MISSED_PCT, Place, some_targets
 from cablecast.cli.progress import console_progress
-from cablecast.evaluation.intervals import median_interval
+from cablecast.evaluation.evaluate import median_interval
 from cablecast.pipeline.aim_learning import AimLearning
 
 COLUMNS = ("cable", "lab", "model", "targets", "median", "q1", "q3", "missed", "hit", "casts")

@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, random_casts, write_json
-from cablecast.cable import CABLE_NAMES, Cable, CableParams, load_cable
+from cablecast.cable import CABLE_NAMES, Cable, CableParams, Material, load_cable
 from cablecast.conventions import GRAVITY, tangent
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
-from cablecast.tuning.material_space import FITTED, MaterialSpace
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.space import FITTED, MaterialSpace, SearchSpace
 
 WORLD_COUNTS = {20: 2262, 30: 1800, 50: 600, 70: 240, 100: 96, 160: 24, 240: 9}
 """Worlds for each number of segments, at each step: fewer where they cost more."""

@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.base import SETTLE_TIME, CableState, reset_state
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.joint_path import JointPath
 from cablecast.motion.measured import grip_path_from_joints
 from cablecast.motion.servo import ServoModel
-from cablecast.motion.trajectory import Trajectory
+from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 SEGMENT_COUNT, DT = 25, 1e-3
 SAMPLE_DT = 0.05

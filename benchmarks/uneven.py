@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from benchmarks.common import Table, write_json
 from benchmarks.places import DIFFERENCES
 from benchmarks.strange_rig import Scatter, StrangeRig
+from cablecast.cast import TrialStatus
 from cablecast.errors import JointLimitError
 from cablecast.motion.action import Action, ActionRanges
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
-from cablecast.track import TrialStatus
 
 STEP = 0.02
 """Half the way of a central difference, as a share of the range of each number of an action."""

@@ -9,7 +9,7 @@ import pathlib
 import numpy as np
 
 import cablecast as cc
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_grid
 
 HERE = pathlib.Path(__file__).parent

@@ -12,9 +12,9 @@ import pathlib
 import numpy as np
 
 import cablecast as cc
-from cablecast.datasets.trials import measured_joints, trial_track
-from cablecast.motion.joint_path import JointPath
+from cablecast.data.dataset import measured_joints, trial_track
 from cablecast.motion.measured import grip_path_from_joints
+from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.base import purpose_seed
 
 LAG = 0.03  # Time constant of the pretended servo [s].

@@ -12,10 +12,10 @@ import numpy as np
 import cablecast as cc
 from cablecast.pipeline.import_casts import import_casts
 from cablecast.pipeline.track_video import TrackConfig
-from cablecast.tracking.calibration import Calibration
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.video import read_video, write_video
 from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.vision.calibration import Calibration
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.video import read_video, write_video
 
 # Markers at the free end, and at the hand, 2 cm above the table where the cable begins.
 MARKERS = {"end": ("green", None), "grip": ("blue", 0.02)}

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.datasets.reader import settings_dynamics
-from cablecast.dynamics import Dynamics
+from cablecast.cable import Material
+from cablecast.data.dataset import settings_dynamics
+from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError
-from cablecast.material import Material
 from cablecast.motion.action import Action
 from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import plan_trajectory

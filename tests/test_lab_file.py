@@ -8,8 +8,7 @@ import yaml
 
 from cablecast.camera.tags import default_layout
 from cablecast.errors import InputError
-from cablecast.lab_file import update_lab_file
-from cablecast.setup import load_setup
+from cablecast.setup import load_setup, update_lab_file
 
 EXAMPLE = pathlib.Path(__file__).parents[1] / "examples" / "lab.yaml"
 

@@ -5,11 +5,11 @@ import csv
 import numpy as np
 import pytest
 
-from cablecast.datasets.recordings import read_recordings
+from cablecast.cast import TrialStatus
+from cablecast.data.recordings import read_recordings
 from cablecast.rigs.engine import status_of
 from cablecast.setup import Setup
-from cablecast.track import TrialStatus
-from cablecast.tracking.samples import judge_status
+from cablecast.vision.tracker import judge_status
 
 SETUP = Setup()
 EDGE = SETUP.workspace.half_width

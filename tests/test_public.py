@@ -20,7 +20,6 @@ def test_importing_the_package_imports_nothing_heavy():
 
 
 def test_every_public_name_is_there_and_says_what_it_is():
-    assert 20 <= len(cc.__all__) - 1 <= 50
     for name in cc.__all__:
         value = getattr(cc, name)
         assert name == "__version__" or value.__doc__, name

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
-from cablecast.reading import (
+from cablecast.files import (
     SIZE_MAX,
     read_csv,
     read_json,

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
-from cablecast.track import EndpointTrack, TrialStatus
 
 
 def track(status=TrialStatus.OK):

@@ -22,8 +22,8 @@ from PIL import Image
 
 from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
+from cablecast.view.film import Camera
 from cablecast.view.page import WIDE
-from cablecast.view.picture import Camera
 from cablecast.view.shapes import viewpoint
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -43,7 +43,7 @@ from cablecast.engines.pybullet_ import EnginePybullet
 EnginePybullet()
 """,
     "camera": """
-from cablecast.tracking.opencv import load_cv2
+from cablecast.vision.tags import load_cv2
 load_cv2()
 """,
     "tune": "import cma",

@@ -17,11 +17,11 @@ import pathlib
 
 import numpy as np
 
-from cablecast.datasets.collect import collect_dataset
-from cablecast.datasets.reader import Dataset
+from cablecast.cast import EndpointTrack
+from cablecast.data.dataset import Dataset
+from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.evaluation.intervals import difference_interval
-from cablecast.filming.trials import CameraOfTrials
+from cablecast.evaluation.evaluate import difference_interval
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.camera import sync_camera
@@ -29,13 +29,11 @@ from cablecast.pipeline.tune import tune
 from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.rig import RigUR
+from cablecast.rigs.ur.twin.laboratory import TwinConfig, TwinProcess
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.setup import Setup, load_setup
-from cablecast.track import EndpointTrack
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.twin.config import TwinConfig
-from cablecast.twin.process import TwinProcess
+from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
+from cablecast.vision.trials import CameraOfTrials
 
 ROOT = pathlib.Path(__file__).parents[1]
 CAMERA = {"width": 960, "height": 540, "rate": 30.0}

@@ -23,8 +23,8 @@ from cablecast.rigs.virtual.camera_calibrate import board_pictures
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup, load_setup
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.video import write_video
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.video import write_video
 
 
 def film_trial(

@@ -23,9 +23,9 @@ from cablecast.files import write_text
 from cablecast.motion.grip_path import GripPath
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.setup import Setup
-from cablecast.tracking.marker import MarkerConfig
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.video import Image, write_video
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.tracker import MarkerConfig
+from cablecast.vision.video import Image, write_video
 from cablecast.workspace import Workspace
 
 GREEN, BLUE, CABLE = (62, 178, 58), (188, 62, 58), (58, 84, 176)

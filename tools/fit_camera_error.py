@@ -22,7 +22,7 @@ from cablecast.rigs.virtual.camera_error import (
     bias_terms,
     model_path,
 )
-from cablecast.tracking.calibration import Calibration
+from cablecast.vision.calibration import Calibration
 
 Array = NDArray[np.float64]
 

@@ -89,7 +89,7 @@ def make_film(folder: pathlib.Path) -> None:
     from cablecast.rigs.virtual.camera import VirtualCamera
     from cablecast.rigs.virtual.camera_drawing import FilmedTrial
     from cablecast.setup import Setup
-    from cablecast.tracking.video import write_video
+    from cablecast.vision.video import write_video
 
     times = np.arange(36) * 0.01
     grip = np.array([0.0, 0.6])

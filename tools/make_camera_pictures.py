@@ -15,10 +15,8 @@ import time
 import numpy as np
 
 from cablecast.camera.settings import CameraSettings
+from cablecast.cast import EndpointTrack
 from cablecast.files import write_bytes
-from cablecast.filming.check import CameraCheck
-from cablecast.filming.picture import draw_report
-from cablecast.filming.trials import CameraOfTrials
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -26,9 +24,10 @@ from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_stream import CameraStream
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.trial_camera import TrialTiming
+from cablecast.vision.check import CameraCheck, draw_report
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.tracker import TrialTiming
+from cablecast.vision.trials import CameraOfTrials
 
 IMAGES = pathlib.Path(__file__).parents[1] / "docs" / "images"
 CLOCK = 250.0

@@ -14,8 +14,7 @@ import re
 
 import numpy as np
 
-from cablecast.files import write_bytes
-from cablecast.reading import JSON_SIZE_MAX, read_text
+from cablecast.files import JSON_SIZE_MAX, read_text, write_bytes
 from cablecast.report.style import (
     BLUE,
     INK,

@@ -24,22 +24,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cablecast.datasets.collect import collect_dataset
-from cablecast.datasets.reader import read_dataset
+from cablecast.data.dataset import read_dataset
+from cablecast.data.record import collect_dataset
 from cablecast.errors import CablecastError
-from cablecast.filming.trials import CameraOfTrials
-from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.polar import reset_pose
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.path import check_path, joint_move
-from cablecast.rigs.ur.reset import APPROACH_SPEED, RESET_DT
-from cablecast.rigs.ur.rig import IDLE, RESETTING, RigUR
-from cablecast.rigs.ur.safety import check_ready
+from cablecast.rigs.ur.player import check_path, check_ready, joint_move
+from cablecast.rigs.ur.rig import APPROACH_SPEED, IDLE, RESET_DT, RESETTING, RigUR
+from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, TwinProcess
+from cablecast.rigs.ur.twin.truth import TruthCamera
 from cablecast.setup import Setup, load_setup
-from cablecast.tracking.trial_camera import TrialCamera
-from cablecast.twin.config import TwinConfig
-from cablecast.twin.faults import FAULTS
-from cablecast.twin.process import TwinProcess
-from cablecast.twin.truth import TruthCamera
+from cablecast.vision.tracker import TrialCamera
+from cablecast.vision.trials import CameraOfTrials
 
 ROOT = pathlib.Path(__file__).parents[1]
 PHASES = ("reset", "approach", "cast", "settle", "readout")

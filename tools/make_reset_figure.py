@@ -15,9 +15,9 @@ import numpy as np
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.files import write_bytes
 from cablecast.motion.action import Action
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.reset import reset_path
+from cablecast.motion.polar import reset_path
 from cablecast.report.style import (
     BLUE,
     INK,

@@ -18,18 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import CABLE_NAMES
+from cablecast.cast import TrialStatus
 from cablecast.errors import CablecastError, InputError, RigError
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.joint_path import joint_path
-from cablecast.motion.polar_config import PolarCastConfig
-from cablecast.motion.reset import reset_path
-from cablecast.motion.trajectory import Trajectory
+from cablecast.motion.polar import PolarCastConfig, reset_path
+from cablecast.motion.trajectory import Trajectory, joint_path
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.reset_library import ResetLibrary, hidden_digest, library_path
 from cablecast.setup import Setup
-from cablecast.track import TrialStatus
 
 NODE_SPACING = 0.02
 """Distance between stored nodes along the cable [m]: they describe a cable that lies straight to

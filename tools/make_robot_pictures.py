@@ -15,7 +15,7 @@ import numpy as np
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
 from cablecast.camera.tags import default_layout
 from cablecast.files import write_bytes
-from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.polar import reset_pose
 from cablecast.report.style import (
     BLUE,
     GREEN,

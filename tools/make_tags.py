@@ -14,8 +14,7 @@ from cablecast.camera.tags import default_layout
 from cablecast.errors import CablecastError
 from cablecast.files import write_bytes
 from cablecast.setup import load_setup
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import tag_picture
+from cablecast.vision.tags import load_cv2, tag_picture
 from cablecast.workspace import Workspace
 
 

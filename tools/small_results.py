@@ -14,7 +14,7 @@ import numpy as np
 
 from cablecast.conventions import tangent
 from cablecast.rigs.base import RigLifecycle, purpose_seed
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.cast import EndpointTrack, TrialStatus
 
 
 class Stick(RigLifecycle):

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from benchmarks.peers.base import Peer
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import GRAVITY
-from cablecast.engines.mujoco_model import HAND_DOF_COUNT, SERVO_OMEGA, rod_model
+from cablecast.engines.mujoco_ import HAND_DOF_COUNT, SERVO_OMEGA, rod_model
 
 TOLERANCE = 1e-10
 """Tolerance of the solver: single precision does not reach EngineMujoco's."""

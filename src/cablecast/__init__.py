@@ -11,15 +11,20 @@ if TYPE_CHECKING:
     from cablecast.arm.ur import ArmUR as ArmUR
     from cablecast.cable import Cable as Cable
     from cablecast.cable import CableParams as CableParams
+    from cablecast.cable import Material as Material
     from cablecast.cable import load_cable as load_cable
-    from cablecast.camera.sight import CameraSight as CameraSight
-    from cablecast.datasets.reader import Dataset as Dataset
-    from cablecast.datasets.reader import read_dataset as read_dataset
+    from cablecast.camera.settings import CameraSight as CameraSight
+    from cablecast.cast import EndpointTrack as EndpointTrack
+    from cablecast.cast import TrialStatus as TrialStatus
+    from cablecast.data.dataset import Dataset as Dataset
+    from cablecast.data.dataset import read_dataset as read_dataset
     from cablecast.engines.warp_.engine import EngineWarp as EngineWarp
     from cablecast.errors import CablecastError as CablecastError
     from cablecast.evaluation.evaluate import Evaluation as Evaluation
-    from cablecast.material import Material as Material
-    from cablecast.models.many_cables import ManyCablesModel as ManyCablesModel
+    from cablecast.learning.network import ManyCablesModel as ManyCablesModel
+    from cablecast.learning.policy import ForwardSearchPolicy as ForwardSearchPolicy
+    from cablecast.learning.policy import Plan as Plan
+    from cablecast.learning.policy import PolarCastingPolicy as PolarCastingPolicy
     from cablecast.motion.action import Action as Action
     from cablecast.motion.trajectory import (
         Trajectory as Trajectory,
@@ -44,9 +49,6 @@ if TYPE_CHECKING:
     from cablecast.pipeline.tune import tune as tune
     from cablecast.pipeline.tuned import Tuned as Tuned
     from cablecast.pipeline.tuned import load_tuned as load_tuned
-    from cablecast.policies.base import Plan as Plan
-    from cablecast.policies.forward_search import ForwardSearchPolicy as ForwardSearchPolicy
-    from cablecast.policies.polar_casting import PolarCastingPolicy as PolarCastingPolicy
     from cablecast.rigs.base import Rig as Rig
     from cablecast.rigs.base import RigLifecycle as RigLifecycle
     from cablecast.rigs.make import make_rig as make_rig
@@ -63,9 +65,7 @@ if TYPE_CHECKING:
     from cablecast.setup import (
         save_setup as save_setup,
     )
-    from cablecast.track import EndpointTrack as EndpointTrack
-    from cablecast.track import TrialStatus as TrialStatus
-    from cablecast.tuning.least_squares import FitConfig as FitConfig
+    from cablecast.tuning.fit import FitConfig as FitConfig
     from cablecast.tuning.tune import TuneConfig as TuneConfig
     from cablecast.workspace import Workspace as Workspace
     from cablecast.workspace import load_targets as load_targets
@@ -78,25 +78,25 @@ _HOMES = {
     "ArmUR": "cablecast.arm.ur",
     "Cable": "cablecast.cable",
     "CableParams": "cablecast.cable",
-    "CameraSight": "cablecast.camera.sight",
-    "Material": "cablecast.material",
+    "CameraSight": "cablecast.camera.settings",
+    "Material": "cablecast.cable",
     "CablecastError": "cablecast.errors",
-    "Dataset": "cablecast.datasets.reader",
-    "EndpointTrack": "cablecast.track",
+    "Dataset": "cablecast.data.dataset",
+    "EndpointTrack": "cablecast.cast",
     "EngineWarp": "cablecast.engines.warp_.engine",
     "Evaluation": "cablecast.evaluation.evaluate",
-    "FitConfig": "cablecast.tuning.least_squares",
-    "ForwardSearchPolicy": "cablecast.policies.forward_search",
-    "ManyCablesModel": "cablecast.models.many_cables",
+    "FitConfig": "cablecast.tuning.fit",
+    "ForwardSearchPolicy": "cablecast.learning.policy",
+    "ManyCablesModel": "cablecast.learning.network",
     "MotionConfig": "cablecast.setup",
-    "Plan": "cablecast.policies.base",
-    "PolarCastingPolicy": "cablecast.policies.polar_casting",
+    "Plan": "cablecast.learning.policy",
+    "PolarCastingPolicy": "cablecast.learning.policy",
     "Progress": "cablecast.runs.progress",
     "Rig": "cablecast.rigs.base",
     "RigLifecycle": "cablecast.rigs.base",
     "Setup": "cablecast.setup",
     "Trajectory": "cablecast.motion.trajectory",
-    "TrialStatus": "cablecast.track",
+    "TrialStatus": "cablecast.cast",
     "TuneConfig": "cablecast.tuning.tune",
     "Tuned": "cablecast.pipeline.tuned",
     "Workspace": "cablecast.workspace",
@@ -112,7 +112,7 @@ _HOMES = {
     "plan_trajectory": "cablecast.motion.trajectory",
     "policy_for_cable": "cablecast.pipeline.many_cables",
     "prepare_aim": "cablecast.pipeline.aim",
-    "read_dataset": "cablecast.datasets.reader",
+    "read_dataset": "cablecast.data.dataset",
     "repeat": "cablecast.pipeline.repeat",
     "reproduce": "cablecast.pipeline.reproduce",
     "save_setup": "cablecast.setup",

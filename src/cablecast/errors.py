@@ -3,7 +3,16 @@
 Each also derives from the matching built-in, so that `except ValueError` works too. A message is
 one line that names the offending value and the bound. The command line prints it without a
 traceback and exits with status 2.
+
+Checks of input values: ranges, counts, seeds and names.
+
+Every check raises InputError with one line that names the value and its bound.
 """
+
+import math
+import numbers
+from collections.abc import Mapping
+from typing import Any
 
 
 class CablecastError(Exception):
@@ -68,3 +77,135 @@ class MissingExtraError(CablecastError, ImportError):
         super().__init__(
             f"{purpose} needs {library}, which is not installed: pip install 'cablecast[{extra}]'"
         )
+
+
+COUNT_MAX = 10_000_000
+"""Largest number of casts, motions or steps; more would fill any disk."""
+
+SEED_MAX = 2**32 - 1
+
+NAME_LENGTH_MAX = 80
+
+Ranges = Mapping[str, tuple[float, float, str]]
+"""Lower bound, upper bound and unit by name; an empty unit for plain numbers."""
+
+
+def check_number(name: str, value: Any, low: float, high: float, unit: str = "") -> float:
+    """Return a number if it is within its bounds.
+
+    Args:
+        name: Name of the value in the error.
+        value: Value to check.
+        low: Smallest allowed value.
+        high: Largest allowed value.
+        unit: Unit in the error.
+
+    Raises:
+        InputError: The value is no number, not finite, or outside its bounds.
+
+    >>> check_number("v_max", 1.5, 0.05, 5.0, "m/s")
+    1.5
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise InputError(f"{name} = {value!r} is not a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not (math.isfinite(number) and low <= number <= high):
+        raise InputError(
+            f"{name} = {number:g}{' ' * bool(unit)}{unit} is outside [{low:g}, {high:g}]"
+        )
+    return number
+
+
+def check_ranges(owner: Any, ranges: Ranges, what: str = "") -> None:
+    """Check attributes of an object against their bounds.
+
+    Args:
+        owner: Object with one attribute per name.
+        ranges: Bounds and unit of each attribute.
+        what: Name of the owner in the error.
+
+    Raises:
+        InputError: An attribute is no number, not finite, or outside its bounds.
+    """
+    for name, (low, high, unit) in ranges.items():
+        check_number(f"{what} {name}".strip(), getattr(owner, name), low, high, unit)
+
+
+def check_count(name: str, value: Any, low: int = 1, high: int = COUNT_MAX) -> int:
+    """Return a whole number if it is within its bounds.
+
+    Args:
+        name: Name of the value in the error.
+        value: Value to check.
+        low: Smallest allowed value.
+        high: Largest allowed value.
+
+    Raises:
+        InputError: The value is no whole number, or outside its bounds.
+
+    >>> check_count("count", 80)
+    80
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise InputError(f"{name} = {value!r} is not a whole number")
+    value = int(value)
+    if not low <= value <= high:
+        shown = str(value) if abs(value) < 10**15 else "a number of over 15 digits"
+        raise InputError(f"{name} = {shown} is outside [{low}, {high}]")
+    return value
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed if it is a whole number from 0 to 2**32 - 1.
+
+    Raises:
+        InputError: It is not.
+    """
+    return check_count("seed", seed, 0, SEED_MAX)
+
+
+def check_name(name: Any, what: str) -> str:
+    """Return a name if it fits on one line.
+
+    Args:
+        name: Value to check.
+        what: Kind of thing that it names, for the error.
+
+    Raises:
+        InputError: The name is no text, empty, too long, or holds control characters.
+    """
+    if not isinstance(name, str):
+        raise InputError(f"{what} name = {str(name)[:40]!r} is not text: put it in quotes")
+    if not 1 <= len(name) <= NAME_LENGTH_MAX:
+        raise InputError(
+            f"{what} name has {len(name)} characters: it must have 1 to {NAME_LENGTH_MAX}"
+        )
+    if not name.isprintable() or not name.strip():
+        raise InputError(f"{what} name {name!r} must be printable, without line breaks")
+    return name
+
+
+def check_keys(
+    values: Any, known: set[str], what: str, *, required: set[str] | None = None
+) -> dict[str, Any]:
+    """Return a mapping as a dictionary if it has the right keys.
+
+    Args:
+        values: Value to check.
+        known: Allowed keys.
+        what: Name of the mapping in the error.
+        required: Required keys.
+
+    Raises:
+        InputError: The value is no mapping, or a key is unknown or missing.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError(f"{what} must be a mapping of {sorted(known)}, not {str(values)[:40]!r}")
+    if unknown := sorted(str(key) for key in values if key not in known):
+        raise InputError(f"{what} has unknown keys {unknown}: known are {sorted(known)}")
+    if missing := sorted((required or set()) - set(values)):
+        raise InputError(f"{what} lacks the keys {missing}")
+    return dict(values)

@@ -1,12 +1,30 @@
-"""Atomic file writes: a reader finds the old file or the new one, never half of one."""
+"""Atomic file writes: a reader finds the old file or the new one, never half of one.
 
+Facts about the machine and the installed libraries.
+
+Readers of text, YAML, JSON and CSV files, with bounds on their size.
+
+A file that cannot be read (missing, no permission, a failing disk) is told apart from a file with
+wrong content: only the second is damaged.
+"""
+
+import csv
+import functools
 import glob
+import hashlib
+import importlib.metadata
 import json
 import os
 import pathlib
+import platform
+import re
 import shutil
 import tempfile
 from typing import Any
+
+import yaml
+
+from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
 
 
 def temporary_prefix(path: pathlib.Path) -> str:
@@ -83,3 +101,244 @@ def write_json(path: pathlib.Path, values: Any) -> None:
     """Write plain values as indented JSON, which has no NaN; see `write_bytes`."""
     text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
+
+
+DISTRIBUTIONS = (
+    "cablecast",
+    "numpy",
+    "scipy",
+    "warp-lang",
+    "mujoco",
+    "ruckig",
+    "torch",
+    "pyarrow",
+    "matplotlib",
+)
+"""Distributions whose versions affect the results."""
+
+
+def core_count() -> int:
+    """Return the number of processor cores that this process may use, at least 1."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def library_versions() -> dict[str, str]:
+    """Return the versions of Python and of the libraries that affect the results.
+
+    The libraries are not imported.
+    """
+    return dict(_library_versions())
+
+
+@functools.cache
+def _library_versions() -> dict[str, str]:
+    """Look the versions up once per process: what it has imported no longer changes."""
+    versions = {"python": platform.python_version(), "platform": platform.platform()}
+    for name in DISTRIBUTIONS:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+SIZE_MAX = 2**20
+"""Largest size of a file written by a person [byte]."""
+
+JSON_SIZE_MAX = 2**28
+"""Largest size of a JSON file of a run [byte]."""
+
+CHECKSUM_KEY = "sha256"
+
+
+def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
+    """Return the text of a file, in UTF-8 with or without a byte-order mark.
+
+    Args:
+        path: File to read.
+        size_max: Largest allowed size [byte].
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        UnreadableFileError: The system refuses to read it.
+        InputError: The file is too large, or not UTF-8.
+    """
+    path = pathlib.Path(path)
+    content = read_bytes(path, size_max)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not text in UTF-8 (byte {error.start})") from None
+
+
+def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes:
+    """Return the content of a file.
+
+    Args:
+        path: File to read.
+        size_max: Largest allowed size [byte].
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        UnreadableFileError: The system refuses to read it.
+        InputError: The file is too large.
+    """
+    path = pathlib.Path(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(size_max + 1)
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(f"there is no file {path}") from None
+    except OSError as error:
+        raise UnreadableFileError(f"{path} cannot be read: {error.strerror or error}") from None
+    if len(content) > size_max:
+        raise InputError(f"{path} has more than {size_max} bytes")
+    return content
+
+
+class _Loader(yaml.SafeLoader):
+    """Loader of plain YAML: no aliases, no repeated keys, and 5e-2 is a number."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not allowed")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.YAMLError(
+                    f"the key {str(key.value)[:40]!r} appears twice, again in line "
+                    f"{key.start_mark.line + 1}"
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+# YAML 1.1 reads 5e-2 and 1.e5 as text, but every person means the number.
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, regexp) for tag, regexp in resolvers if tag != "tag:yaml.org,2002:float"]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"""^[-+]?(?:(?:[0-9][0-9_]*)?\.[0-9_]+(?:[eE][-+]?[0-9]+)?
+        |[0-9][0-9_]*\.?(?:[eE][-+]?[0-9]+)
+        |[0-9][0-9_]*\.
+        |\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
+        re.VERBOSE,
+    ),
+    list("-+0123456789."),
+)
+
+
+def read_yaml(path: str | pathlib.Path) -> dict[str, Any]:
+    """Return the mapping that a YAML file holds.
+
+    Args:
+        path: File to read, of at most `SIZE_MAX` bytes.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        InputError: The file is not YAML, holds aliases or repeated keys, or is no mapping.
+    """
+    return parse_yaml(read_text(path), str(path))
+
+
+def parse_yaml(text: str, name: str) -> dict[str, Any]:
+    """Return the mapping that a text in YAML holds.
+
+    Args:
+        text: Text in YAML.
+        name: Name of the text in the error.
+
+    Raises:
+        InputError: It is not YAML, holds aliases or repeated keys, or is no mapping.
+    """
+    try:
+        values = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{name} is not plain YAML: {reason}") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{name} must hold a mapping of names to values")
+    return values
+
+
+def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+    """Return the rows of a CSV file that has some columns.
+
+    Args:
+        path: File to read.
+        columns: Names that the header must hold.
+
+    Raises:
+        InputError: There is no such file, or a column or a cell is missing.
+    """
+    path = pathlib.Path(path)
+    try:
+        reader = csv.DictReader(read_text(path, 16 * SIZE_MAX).splitlines())
+        rows = list(reader)
+    except FileNotFoundError as error:
+        raise InputError(str(error)) from None
+    except csv.Error as error:
+        raise InputError(f"{path} is no CSV file: {error}") from None
+    if missing := [name for name in columns if name not in (reader.fieldnames or ())]:
+        raise InputError(f"{path} lacks the columns {', '.join(missing)}")
+    for number, row in enumerate(rows, start=2):
+        if any(row[name] is None for name in columns):
+            raise InputError(f"line {number} of {path} has too few cells")
+    return rows
+
+
+def seal(values: dict[str, Any]) -> dict[str, Any]:
+    """Return plain values with their checksum added."""
+    plain = json.loads(json.dumps(values, allow_nan=False))
+    return {**plain, CHECKSUM_KEY: _checksum(plain)}
+
+
+def read_sealed(path: str | pathlib.Path) -> dict[str, Any]:
+    """Return the values of a sealed JSON file; see `seal`.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        UnreadableFileError: The system refuses to read it.
+        DamagedFileError: It is not JSON or no mapping, or its checksum does not match.
+    """
+    values = read_json(path)
+    stored = values.pop(CHECKSUM_KEY, None)
+    try:
+        checksum = _checksum(values)
+    except RecursionError:
+        raise DamagedFileError(f"{path} is damaged: nested too deeply") from None
+    if stored != checksum:
+        raise DamagedFileError(f"{path} is damaged: its content does not match its checksum")
+    return values
+
+
+def read_json(path: str | pathlib.Path) -> dict[str, Any]:
+    """Return the mapping that a JSON file holds.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        UnreadableFileError: The system refuses to read it.
+        DamagedFileError: It is not JSON, or no mapping.
+    """
+    path = pathlib.Path(path)
+    try:
+        values = json.loads(read_text(path, JSON_SIZE_MAX))
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise DamagedFileError(f"{path} is damaged: {' '.join(reason.split())[:200]}") from None
+    if not isinstance(values, dict):
+        raise DamagedFileError(f"{path} is damaged: it must hold a mapping of names to values")
+    return values
+
+
+def _checksum(values: dict[str, Any]) -> str:
+    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:16]

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_keys, check_ranges
 from cablecast.conventions import xy_to_polar
-from cablecast.errors import InputError, TargetError
+from cablecast.errors import InputError, TargetError, check_keys, check_ranges
 
 Array = NDArray[np.float64]
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from cablecast.arm.geometry import LINKS
-from cablecast.arm.limits import JOINT_NAMES, JointLimits
-from cablecast.arm.ur import ArmUR
+from cablecast.arm.kinematics import LINKS
+from cablecast.arm.ur import JOINT_NAMES, ArmUR, JointLimits
 from cablecast.errors import InputError
 
 

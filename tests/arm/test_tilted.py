@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.arm.tilted import tilted_motion
+from cablecast.arm.kinematics import tilted_motion
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cablecast.arm.geometry import ARM_MODELS
+from cablecast.arm.kinematics import ARM_MODELS
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
 

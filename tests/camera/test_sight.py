@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.camera.sight import CameraSight
+from cablecast.camera.settings import CameraSight
 from cablecast.errors import InputError
 
 OVERHEAD = (0.0, 0.7, 2.0)

@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.arm.ur import ArmUR
-from cablecast.camera.tags import TagLayout, default_layout
-from cablecast.camera.touch import OUTLIER, fit_table, read_touches, touch_tags
+from cablecast.camera.tags import (
+    OUTLIER,
+    TagLayout,
+    default_layout,
+    fit_table,
+    read_touches,
+    touch_tags,
+)
 from cablecast.errors import InputError
 
 LAYOUT = default_layout()

@@ -17,7 +17,7 @@ import time
 import numpy as np
 
 from cablecast.rigs.base import RigLifecycle
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.cast import EndpointTrack, TrialStatus
 
 FOLDER = pathlib.Path(__file__).parent
 

@@ -117,7 +117,7 @@ def test_pictures_of_a_board_become_the_lens_in_the_lab_file(lab, tmp_path, caps
     from cablecast.rigs.virtual.camera import VirtualCamera
     from cablecast.rigs.virtual.camera_calibrate import board_pictures
     from cablecast.rigs.virtual.camera_config import CameraConfig
-    from cablecast.tracking.calibration import Board
+    from cablecast.vision.calibration import Board
 
     camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
     pictures = tmp_path / "board"

@@ -8,12 +8,12 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.cli import main
-from cablecast.filming.matroska import FilmWriter
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.setup import Setup, load_setup
+from cablecast.vision.matroska import FilmWriter
 
 RATE, WIDTH, HEIGHT = 30.0, 640, 360
 OFFSET = 812.3456
@@ -81,7 +81,7 @@ def test_a_camera_as_it_should_be_needs_no_change(camera, tmp_path, capsys):
     # So small a picture asks for a wide marker.
     known = {"marker": "[0.07, 0.03]", "clock_offset_sd": 0.001}
     file = lab(tmp_path, "still.mkv", exposure=0.001, **known)
-    from cablecast.lab_file import update_lab_file
+    from cablecast.setup import update_lab_file
 
     update_lab_file(file, {"camera": {"lens": camera.view.lens.to_dict()}})
     assert main(["camera", "check", "--setup", str(file), "--seconds", "0.22"]) == 0

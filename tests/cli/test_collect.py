@@ -7,7 +7,7 @@ import time
 import pytest
 
 from cablecast.cli import main
-from cablecast.datasets import read_dataset
+from cablecast.data.dataset import read_dataset
 
 # A rig whose trials take a while and which writes down each that it makes.
 SLOW_RIG = """
@@ -18,7 +18,7 @@ import numpy as np
 
 from cablecast.errors import RigError
 from cablecast.rigs.base import RigLifecycle
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.cast import EndpointTrack, TrialStatus
 
 FOLDER = pathlib.Path(__file__).parent
 

@@ -15,7 +15,7 @@ from tools.small_results import SMALL, digests
 from cablecast.cable import load_cable
 from cablecast.cli import main
 from cablecast.errors import CablecastError
-from cablecast.runs.stages import STAGES_FILE, StageLog
+from cablecast.runs.progress import STAGES_FILE, StageLog
 from cablecast.setup import Setup
 
 

@@ -7,7 +7,7 @@ from cablecast.cli import main
 
 RIG_MODULE = '''
 import numpy as np
-from cablecast.track import EndpointTrack, TrialStatus
+from cablecast.cast import EndpointTrack, TrialStatus
 
 
 class MyRig:

@@ -36,7 +36,7 @@ def film():
 @pytest.fixture(scope="module")
 def folder(film, tmp_path_factory) -> pathlib.Path:
     """Return a video of it with the layout of the tags, and what tracking it with these wrote."""
-    from cablecast.tracking.video import write_video
+    from cablecast.vision.video import write_video
 
     folder = tmp_path_factory.mktemp("film")
     frames = (film.frame(i) for i in range(film.frame_count))

@@ -1,7 +1,7 @@
 """Words of `cablecast tune` about the material that it found."""
 
+from cablecast.cable import Material
 from cablecast.cli.tune import material_words
-from cablecast.material import Material
 
 HAS = "beside the ten parameters, the cable has "
 

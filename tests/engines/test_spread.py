@@ -5,16 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import CableParams, load_cable
+from cablecast.cable import CableParams, Material, load_cable
 from cablecast.engines.spread import EngineSpread
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.material import Material
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
-from cablecast.tuning.cables import draw_cables
+from cablecast.tuning.space import draw_cables
 
 SETUP = Setup()
 CABLE = SETUP.cable

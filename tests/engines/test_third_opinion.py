@@ -8,7 +8,7 @@ import pytest
 
 from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.setup import Setup
 
 CABLE = load_cable("cable_1")

@@ -5,12 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Cable, CableParams, load_cable
+from cablecast.cable import Cable, CableParams, Material, load_cable
 from cablecast.conventions import GRAVITY
 from cablecast.engines.base import CableState, reset_state
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.material import Material
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from wide_casts import CABLE, casts, distance_pct
 
-from cablecast.cable import CableParams, load_cable
+from cablecast.cable import CableParams, Material, load_cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.rollout import rollout_kernel
-from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 
 SEED = 7

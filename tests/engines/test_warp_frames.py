@@ -5,13 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable, CableParams, Material
 from cablecast.engines import make_engine
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.material import rest_bends
 from cablecast.errors import InputError
-from cablecast.material import Material
 from cablecast.motion.grip_path import GripPath
 
 LENGTH, SEGMENT_COUNT, RADIUS, MASS = 0.6, 30, 0.005, 0.03

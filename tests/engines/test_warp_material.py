@@ -5,14 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable, CableParams, Material
 from cablecast.engines import make_engine
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.material import LAG_RATIO
 from cablecast.errors import InputError
-from cablecast.material import Material
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup

@@ -12,7 +12,7 @@ from cablecast.cable import CableParams
 from cablecast.conventions import mirror_xy
 from cablecast.engines.warp_ import EngineWarp, rollout
 from cablecast.errors import InputError
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.space import SearchSpace
 
 
 def errors_by_step(params, steps):

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from benchmarks import stability
 
-from cablecast.cable import CABLE_NAMES, Cable, CableParams, load_cable
+from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, CableParams, Material, load_cable
 from cablecast.engines import make_engine
 from cablecast.engines.base import GRAVITY, CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.material import AIR_DENSITY, Material
 from cablecast.motion.grip_path import GripPath
 
 LENGTH, RADIUS, MASS, SEGMENT_COUNT = 0.6, 0.005, 0.02, 20

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cablecast.cable import load_cable
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.setup import Setup
 
 CABLE = load_cable("cable_1")

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cablecast.policies.base import Plan, check_targets
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.learning.policy import Plan, check_targets
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 
 class PolicyStub:

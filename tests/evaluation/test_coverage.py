@@ -11,7 +11,7 @@ from cablecast.evaluation.coverage import (
     outlines,
     polar_casting_region,
 )
-from cablecast.motion.polar_reach import PolarReach
+from cablecast.motion.polar import PolarReach
 from cablecast.setup import Setup
 
 SETUP = Setup()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.evaluation.ellipse import confidence_ellipse
+from cablecast.evaluation.repeatability import confidence_ellipse
 
 # A share of 0.95 among 100,000 points has a standard deviation of 0.0007.
 SHARE_TOLERANCE = 0.003

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DatasetError, InputError, RigError, TargetError
 from cablecast.evaluation.evaluate import evaluate_policy
-from cablecast.track import EndpointTrack, TrialStatus
 
 CLOSE = 1e-9  # Double precision on values of order 1 to 100.
 TARGETS = np.array([[0.4, 0.9], [-0.4, 0.9], [0.0, 0.8]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.evaluation.intervals import difference_interval, median_interval
+from cablecast.evaluation.evaluate import difference_interval, median_interval
 
 
 def test_the_interval_holds_the_true_median_about_nine_times_in_ten():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.evaluation.metrics import summarise_errors, target_error_pct
+from cablecast.evaluation.evaluate import summarise_errors, target_error_pct
 
 CLOSE = 1e-12  # Double precision; the values are of order 1 to 100.
 

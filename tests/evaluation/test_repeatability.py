@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.published import published_repeatability
 from cablecast.evaluation.repeatability import (
@@ -15,7 +16,6 @@ from cablecast.evaluation.repeatability import (
 from cablecast.motion.feasibility import check_actions
 from cablecast.rigs.base import RigLifecycle
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 SETUP = Setup()
 CABLE = SETUP.cable
@@ -169,7 +169,7 @@ def test_one_cast_of_each_action_is_refused(tmp_path):
 
 
 def test_a_dataset_without_repeats_is_refused():
-    from cablecast.datasets import Dataset
+    from cablecast.data.dataset import Dataset
 
     empty = np.empty((0, 4))
     dataset = Dataset(
@@ -200,7 +200,7 @@ def test_the_published_figures_are_those_of_section_vi_b():
 
 def test_the_map_draws_each_landing_and_marks_actions_that_left_the_table(measured):
     pytest.importorskip("matplotlib")
-    from cablecast.report.repeatability import repeatability_map
+    from cablecast.report.maps import repeatability_map
     from cablecast.report.style import png_bytes
 
     figure = repeatability_map([measured, measured, measured], SETUP.workspace)

@@ -4,9 +4,13 @@ import json
 import numpy as np
 import pytest
 
-from cablecast.evaluation.evaluate import evaluate_policy
-from cablecast.evaluation.results import TRIAL_COLUMNS, evaluation_metrics, save_trials
-from cablecast.track import TrialStatus
+from cablecast.cast import TrialStatus
+from cablecast.evaluation.evaluate import (
+    TRIAL_COLUMNS,
+    evaluate_policy,
+    evaluation_metrics,
+    save_trials,
+)
 
 TARGETS = np.array([[0.4, 0.9], [-0.4, 0.9]])
 TENTH_OF_A_MILLIMETRE = 1e-4  # What the CSV rounds to.

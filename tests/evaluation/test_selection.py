@@ -4,7 +4,7 @@ import math
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.evaluation.selection import PUBLISHED_CANDIDATES, Candidate, choose
+from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, Candidate, choose
 
 
 def candidate(v_max, coverage, **values):

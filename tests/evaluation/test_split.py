@@ -5,14 +5,13 @@ from typing import cast
 import numpy as np
 import pytest
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
-from cablecast.evaluation.evaluate import Evaluation, TargetCast
-from cablecast.evaluation.split import PART_NAMES, split_errors
-from cablecast.models.landing import LandingModel
+from cablecast.evaluation.evaluate import PART_NAMES, Evaluation, TargetCast, split_errors
+from cablecast.learning.landing import LandingModel
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 SETUP = Setup()
 CABLE = SETUP.cable

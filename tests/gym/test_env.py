@@ -11,7 +11,7 @@ import cablecast.gym  # noqa: F401
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.gym.env import CastEnv, CastVectorEnv
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.workspace import load_targets

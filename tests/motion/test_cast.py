@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from cablecast.errors import ActionError
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
-from cablecast.motion.cast import cast_grip_paths, plan_sweeps
+from cablecast.motion.casting import cast_grip_paths, plan_sweeps
 from cablecast.setup import MotionConfig, Setup
 
 SETUP = Setup()

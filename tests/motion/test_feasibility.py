@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from cablecast.arm.limits import JointLimits, LimitKind
-from cablecast.arm.ur import ArmUR
+from cablecast.arm.ur import ArmUR, JointLimits, LimitKind
 from cablecast.errors import ActionError, InputError
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
     LIMIT_SHARE,
     check_actions,

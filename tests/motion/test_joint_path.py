@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from cablecast.errors import IKError, InputError
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.joint_path import JointPath, joint_path
+from cablecast.motion.trajectory import JointPath, joint_path
 from cablecast.setup import Setup
 
 SETUP = Setup()

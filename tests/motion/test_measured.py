@@ -4,9 +4,8 @@ from scipy.signal import lfilter
 
 from cablecast.errors import InputError
 from cablecast.motion.action import Action
-from cablecast.motion.joint_path import JointPath
 from cablecast.motion.measured import grip_path_from_joints
-from cablecast.motion.trajectory import plan_trajectory
+from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.setup import Setup
 
 SETUP = Setup()

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.grip_path import GripPath
-from cablecast.motion.plane_path import PIECE_DURATION, PlanePath
+from cablecast.motion.grip_path import PIECE_DURATION, GripPath, PlanePath
 
 START = [0.3, 0.5, 0.02, 0.9, 0.0]
 # Quintics over a tenth of a second leave the exact curve by the sixth power of the angle turned.

@@ -11,9 +11,14 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.polar_cast import plan_polar_cast, polar_cast_path, reset_pose
-from cablecast.motion.polar_config import PolarCastConfig, Swing
-from cablecast.motion.polar_reach import PolarReach
+from cablecast.motion.polar import (
+    PolarCastConfig,
+    PolarReach,
+    Swing,
+    plan_polar_cast,
+    polar_cast_path,
+    reset_pose,
+)
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace, load_targets
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.errors import InputError
-from cablecast.motion.profiles import plan_profiles
+from cablecast.motion.grip_path import plan_profiles
 
 # Sums and products of a few doubles of order one, with jerks of order a hundred.
 EXACT = 1e-9

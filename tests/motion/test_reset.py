@@ -7,12 +7,10 @@ import pytest
 
 from cablecast.cable import CABLE_NAMES
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import LIMIT_SHARE, check_grip_paths, feasible_uniform
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.polar_cast import reset_pose
-from cablecast.motion.polar_config import PolarCastConfig
-from cablecast.motion.reset import plan_reset, reset_path
+from cablecast.motion.polar import PolarCastConfig, plan_reset, reset_path, reset_pose
 from cablecast.setup import Setup
 
 SETUP = Setup()

@@ -6,10 +6,9 @@ import pytest
 
 from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
-from cablecast.motion.cast import cast_grip_paths
-from cablecast.motion.joint_path import joint_path
-from cablecast.motion.joint_response import joint_response
-from cablecast.motion.servo import ServoModel
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.servo import ServoModel, joint_response
+from cablecast.motion.trajectory import joint_path
 from cablecast.setup import Setup
 
 SETUP = Setup()

@@ -5,12 +5,12 @@ import itertools
 
 import numpy as np
 
-from cablecast.models import ForwardModel
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
-from cablecast.policies import ForwardSearchPolicy
 from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 SETUP = Setup()
 LENGTH = SETUP.cable.length

@@ -7,8 +7,7 @@ import pytest
 from formula_rig import LENGTH, SETUP, FormulaRig, make_policy
 
 import cablecast as cc
-from cablecast.camera.settings import CameraSettings
-from cablecast.camera.sight import CameraSight
+from cablecast.camera.settings import CameraSettings, CameraSight
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 
@@ -252,7 +251,7 @@ def test_an_action_that_would_lose_its_landing_leaves_its_place_to_another(polic
     def lost_like_the_usual(actions, *_):
         return np.where(np.abs(actions - usual).max(axis=1) < 0.05, 0.9, 0.0)
 
-    monkeypatch.setattr("cablecast.policies.aiming.lost_chance", lost_like_the_usual)
+    monkeypatch.setattr("cablecast.aiming.choice.lost_chance", lost_like_the_usual)
     other = cc.AimSession(policy).propose(TARGETS[0])
     assert np.abs(other.action.to_array() - usual).max() >= 0.05
     assert other.failure < 0.05

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 from formula_rig import LENGTH, SETUP, make_policy
 
-from cablecast.dynamics import Dynamics
-from cablecast.engines.warp_ import EngineWarp
-from cablecast.material import Material
-from cablecast.motion.cast import cast_grip_paths
-from cablecast.motion.feasibility import feasible_uniform
-from cablecast.motion.mirrored import played, rightward, to_right
-from cablecast.policies.aimed import AimedCast
-from cablecast.policies.aiming import Aimer
-from cablecast.policies.ensemble import (
+from cablecast.aiming.choice import AimedCast, Aimer
+from cablecast.aiming.ensemble import (
     FACTORS,
     OWN_MISS,
     SPREAD_FACTOR,
@@ -25,6 +18,12 @@ from cablecast.policies.ensemble import (
     miss_factor,
     miss_sizes,
 )
+from cablecast.cable import Material
+from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.action import played, rightward, to_right
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
 
 COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
 ACTIONS = rightward(feasible_uniform(3, SETUP, seed=5))[0]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import cablecast as cc
+from cablecast.cast import TrialStatus
 from cablecast.cli import main
 from cablecast.errors import InputError
 from cablecast.pipeline import aim_learning
@@ -15,7 +16,6 @@ from cablecast.pipeline.aim_casts import AimTrial
 from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE
-from cablecast.track import TrialStatus
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")

@@ -7,17 +7,16 @@ import pytest
 from formula_rig import LENGTH, SETUP, make_policy
 
 import cablecast as cc
-from cablecast.datasets.collect import collect_dataset
-from cablecast.material import Material
+from cablecast.aiming.choice import _NEAR_COUNT, AimedCast, Aimer
+from cablecast.aiming.ensemble import Judgement
+from cablecast.cable import Material
+from cablecast.cast import TrialStatus
+from cablecast.data.record import collect_dataset
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.aim_casts import AimTrial
 from cablecast.pipeline.aim_lessons import LESSON_COUNT, rows_near
 from cablecast.pipeline.simulate import simulate_to_aim
-from cablecast.policies.aimed import AimedCast
-from cablecast.policies.aiming import _NEAR_COUNT, Aimer
-from cablecast.policies.ensemble import Judgement
 from cablecast.rigs.engine import RigEngine
-from cablecast.track import TrialStatus
 from cablecast.tuning.tracks import MeasuredTracks
 
 COARSE = {"segment_count": 10, "dt": 2e-3}

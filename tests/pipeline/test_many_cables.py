@@ -12,11 +12,11 @@ from cablecast.cli.main import main
 from cablecast.cli.view import View
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
-from cablecast.models.card import model_card
+from cablecast.learning.card import model_card
 from cablecast.motion.action import mirror_actions
 from cablecast.pipeline.many_cables import REFINE_COUNT, policy_for_cable, train_cables
 from cablecast.runs.progress import DONE_NOTE
-from cablecast.tuning.cables import draw_cables
+from cablecast.tuning.space import draw_cables
 
 pytest.importorskip("torch")
 
@@ -149,7 +149,7 @@ def test_aiming_without_refining_simulates_and_trains_nothing(model, tmp_path, m
 
 def test_the_page_starts_from_it(model, tmp_path, monkeypatch):
     pytest.importorskip("viser")
-    from cablecast.view.session import make_desk, preparation
+    from cablecast.view.page import make_desk, preparation
 
     setup = cc.Setup(cable=other_cable())
     monkeypatch.setattr("cablecast.pipeline.many_cables.CANDIDATE_COUNT", 500)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cablecast as cc
-from cablecast.datasets.trials import commanded_joints, trial_track
+from cablecast.data.dataset import commanded_joints, trial_track
 from cablecast.motion.trajectory import plan_trajectory
 
 pytest.importorskip("mujoco")

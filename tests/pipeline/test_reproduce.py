@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from cablecast.models.adaptation import REAL_ONLY, FineTuningConfig
+from cablecast.learning.adaptation import REAL_ONLY, FineTuningConfig
 from cablecast.pipeline.reproduce import reproduce
 from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
 from cablecast.tuning.tune import TuneConfig
@@ -52,9 +52,9 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     # The pages of the single evaluations are made, but their figures are not rendered.
     monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
     brief = dataclasses.replace(REAL_ONLY, epochs=10, patience=10)
-    monkeypatch.setattr("cablecast.models.adaptation.REAL_ONLY", brief)
+    monkeypatch.setattr("cablecast.learning.adaptation.REAL_ONLY", brief)
     tuning = functools.partial(FineTuningConfig, epochs=10)
-    monkeypatch.setattr("cablecast.models.adaptation.FineTuningConfig", tuning)
+    monkeypatch.setattr("cablecast.learning.adaptation.FineTuningConfig", tuning)
     begun = []
 
     def stop(report):

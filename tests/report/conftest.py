@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.evaluation.evaluate import Evaluation, TargetCast
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import load_targets
 
 TIMES = np.arange(0.0, 3.05, 0.1)

@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 
 from cablecast.cable import load_cable
-from cablecast.evaluation.metrics import summarise_errors
+from cablecast.evaluation.evaluate import summarise_errors
 from cablecast.evaluation.published import published_rows
-from cablecast.report.casts import cast_frames, chosen_casts
-from cablecast.report.coverage import coverage_figure
 from cablecast.report.curves import error_boxes, learning_curve, target_errors
-from cablecast.report.ellipses import ellipse_map
-from cablecast.report.landings import landing_map
+from cablecast.report.maps import (
+    cast_frames,
+    chosen_casts,
+    coverage_figure,
+    ellipse_map,
+    landing_map,
+    track_panels,
+)
 from cablecast.report.style import png_bytes, svg_uri
-from cablecast.report.tracks import track_panels
 from cablecast.workspace import Workspace
 
 ON_SCREEN = 1e-9  # What is drawn is what is stored, to rounding.

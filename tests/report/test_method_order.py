@@ -1,6 +1,6 @@
 import numpy as np
 
-from cablecast.report.method_order import share_of_draws
+from cablecast.report.reproduction import share_of_draws
 
 
 def test_an_order_of_methods_is_told_from_chance_by_drawing_the_targets_anew():

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from cablecast.errors import DamagedFileError, InputError
-from cablecast.evaluation.results import evaluation_metrics, save_trials
-from cablecast.report.ellipses import ellipse_map
-from cablecast.report.reproduction import BEST_METHOD, Reproduction
-from cablecast.report.reproduction_page import reproduction_page
-from cablecast.report.reproduction_parts import cable_part
+from cablecast.evaluation.evaluate import evaluation_metrics, save_trials
+from cablecast.report.maps import ellipse_map
+from cablecast.report.reproduction import BEST_METHOD, Reproduction, cable_part, reproduction_page
 from cablecast.report.style import svg_uri
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from cablecast.evaluation.metrics import summarise_errors
-from cablecast.report.text import five_cells, flatten_settings, pct, share_pct
+from cablecast.evaluation.evaluate import summarise_errors
+from cablecast.report.style import five_cells, flatten_settings, pct, share_pct
 
 
 @pytest.mark.parametrize(

@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 from cablecast.cable import Cable
+from cablecast.files import parse_yaml
 from cablecast.motion.action import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.reading import parse_yaml
 from cablecast.rigs.base import Rig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
+from cablecast.rigs.ur.twin.laboratory import TwinConfig, TwinProcess
 from cablecast.setup import Setup
-from cablecast.twin.config import TwinConfig
-from cablecast.twin.process import TwinProcess
 from cablecast.workspace import Workspace
 
 # A user's own rig is made as the command line makes it, from a module in the working directory.
@@ -142,7 +141,7 @@ def rig_kind(request, setup) -> RigKind:
         return RigKind("virtual", lambda: RigVirtual(setup, 0, config))
     if request.param == "ur":
         from cablecast.rigs.ur.rig import RigUR
-        from cablecast.twin.truth import TruthCamera
+        from cablecast.rigs.ur.twin.truth import TruthCamera
 
         make_twin = request.getfixturevalue("make_twin")
         _, lab = make_twin(segment_count=12, rate=3.0)

@@ -6,11 +6,11 @@ import itertools
 import numpy as np
 import pytest
 
+from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.errors import InputError, RigError
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.joint_path import JointPath
-from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.answers import (
+from cablecast.motion.trajectory import JointPath, Trajectory
+from cablecast.rigs.checked import (
     DESCRIPTION_SIZE_MAX,
     END_TIME_MAX,
     SAMPLE_COUNT_MAX,
@@ -19,7 +19,6 @@ from cablecast.rigs.answers import (
     check_track,
 )
 from cablecast.setup import Setup
-from cablecast.track import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 LAG = 0.06

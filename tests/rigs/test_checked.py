@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from cablecast.camera.sight import CameraSight
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, RigError, TargetError
-from cablecast.rigs import time_limit
+from cablecast.rigs import checked as time_limit
 from cablecast.rigs.checked import CheckedRig
-from cablecast.track import EndpointTrack, TrialStatus
 
 SHORT = 0.3
 """Time limit of a rig that hangs [s]: a busy machine may stop a test for a tenth of a second."""

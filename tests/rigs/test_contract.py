@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from cablecast.cast import TrialStatus
 from cablecast.errors import RigError
 from cablecast.rigs.base import PURPOSES, Rig, run_trials
-from cablecast.track import TrialStatus
 
 # Rods may stretch by as much as a soft length constraint lets them; 1 % would be seen.
 STRETCH_MAX = 0.01

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.datasets.collect import collect_dataset
+from cablecast.data.record import collect_dataset
 from cablecast.rigs.make import make_rig
 
 ACTION = [[np.radians(-15), np.radians(10), 0.6, np.radians(10)]]

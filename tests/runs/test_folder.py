@@ -5,9 +5,8 @@ import pytest
 
 import cablecast
 from cablecast.errors import InputError, UnreadableFileError
-from cablecast.machine import library_versions
-from cablecast.runs.facts import source_commit
-from cablecast.runs.folder import RunFolder
+from cablecast.files import library_versions
+from cablecast.runs.folder import RunFolder, source_commit
 from cablecast.runs.places import cable_folder, rig_folder
 
 SETTINGS = {"seed": 0, "training": {"epochs": 5}, "grid": (1, 2)}
@@ -81,7 +80,7 @@ def test_metrics_that_cannot_be_read_are_not_called_damaged(tmp_path):
 
 def test_another_process_is_kept_out_of_a_folder_while_a_run_is_in_it(tmp_path):
     script = (
-        "import sys, pathlib; from cablecast.runs.claim import hold_folder\n"
+        "import sys, pathlib; from cablecast.runs.folder import hold_folder\n"
         "from cablecast.errors import InputError\n"
         "try:\n"
         "    with hold_folder(pathlib.Path(sys.argv[1]), InputError): print('held')\n"

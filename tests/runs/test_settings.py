@@ -1,7 +1,7 @@
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.runs.settings import fingerprint, plain_settings, settings_differences
+from cablecast.runs.folder import fingerprint, plain_settings, settings_differences
 
 
 def test_differences_name_nested_settings_and_absent_ones():

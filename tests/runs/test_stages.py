@@ -5,8 +5,8 @@ import time
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.reading import seal
-from cablecast.runs.stages import STAGES_FILE, Stage, StageLog, remaining_time, run_stages
+from cablecast.files import seal
+from cablecast.runs.progress import STAGES_FILE, Stage, StageLog, remaining_time, run_stages
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_
 
 
 def test_what_a_kill_can_lose_of_a_stages_time_is_little(tmp_path, monkeypatch):
-    monkeypatch.setattr("cablecast.runs.stages._STORE_EVERY", 0.01)
+    monkeypatch.setattr("cablecast.runs.progress._STORE_EVERY", 0.01)
     log = StageLog(tmp_path)
     with log.timed("a"):
         # Long against the interval, however busy the machine is.

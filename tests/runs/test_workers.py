@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cablecast.cli import main
-from cablecast.datasets.simulate import simulate_dataset
+from cablecast.data.simulate import simulate_dataset
 from cablecast.engines.spread import EngineSpread
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.tune import tune

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.datasets.collect import collect_dataset
+from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup

@@ -1,8 +1,7 @@
 import numpy as np
 
 from cablecast.cable import load_cable
-from cablecast.tuning.cables import draw_cables
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.space import SearchSpace, draw_cables
 
 CABLE = load_cable("cable_2")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.reading import seal
-from cablecast.runs.parts import Parts
-from cablecast.tuning.checkpoint import Checkpoint
+from cablecast.files import seal
+from cablecast.runs.folder import Parts
+from cablecast.tuning.search import Checkpoint
 
 CANDIDATES = np.random.default_rng(0).random((4, 10))
 LOSSES = np.array([0.1, 0.2, 1 / 3, 0.4])

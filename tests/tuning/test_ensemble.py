@@ -5,20 +5,19 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.cable import MATERIAL_BOUNDS, Material
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.tuning.ensemble import (
     MEMBER_COUNT,
     Ensemble,
     believed_ensemble,
     other_materials,
 )
-from cablecast.tuning.fit import fit_params
-from cablecast.tuning.least_squares import FitConfig
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.posterior import ParamPosterior
-from cablecast.tuning.result import ParamsFile, params_file, write_params
+from cablecast.tuning.fit import FitConfig
+from cablecast.tuning.space import ParamPosterior
+from cablecast.tuning.tracks import TrackObjective
+from cablecast.tuning.tune import ParamsFile, fit_params, params_file, write_params
 
 CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
 COARSE = {"segment_count": 10, "dt": 2e-3}

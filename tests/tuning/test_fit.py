@@ -8,12 +8,10 @@ import pytest
 from cablecast.cable import CableParams
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.tuning.fit import fit_params
-from cablecast.tuning.least_squares import FitConfig, TrackFit
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.result import ParamsFile, params_file, write_params
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.fit import FitConfig, TrackFit
+from cablecast.tuning.space import ParamPrior, SearchSpace
+from cablecast.tuning.tracks import TrackObjective
+from cablecast.tuning.tune import ParamsFile, fit_params, params_file, write_params
 
 CONFIG = FitConfig(start_count=4, coarse_iterations=6, fine_start_count=2, fine_iterations=3)
 FRICTION = 0.12

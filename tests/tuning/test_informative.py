@@ -7,12 +7,12 @@ import pytest
 
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, feasible_uniform
 from cablecast.setup import Setup
 from cablecast.tuning import informative
 from cablecast.tuning.informative import informative_actions
-from cablecast.tuning.posterior import ParamPosterior
+from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.spread import EDGE
 
 SETUP = Setup()

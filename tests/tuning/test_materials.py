@@ -5,18 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Attachment
+from cablecast.cable import MATERIAL_BOUNDS, Attachment, Material
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.material import MATERIAL_BOUNDS, Material
 from cablecast.setup import Setup
-from cablecast.tuning.fit import fit_params
-from cablecast.tuning.least_squares import FitConfig
-from cablecast.tuning.material_space import FITTED, YIELD_TIME, MaterialSpace
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.result import params_file, read_dynamics, write_params
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.fit import FitConfig
+from cablecast.tuning.space import FITTED, YIELD_TIME, MaterialSpace, ParamPrior, SearchSpace
+from cablecast.tuning.tracks import TrackObjective
+from cablecast.tuning.tune import fit_params, params_file, read_dynamics, write_params
 
 PLAIN = FitConfig(
     start_count=8,

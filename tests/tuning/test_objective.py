@@ -6,7 +6,7 @@ import pytest
 from cablecast.cable import CableParams
 from cablecast.engines.base import reset_state
 from cablecast.errors import InputError
-from cablecast.tuning.objective import NON_FINITE_DISTANCE, TrackObjective
+from cablecast.tuning.tracks import NON_FINITE_DISTANCE, TrackObjective
 
 # The engine computes in single precision; equal worlds in other lanes give equal numbers, and the
 # dataset holds them in double.

@@ -9,14 +9,16 @@ import pytest
 from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.motion.servo import ServoModel
-from cablecast.tuning.result import (
+from cablecast.tuning.tune import (
+    TuneConfig,
     distance_summary,
     params_file,
     read_dynamics,
     read_params,
+    split_tracks,
+    tune_params,
     write_params,
 )
-from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
 
 CABLE = load_cable("cable_1")
 PARAMS = CABLE.params.to_dict()

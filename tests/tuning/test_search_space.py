@@ -5,7 +5,7 @@ import pytest
 
 from cablecast.cable import CABLE_NAMES, PARAM_BOUNDS, CableParams, load_cable
 from cablecast.errors import InputError
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.tuning.space import SearchSpace
 
 # Powers and logarithms of doubles.
 ROUNDING = 1e-12

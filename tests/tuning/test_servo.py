@@ -3,10 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.datasets.trials import commanded_joints, measured_joints
+from cablecast.data.dataset import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
-from cablecast.motion.joint_response import joint_response
-from cablecast.motion.servo import ServoModel
+from cablecast.motion.servo import ServoModel, joint_response
 from cablecast.tuning.servo import identify_servo
 
 TICK = 1 / 125

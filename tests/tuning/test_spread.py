@@ -8,7 +8,7 @@ import pytest
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, feasible_uniform
 from cablecast.setup import Setup
 from cablecast.tuning.spread import EDGE, spread_actions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import DatasetError, InputError
-from cablecast.motion.joint_path import joint_path
+from cablecast.motion.trajectory import joint_path
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
 
 # The fit of measured joints leaves less than this where they are exact (tests of the fit).

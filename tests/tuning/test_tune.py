@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.runs.parts import Parts
+from cablecast.runs.folder import Parts
 from cablecast.tuning.tune import CANDIDATE_MAX, TuneConfig, split_tracks, tune_params
 
 # Ten tracks and a few hundred candidates: enough to find what a track depends on most.

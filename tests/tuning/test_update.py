@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.tuning.fit import fit_params
-from cablecast.tuning.least_squares import FitConfig, TrackFit
-from cablecast.tuning.objective import TrackObjective
-from cablecast.tuning.prior import CorrelatedBelief, ParamPrior
-from cablecast.tuning.search_space import SearchSpace
-from cablecast.tuning.update import WIDENING, ParamUpdate
+from cablecast.tuning.ensemble import WIDENING, ParamUpdate
+from cablecast.tuning.fit import FitConfig, TrackFit
+from cablecast.tuning.space import CorrelatedBelief, ParamPrior, SearchSpace
+from cablecast.tuning.tracks import TrackObjective
+from cablecast.tuning.tune import fit_params
 
 CONFIG = FitConfig(
     start_count=2,

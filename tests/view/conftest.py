@@ -5,15 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import RigError
-from cablecast.models import ForwardModel
+from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
-from cablecast.policies import ForwardSearchPolicy
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 SETUP = Setup()
 

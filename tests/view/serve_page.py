@@ -4,13 +4,12 @@ import pathlib
 import sys
 import time
 
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.pipeline.aim_session import AimSession
-from cablecast.policies import ForwardSearchPolicy
 from cablecast.rigs.make import make_rig
-from cablecast.view import player
-from cablecast.view.page import Page
-from cablecast.view.session import make_desk
+from cablecast.view import page as player
+from cablecast.view.page import Page, make_desk
 from cablecast.view.worker import Worker
 from conftest import SETUP, OffsetRig, linear_model
 

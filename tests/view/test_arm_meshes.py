@@ -6,12 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
-from cablecast.view.arm_meshes import JOINT_NAMES, ArmMeshes
-from cablecast.view.figure import Figure
-from cablecast.view.serving import start_server, stop_server
-from cablecast.view.shown import ShownCast
+from cablecast.view.look import ShownCast
+from cablecast.view.scene import JOINT_NAMES, ArmMeshes, Figure, start_server, stop_server
 
 pytest.importorskip("mujoco")
 

@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 from tools.browse_page import TablePage, find_browser, open_browser
 
-from cablecast.datasets.reader import read_dataset
+from cablecast.data.dataset import read_dataset
 from cablecast.setup import Setup
 from cablecast.view.look import open_collection
 

@@ -4,14 +4,14 @@ import threading
 import numpy as np
 import pytest
 
+from cablecast.cast import TrialStatus
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
-from cablecast.runs.parts import Parts
+from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
-from cablecast.track import TrialStatus
-from cablecast.view.album import Album
 from cablecast.view.desk import Desk, Phase
+from cablecast.view.look import Album
 
 TARGET = np.array([0.3, 1.15])
 LENGTH = Setup().cable.length

@@ -8,10 +8,9 @@ from cablecast.errors import InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
-from cablecast.view.film import FilmConfig, frame_times, write_film
-from cablecast.view.palette import LIGHT
-from cablecast.view.picture import Camera, Painter, Shot
-from cablecast.view.shown import ShownCast
+from cablecast.view.film import Camera, FilmConfig, Painter, frame_times, write_film
+from cablecast.view.look import Shot, ShownCast
+from cablecast.view.shapes import LIGHT
 
 SETUP = Setup()
 TARGET = np.array([-0.6, 1.2])

@@ -3,21 +3,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.datasets.reader import read_dataset
+from cablecast.data.dataset import read_dataset
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluate_policy
 from cablecast.files import write_json
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import METRICS_FILE
-from cablecast.runs.parts import Parts
+from cablecast.runs.folder import METRICS_FILE, Parts
 from cablecast.setup import Setup
-from cablecast.tuning.result import PARAMS_FILE, write_params
-from cablecast.view.album import Album
+from cablecast.tuning.tune import PARAMS_FILE, write_params
+from cablecast.view.controls import slid_params
 from cablecast.view.desk import Desk
-from cablecast.view.look import open_collection
-from cablecast.view.look_controls import slid_params
+from cablecast.view.look import Album, open_collection
 
 TARGETS = np.array([[0.3, 1.15], [-0.2, 1.2]])
 

@@ -5,20 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.camera.sight import CameraSight
+from cablecast.camera.settings import CameraSight
 from cablecast.errors import InputError
 from cablecast.pipeline.aim_learning import Learned
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
-from cablecast.runs.parts import Parts
+from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress
 from cablecast.setup import Setup
-from cablecast.view.album import Album
+from cablecast.view.controls import plan_text, status_text, tour_text, tries_text
 from cablecast.view.desk import Desk, Phase
-from cablecast.view.figure import LIFT
+from cablecast.view.look import Album
 from cablecast.view.page import Page
-from cablecast.view.palette import DARK, LIGHT
-from cablecast.view.status import plan_text, status_text, tour_text, tries_text
+from cablecast.view.scene import LIFT
+from cablecast.view.shapes import DARK, LIGHT
 from cablecast.view.worker import Worker
 
 pytest.importorskip("viser")

@@ -3,9 +3,8 @@ import time
 import numpy as np
 import pytest
 
-from cablecast.view import player as player_module
-from cablecast.view.player import Player
-from cablecast.view.shown import ShownCast
+from cablecast.view import page as player_module
+from cablecast.view.look import Player, ShownCast
 
 
 class Noting:

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from cablecast.setup import Setup
-from cablecast.view.lettering import text_image
 from cablecast.view.shapes import (
     CABLE_RADIUS_MIN,
     TRAIL_COUNT,
@@ -13,6 +12,7 @@ from cablecast.view.shapes import (
     map_image,
     miss_map,
     ribbon,
+    text_image,
     thinned,
     tube,
 )

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.view.shown import FRAME_DT, ShownCast
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.view.look import FRAME_DT, ShownCast
 
 
 def track(endpoint_xy, nodes=None):

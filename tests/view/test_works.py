@@ -3,11 +3,10 @@ import threading
 import numpy as np
 import pytest
 
-from cablecast.datasets.reader import read_dataset
+from cablecast.data.dataset import read_dataset
 from cablecast.errors import InputError
 from cablecast.runs.places import DATASET_FOLDER
-from cablecast.view.worker import Worker
-from cablecast.view.works import long_work
+from cablecast.view.worker import Worker, long_work
 
 COUNT = 60
 

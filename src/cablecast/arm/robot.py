@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.checks import check_count, check_keys, check_number, check_ranges
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 Point = tuple[float, float, float]
 CastMode = typing.Literal["program", "stream"]

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_count, check_keys, check_number
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_keys, check_number
 
 _NEWTON_COUNT = 12
 _NEWTON_STEP_MAX = 0.3

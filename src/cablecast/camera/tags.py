@@ -2,21 +2,27 @@
 
 Tags are AprilTags of the family 36h11. tools/make_tags.py writes pictures of those that a layout
 asks for, to print, and the layout as a file to edit.
+
+Place of the robot at the table, from tag centres that its tool has touched.
+
+The tags' places were measured with a tape; the robot tells where it touched them, to a fraction of
+a millimetre, in its own base frame. A rigid fit of the one onto the other tells the height and the
+yaw of the base, and where its axis meets the table, which is the origin of all frames here.
 """
 
 import dataclasses
+import itertools
 import math
 import pathlib
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from cablecast.checks import check_count, check_keys, check_number, check_ranges
-from cablecast.errors import InputError
-from cablecast.files import write_text
-from cablecast.reading import read_yaml
+from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
+from cablecast.files import read_csv, read_yaml, write_text
 from cablecast.workspace import Workspace
 
 TAG_COUNT_MAX = 587
@@ -180,3 +186,173 @@ def default_layout(workspace: Workspace | None = None) -> TagLayout:
 def _edge_count(length: float) -> int:
     """Return the number of tags along an edge, at least one at each end."""
     return max(round(length / _SPACING), 1) + 1
+
+
+Array = NDArray[np.float64]
+Point = tuple[float, float, float]
+Touch = Callable[[int], Point | None]
+"""Function that lets a person touch a tag's centre, given its number: the point in the controller's
+base frame [m], or None to leave the tag out."""
+
+TOUCH_COUNT_MIN = 6
+"""Fewest tags to touch: three tell the pose, three more tell which of them lie elsewhere."""
+OUTLIER = 0.003
+"""Distance beyond which a touched centre and its tag's place do not agree [m]."""
+TILT_MAX_DEG = 2.0
+"""Largest tilt between table and base that is a fit and not a mistake [deg]."""
+
+_INLIER_SHARE_MIN = 0.6
+_SPREAD_MIN = 0.1
+"""Smallest extent of the touched tags across their longest line [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TableFit:
+    """Pose of the robot's base at the table.
+
+    Attributes:
+        base_height: Height of the base above the table's surface [m].
+        base_yaw_deg: Turn of the base about the vertical, positive to the right [deg].
+        axis_xy: Point at which the axis of the first joint meets the table, in the frame in which
+            the tags were measured [m].
+        tilt_deg: Angle between that axis and the table's vertical [deg].
+        residuals: Distance between where each tag was touched and where the fit puts it, by its
+            number [m]; with the outliers.
+        outliers: Numbers of tags that do not agree with the others, and were left out.
+        rms: Root mean square of the other residuals [m].
+        layout: Tags with the axis as their origin, as the lab file needs them.
+    """
+
+    base_height: float
+    base_yaw_deg: float
+    axis_xy: tuple[float, float]
+    tilt_deg: float
+    residuals: dict[int, float]
+    outliers: tuple[int, ...]
+    rms: float
+    layout: TagLayout
+
+
+def touch_tags(layout: TagLayout, touch: Touch) -> dict[int, Point]:
+    """Let a person touch the tags of a layout one after another.
+
+    Args:
+        layout: Tags on the table.
+        touch: Called with the number of each tag.
+
+    Returns:
+        Points in the controller's base frame by the number of the tag [m].
+    """
+    points = {tag.id: touch(tag.id) for tag in layout.tags}
+    return {tag_id: point for tag_id, point in points.items() if point is not None}
+
+
+def read_touches(path: pathlib.Path) -> dict[int, Point]:
+    """Return touched points from a CSV file with the columns tag, x_m, y_m, z_m.
+
+    Raises:
+        InputError: There is no such file, or it holds something else.
+    """
+    points: dict[int, Point] = {}
+    for number, row in enumerate(read_csv(path, ("tag", "x_m", "y_m", "z_m")), start=2):
+        try:
+            tag_id = int(row["tag"])
+            point = float(row["x_m"]), float(row["y_m"]), float(row["z_m"])
+        except ValueError:
+            raise InputError(f"line {number} of {path} holds something else than numbers") from None
+        if tag_id in points:
+            raise InputError(f"line {number} of {path} touches tag {tag_id} again")
+        points[tag_id] = point
+    return points
+
+
+def fit_table(layout: TagLayout, touched: Mapping[int, Point]) -> TableFit:
+    """Fit the robot's base to touched tags.
+
+    The pose on which most tags agree is found from all sets of three (least median of squares), so
+    that tags which lie elsewhere do not pull at it; those that agree are then fitted together.
+
+    Args:
+        layout: Tags as they were measured with a tape [m].
+        touched: Points in the controller's base frame by the number of the tag [m]. The active tool
+            centre point must be the tip that touches.
+
+    Raises:
+        InputError: Too few tags, in a line, too many outliers, or a table that is not level.
+    """
+    known = {tag.id: np.array([tag.x, tag.y, 0.0]) for tag in layout.tags}
+    if unknown := sorted(set(touched) - set(known)):
+        raise InputError(f"tag {unknown[0]} was touched, but the layout has no such tag")
+    ids = sorted(touched)
+    if len(ids) < TOUCH_COUNT_MIN:
+        raise InputError(f"{len(ids)} tags were touched: at least {TOUCH_COUNT_MIN} are needed")
+    places = np.array([known[i] for i in ids])
+    points = np.array([touched[i] for i in ids], dtype=float)
+    if points.shape != (len(ids), 3) or not np.all(np.isfinite(points)):
+        raise InputError("each touched point must be three finite numbers")
+    _check_spread(places)
+    residuals = _consensus(points, places)
+    agree = residuals <= OUTLIER
+    outliers = tuple(i for i, ok in zip(ids, agree, strict=True) if not ok)
+    if agree.sum() < max(_INLIER_SHARE_MIN * len(ids), 4):
+        raise InputError(
+            f"the touched tags do not agree: {len(outliers)} of {len(ids)} are more than "
+            f"{1e3 * OUTLIER:g} mm off the others. Is the tool centre point that of the tip, and "
+            "were the tags measured from the robot's axis?"
+        )
+    _check_spread(places[agree])
+    R, t = _rigid(points[agree], places[agree])
+    residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
+    axis = R[:, 2]
+    tilt_deg = float(np.degrees(np.arccos(np.clip(axis[2], -1.0, 1.0))))
+    if tilt_deg > TILT_MAX_DEG:
+        raise InputError(
+            f"the table would be tilted by {tilt_deg:.1f} deg against the base, above "
+            f"{TILT_MAX_DEG:g} deg: was the tip on the table each time, and is the base upright?"
+        )
+    x, y, _ = t - axis * t[2] / axis[2]
+    moved = tuple(dataclasses.replace(tag, x=tag.x - x, y=tag.y - y) for tag in layout.tags)
+    return TableFit(
+        base_height=float(t[2]),
+        # The first row of the base's rotation is (-sin yaw, cos yaw, 0): see arm/geometry.py.
+        base_yaw_deg=float(np.degrees(np.arctan2(-R[0, 0], R[0, 1]))),
+        axis_xy=(float(x), float(y)),
+        tilt_deg=tilt_deg,
+        residuals=dict(zip(ids, residuals.tolist(), strict=True)),
+        outliers=outliers,
+        rms=float(np.sqrt(np.mean(residuals[agree] ** 2))),
+        layout=TagLayout(tags=moved),
+    )
+
+
+def _check_spread(places: Array) -> None:
+    """Refuse tags that lie in a line, about which the table could turn."""
+    across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(places))
+    if across < _SPREAD_MIN:
+        raise InputError(
+            f"the touched tags lie in a line to {across:.3f} m: touch some on both sides of it"
+        )
+
+
+def _consensus(points: Array, places: Array) -> Array:
+    """Return the residuals of the pose on which most points agree [m], shape [point]."""
+    best, best_median = np.full(len(points), np.inf), np.inf
+    for three in itertools.combinations(range(len(points)), 3):
+        index = list(three)
+        R, t = _rigid(points[index], places[index])
+        residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
+        if np.median(residuals) < best_median:
+            best, best_median = residuals, float(np.median(residuals))
+    # Three points alone are as inexact as a touch; those about the median tell the pose better.
+    near = best <= np.maximum(OUTLIER, 2.5 * best_median)
+    R, t = _rigid(points[near], places[near])
+    return np.linalg.norm(points @ R.T + t - places, axis=1)
+
+
+def _rigid(points: Array, places: Array) -> tuple[Array, Array]:
+    """Return the rotation and translation that bring points nearest to places (Kabsch, 1976)."""
+    middle, centre = points.mean(axis=0), places.mean(axis=0)
+    U, _, Vt = np.linalg.svd((points - middle).T @ (places - centre))
+    sign = np.sign(np.linalg.det(Vt.T @ U.T)) or 1.0
+    R = Vt.T @ np.diag([1.0, 1.0, sign]) @ U.T
+    return R, centre - R @ middle

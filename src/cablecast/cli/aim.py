@@ -83,14 +83,14 @@ class Aim:
 
     def run(self) -> int:
         """Aim, and print every cast; return the exit status."""
-        from cablecast.checks import check_count, check_number
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
-        from cablecast.datasets.reader import read_dataset
-        from cablecast.models.many_cables import ManyCablesModel
+        from cablecast.data.dataset import read_dataset
+        from cablecast.errors import check_count, check_number
+        from cablecast.learning.network import ManyCablesModel
+        from cablecast.learning.policy import check_targets
         from cablecast.pipeline.aim import aim, prepare_aim
         from cablecast.pipeline.tuned import load_tuned
-        from cablecast.policies.base import check_targets
         from cablecast.runs.places import AIM_FOLDER, cable_folder
 
         if not self.target:

@@ -54,10 +54,10 @@ class Calibrate:
         print(f"written   {self.setup}" if self.write else "not written")
 
     def _table(self) -> None:
-        from cablecast.camera.touch import read_touches, touch_tags
-        from cablecast.filming.trials import require_camera, tags_of
+        from cablecast.camera.tags import read_touches, touch_tags
         from cablecast.pipeline.calibrate import AXIS_OFFSET_MAX, calibrate_table
         from cablecast.setup import load_setup
+        from cablecast.vision.trials import require_camera, tags_of
 
         setup = load_setup(self.setup)
         require_camera(setup)
@@ -90,7 +90,7 @@ class Calibrate:
     def _lens(self) -> None:
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.calibrate import calibrate_lens_of
-        from cablecast.tracking.calibration import Board
+        from cablecast.vision.calibration import Board
 
         across, down = self.squares
         board = Board(column_count=across, row_count=down, square=self.square, tag=self.tag)

@@ -11,7 +11,7 @@ from cablecast.cli.options import argument
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
-    from cablecast.filming.check import CameraReport
+    from cablecast.vision.check import CameraReport
 
 Task = typing.Literal["check", "sync"]
 
@@ -63,16 +63,15 @@ class CameraVerb:
         _print_report(report, advice)
         if self.picture is not None:
             from cablecast.files import write_bytes
-            from cablecast.filming.picture import draw_report
+            from cablecast.vision.check import draw_report
 
             write_bytes(self.picture, draw_report(report, setup.workspace))
             print(f"picture   {self.picture}")
         return EXIT_ADVICE if advice else 0
 
     def _sync(self) -> int:
-        from cablecast.lab_file import update_lab_file
         from cablecast.pipeline.camera import sync_camera, sync_film
-        from cablecast.setup import load_setup
+        from cablecast.setup import load_setup, update_lab_file
 
         setup = load_setup(self.setup)
         if self.film is not None and self.log is not None:

@@ -48,9 +48,9 @@ class Demo:
 
     def run(self) -> None:
         """Run the steps one after the other, and print the table of errors."""
-        from cablecast.checks import check_count, check_number
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
+        from cablecast.errors import check_count, check_number
         from cablecast.evaluation.published import published_rows
         from cablecast.pipeline.checks import check_demo
         from cablecast.pipeline.demo import EVALUATION_FOLDER, FOLDERS, demo
@@ -105,7 +105,7 @@ def print_tries(metrics: dict[str, Any]) -> None:
         metrics: Content of metrics.json of a demo.
     """
     from cablecast.cli import tables
-    from cablecast.report.text import pct
+    from cablecast.report.style import pct
 
     table = tables.make_table("Miss after each try, in % of cable length; no landing is a miss")
     for name in ("try", "median", "q1", "q3", "without landing"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cablecast.cli.options import Device, argument
 
 if TYPE_CHECKING:
-    from cablecast.policies.base import Policy
+    from cablecast.learning.policy import Policy
     from cablecast.rigs.checked import CheckedRig
 
 
@@ -53,9 +53,9 @@ class Evaluate:
         """Evaluate, write the results, and print the table of errors."""
         from cablecast.cli.progress import console_progress
         from cablecast.evaluation.published import published_rows
+        from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.checks import check_evaluate
         from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE, evaluate
-        from cablecast.policies.forward_search import ForwardSearchPolicy
         from cablecast.runs.places import cable_folder, rig_folder
 
         policy = self._policy()
@@ -80,8 +80,7 @@ class Evaluate:
     def _policy(self) -> "Policy":
         from cablecast.cli.options import cable_name, check_same_setup, load_lab
         from cablecast.errors import InputError
-        from cablecast.policies.forward_search import ForwardSearchPolicy
-        from cablecast.policies.polar_casting import PolarCastingPolicy
+        from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy
         from cablecast.runs.places import find_model
 
         if self.policy == "polar":
@@ -99,8 +98,8 @@ class Evaluate:
     def _rig(self, policy: "Policy", out: pathlib.Path) -> "Iterator[CheckedRig]":
         """Yield the rig; "engine" is the simulator exactly as the model knew it."""
         from cablecast.cli.options import open_rig, with_instruments
+        from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.rigs import engine_rig
-        from cablecast.policies.forward_search import ForwardSearchPolicy
 
         if self.rig == "engine" and isinstance(policy, ForwardSearchPolicy):
             with engine_rig(policy.model, self.device) as rig:
@@ -119,7 +118,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
         published: Rows of the paper's tables for the same cable.
     """
     from cablecast.cli import tables
-    from cablecast.report.text import five_cells, published_cells
+    from cablecast.report.style import five_cells, published_cells
 
     table = tables.make_table("Distance from target to landing, in % of cable length")
     if published:

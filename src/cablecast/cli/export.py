@@ -32,7 +32,7 @@ class Export:
     def run(self) -> None:
         """Export, and print where it lies."""
         from cablecast.cli.progress import console_progress
-        from cablecast.datasets.reader import read_dataset
+        from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.export import export_dataset
 
         casts = read_dataset(self.dataset)

@@ -70,7 +70,7 @@ def check_same_setup(
         InputError: They differ; names the values.
     """
     from cablecast.cable import load_cable
-    from cablecast.runs.settings import settings_differences
+    from cablecast.runs.folder import settings_differences
 
     there, here = stored.to_settings(), stored.to_settings()
     if lab_file is not None:
@@ -110,9 +110,9 @@ def open_rig(
         out: Folder of results, locked first: two processes must not drive one robot for it.
         time_limit: Time limit of a reset or a cast [s].
     """
-    from cablecast.checks import check_number, check_seed
+    from cablecast.errors import check_number, check_seed
     from cablecast.rigs.make import make_rig
-    from cablecast.runs.claim import hold_folder
+    from cablecast.runs.folder import hold_folder
 
     check_seed(seed)
     check_number("time_limit", time_limit, TIME_LIMIT_MIN, TIME_LIMIT_MAX, "s")

@@ -41,10 +41,10 @@ class PlanVerb:
 
     def run(self) -> int:
         """Plan, print, and save if asked to; return the exit status."""
-        from cablecast.checks import check_number
         from cablecast.cli.options import cable_name, check_same_setup, load_lab
+        from cablecast.errors import check_number
+        from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.plan import check_measured, check_writable, plan_motion
-        from cablecast.policies.forward_search import ForwardSearchPolicy
         from cablecast.runs.places import find_model
 
         check_number("miss_max", self.miss_max, 0.0, 1e4, "%")

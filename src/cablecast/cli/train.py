@@ -72,8 +72,8 @@ class Train:
         """Train, and print the error of the model."""
         from cablecast.cli.options import cable_name, check_same_setup
         from cablecast.cli.progress import console_progress
-        from cablecast.datasets.reader import read_dataset
-        from cablecast.models.forward import ForwardModel
+        from cablecast.data.dataset import read_dataset
+        from cablecast.learning.network import ForwardModel
         from cablecast.pipeline.train import train
         from cablecast.runs.places import cable_folder, find_casts, find_dataset
 
@@ -112,7 +112,7 @@ class Train:
         """Train the model of many cables, and print its error."""
         from cablecast.cli.options import load_lab
         from cablecast.cli.progress import console_progress
-        from cablecast.models.many_cables_training import MANY_CABLES_CONFIG
+        from cablecast.learning.network import MANY_CABLES_CONFIG
         from cablecast.pipeline.many_cables import train_cables
         from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import CABLES_FOLDER, cable_folder

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cablecast.cli.options import Device, argument
 
 if typing.TYPE_CHECKING:
-    from cablecast.material import Material
+    from cablecast.cable import Material
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -64,12 +64,11 @@ class Tune:
         """Tune, and print the table of distances."""
         from cablecast.cli.options import cable_name, check_same_setup
         from cablecast.cli.progress import console_progress
-        from cablecast.datasets.reader import read_dataset
+        from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.tune import TRACKS_FILE, tune
         from cablecast.runs.places import TUNE_FOLDER, cable_folder, find_casts
-        from cablecast.tuning.least_squares import FitConfig
-        from cablecast.tuning.result import PARAMS_FILE
-        from cablecast.tuning.tune import TuneConfig
+        from cablecast.tuning.fit import FitConfig
+        from cablecast.tuning.tune import PARAMS_FILE, TuneConfig
 
         folder = find_casts(self.dataset, cable_name(self.setup, self.cable), "tune")
         casts = read_dataset(folder)
@@ -117,7 +116,7 @@ def material_words(material: "Material | None", length: float) -> str:
             without one.
         length: Length of the cable [m].
     """
-    from cablecast.material import ROD_ARM
+    from cablecast.cable import ROD_ARM
 
     if material is None:
         return "the casts are likelier without a material beside the ten parameters"
@@ -145,8 +144,8 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
         cable_name: Name of the cable; the paper's rows are those of the same name.
     """
     from cablecast.cli import tables
-    from cablecast.report.text import pct
-    from cablecast.tuning.published import PUBLISHED_SIMULATION_COUNT, published_tuning
+    from cablecast.report.style import pct
+    from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
 
     validation = metrics["validation"]
     kind = "validation" if metrics["held_out_count"] else "fitted"

@@ -39,7 +39,7 @@ class Twin:
         """Run until interrupted."""
         from cablecast.cli.options import load_lab
         from cablecast.pipeline.twin import run_twin
-        from cablecast.twin.config import TwinConfig
+        from cablecast.rigs.ur.twin.laboratory import TwinConfig
 
         setup = load_lab(self.setup, self.cable)
         config = TwinConfig(
@@ -62,7 +62,7 @@ class Twin:
 
 def _fault(text: str):
     """Return the fault of NAME[:PHASE[:SECONDS]]."""
-    from cablecast.twin.faults import Fault
+    from cablecast.rigs.ur.twin.laboratory import Fault
 
     name, _, rest = text.partition(":")
     phase, _, after = rest.partition(":")

@@ -26,9 +26,9 @@ class Verify:
 
     def run(self) -> int:
         """Verify, and print the figures."""
-        from cablecast.checks import check_number
         from cablecast.cli.progress import console_progress
         from cablecast.cli.tables import make_table, print_table
+        from cablecast.errors import check_number
         from cablecast.pipeline.verify import verify
         from cablecast.runs.places import RUNS_FOLDER
 

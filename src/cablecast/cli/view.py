@@ -55,11 +55,11 @@ class View:
         # NumPy reads this once. A plan multiplies small matrices, where a second thread mostly
         # waits: with two, a plan takes twice the processor time (docs/view.md).
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        from cablecast.checks import check_count
         from cablecast.cli.options import load_lab, open_rig
-        from cablecast.models.many_cables import ManyCablesModel
+        from cablecast.errors import check_count
+        from cablecast.learning.network import ManyCablesModel
         from cablecast.runs.places import AIM_FOLDER, cable_folder
-        from cablecast.view.session import serve
+        from cablecast.view.page import serve
 
         check_count("port", self.port, 1, 65535)
         check_count("calibration_count", self.calibration_count, 2)

@@ -1,18 +1,87 @@
-"""The Engine contract: many simulated cables at once, each gripped at its near end."""
+"""Cables of a batch: one that all worlds share, or one for each world.
+
+The Engine contract: many simulated cables at once, each gripped at its near end.
+
+Parts of a batch: the rows of some worlds, and one rollout from those of the parts.
+"""
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable, CableParams
-from cablecast.checks import check_number
+from cablecast.cable import Cable, CableParams, Material
 from cablecast.conventions import GRAVITY
-from cablecast.engines.cables import CableRows
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_number
 from cablecast.motion.grip_path import GripPath
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CableRows:
+    """Geometry and material of the cables of a batch, which have their parameters beside them.
+
+    Attributes:
+        cables: One cable that all worlds share, or one for each.
+        length: Length from grip to endpoint [m], shape [1] or [world].
+        radius: Half the diameter [m], same shape.
+        material: Material, shared or one value per world.
+    """
+
+    cables: tuple[Cable, ...]
+    length: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    material: Material
+
+    @classmethod
+    def of(cls, cable: Cable | Sequence[Cable]) -> "CableRows":
+        """Return the rows of a cable that all worlds share, or of one for each world.
+
+        Raises:
+            InputError: There is no cable, or one of several has a material for each world.
+        """
+        cables = (cable,) if isinstance(cable, Cable) else tuple(cable)
+        if not cables:
+            raise InputError("a batch needs a cable, or one for each world, not none")
+        return cls(
+            cables=cables,
+            length=np.array([c.length for c in cables]),
+            radius=np.array([c.radius for c in cables]),
+            material=Material.stack([c.material for c in cables]),
+        )
+
+    @property
+    def world_count(self) -> int | None:
+        """Number of worlds; None if they share a cable."""
+        return len(self.cables) if len(self.cables) > 1 else self.material.world_count
+
+    def kinds(self, world_count: int) -> NDArray[np.int_]:
+        """Return for each world the number of its length and diameter, shape [world]."""
+        shapes = np.stack([self.length, self.radius], axis=1)
+        kinds = np.unique(shapes, axis=0, return_inverse=True)[1].reshape(-1)
+        return np.broadcast_to(kinds, world_count)
+
+    def cable(self, worlds: NDArray[np.int_]) -> Cable:
+        """Return the cable of some worlds that are of one kind, with a material for each."""
+        cable = self.cables[worlds[0] if len(self.cables) > 1 else 0]
+        return cable.with_material(self.material.rows(worlds))
+
+
+def one_cable(cable: Cable | Sequence[Cable]) -> Cable:
+    """Return the cable of an engine whose worlds share it.
+
+    Raises:
+        InputError: There are several.
+    """
+    cables = [cable] if isinstance(cable, Cable) else list(cable)
+    if len(cables) != 1:
+        raise InputError(
+            f"this engine simulates one cable at a time, not {len(cables)}: EngineWarp takes one "
+            "for each world"
+        )
+    return cables[0]
+
 
 REFERENCE_SEGMENT_COUNT = 18
 """Number of capsules of the paper's simulator (its sibling names 18). Angular damping slows the
@@ -297,4 +366,50 @@ def plan_rollout(
         ),
         steps_per_sample=steps_per_sample,
         sample_count=1 + int(np.ceil(duration / (steps_per_sample * engine.dt) - 1e-6)),
+    )
+
+
+def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
+    """Return the rows of some worlds: of cables, parameters, a state, a path, or an array.
+
+    What all worlds share, a single row or None, is returned as it is.
+    """
+    if values is None or isinstance(values, (int, float)):
+        return values
+    if isinstance(values, CableParams):
+        return values.rows(worlds)
+    if isinstance(values, Cable):
+        return values.with_material(values.material.rows(worlds))
+    if isinstance(values, (list, tuple)):
+        return values if len(values) == 1 else [values[world] for world in worlds]
+    if isinstance(values, CableState):
+        if values.world_count == 1:
+            return values
+        fields = {f.name: getattr(values, f.name)[worlds] for f in dataclasses.fields(values)}
+        return CableState(**fields)
+    return values if len(values) == 1 else values[worlds]
+
+
+def merge(parts: list[tuple[NDArray[np.int_], Rollout]]) -> Rollout:
+    """Return the rollout of a batch from those of its parts.
+
+    Args:
+        parts: Indices of worlds, and their rollout; together they name each world once.
+    """
+    if len(parts) == 1:
+        return parts[0][1]
+    order = np.argsort(np.concatenate([worlds for worlds, _ in parts]))
+    rollouts = [rollout for _, rollout in parts]
+
+    def joined(arrays: list[NDArray]) -> NDArray:
+        return np.concatenate(arrays)[order]
+
+    states = [rollout.final_state for rollout in rollouts]
+    nodes = [rollout.nodes for rollout in rollouts if rollout.nodes is not None]
+    return Rollout(
+        times=rollouts[0].times,
+        endpoint_xyz=joined([rollout.endpoint_xyz for rollout in rollouts]),
+        final_state=rows_of(CableState.stack(states), order),
+        finite=joined([rollout.finite for rollout in rollouts]),
+        nodes=joined(nodes) if nodes else None,
     )

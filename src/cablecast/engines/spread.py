@@ -7,9 +7,16 @@ from typing import Any
 import numpy as np
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import CableState, Engine, Rollout, batch_size, default_duration
-from cablecast.engines.cables import CableRows
-from cablecast.engines.parts import merge, rows_of
+from cablecast.engines.base import (
+    CableRows,
+    CableState,
+    Engine,
+    Rollout,
+    batch_size,
+    default_duration,
+    merge,
+    rows_of,
+)
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks

@@ -1,6 +1,28 @@
-"""Evaluation of a policy on a rig: distances from the targets to the landings."""
+"""Target errors: distances from target to landing, in % of cable length.
 
+Bootstrap intervals of medians: a median over few casts is uncertain, and says by how much.
+
+Evaluation of a policy on a rig: distances from the targets to the landings.
+
+Files of an evaluation: metrics.json for machines, trials.csv for spreadsheets.
+
+Split of target errors by source, measured by replaying the planned casts on the engine.
+
+The error is a sum of vectors on the table:
+
+    landing - target = (landing - mean landing of the same cast)         repeatability of the rig
+                     + (mean landing - engine's landing)                 mismatch of the engine
+                     + (engine's landing - network's prediction)         error of the network
+                     + (network's prediction - model's prediction)       correction by real casts
+                     + (model's prediction - target)                     plan, with coverage gaps
+
+The correction counteracts the mismatch; their sum is the remaining mismatch.
+"""
+
+import csv
 import dataclasses
+import io
+import math
 import pathlib
 from typing import Any
 
@@ -8,18 +30,143 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.checks import check_count
-from cablecast.datasets.record import TrialPlan, record_trials
-from cablecast.datasets.trials import trial_track
-from cablecast.evaluation.metrics import ErrorSummary, summarise_errors, target_error_pct
-from cablecast.motion.action import Action
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.conventions import finite_or_none, xy_to_polar
+from cablecast.data.dataset import trial_track
+from cablecast.data.record import TrialPlan, record_trials
+from cablecast.errors import InputError, check_count
+from cablecast.files import write_text
+from cablecast.learning.landing import LandingModel
+from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import Policy
+from cablecast.motion.action import Action, rightward, to_right
 from cablecast.motion.trajectory import Trajectory
-from cablecast.policies.base import Policy
-from cablecast.rigs.attempts import ATTEMPT_COUNT
-from cablecast.rigs.base import Rig
+from cablecast.rigs.base import Rig, run_trials
+from cablecast.rigs.checked import ATTEMPT_COUNT
 from cablecast.runs.progress import CountCallback
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
+
+
+def target_error_pct(
+    landed_xy: ArrayLike, target_xy: ArrayLike, cable_length: float
+) -> NDArray[np.float64]:
+    """Return distances from target to endpoint, as in the paper's tables [% of cable length].
+
+    Args:
+        landed_xy: Resting points of the endpoint [m], shape [..., 2]; NaN where unknown.
+        target_xy: Targets [m], shape [..., 2].
+        cable_length: Cable length r_c [m].
+
+    Returns:
+        Errors, NaN where the endpoint is unknown, shape [...].
+    """
+    offset = np.asarray(landed_xy, dtype=float) - np.asarray(target_xy, dtype=float)
+    if offset.shape[-1:] != (2,):
+        raise InputError(f"points have shape {offset.shape}: it must be [..., 2]")
+    return 100.0 * np.hypot(offset[..., 0], offset[..., 1]) / cable_length
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ErrorSummary:
+    """Five-number summary of errors, as in the paper, and the number of errors.
+
+    Values are NaN without errors, and infinite where a miss of unknown size determines them.
+
+    Attributes:
+        count: Number of errors.
+        median_pct: Median [% of cable length].
+        first_quartile_pct: 25th percentile [% of cable length].
+        third_quartile_pct: 75th percentile [% of cable length].
+        min_pct: Smallest [% of cable length].
+        max_pct: Largest [% of cable length].
+    """
+
+    count: int
+    median_pct: float
+    first_quartile_pct: float
+    third_quartile_pct: float
+    min_pct: float
+    max_pct: float
+
+    def to_dict(self) -> dict:
+        """Return plain values for a JSON file; NaN and infinity, which JSON lacks, become None."""
+        values = dataclasses.asdict(self)
+        count = values.pop("count")
+        return {"count": count} | {name: finite_or_none(value) for name, value in values.items()}
+
+
+def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
+    """Summarise errors; trials without a landing (NaN) are left out, as in the paper.
+
+    Args:
+        errors_pct: Errors [% of cable length], any shape. Infinite errors are misses of unknown
+            size, and are counted.
+    """
+    errors = np.asarray(errors_pct, dtype=float)
+    errors = np.sort(errors[~np.isnan(errors)])
+    return ErrorSummary(
+        count=errors.size,
+        median_pct=_quantile(errors, 0.5),
+        first_quartile_pct=_quantile(errors, 0.25),
+        third_quartile_pct=_quantile(errors, 0.75),
+        min_pct=_quantile(errors, 0.0),
+        max_pct=_quantile(errors, 1.0),
+    )
+
+
+def _quantile(sorted_errors: NDArray[np.float64], fraction: float) -> float:
+    """Return a linearly interpolated quantile; unlike NumPy's, never NaN next to infinity."""
+    if sorted_errors.size == 0:
+        return math.nan
+    position = fraction * (sorted_errors.size - 1)
+    low = math.floor(position)
+    if position == low:
+        return float(sorted_errors[low])
+    below, above = sorted_errors[low], sorted_errors[low + 1]
+    if math.isinf(above):
+        return math.inf
+    return float(below + (position - low) * (above - below))
+
+
+DRAW_COUNT = 2000
+"""Bootstrap draws."""
+
+SHARE = 0.9
+"""Share of the draws that an interval holds."""
+
+
+def median_interval(values: ArrayLike) -> tuple[float, float, float]:
+    """Return the median of some values, and the ends of its interval.
+
+    Args:
+        values: Values in any unit, shape [value].
+    """
+    known = np.asarray(values, dtype=float)
+    low, high = _ends(np.median(known[_picks(len(known))], axis=1))
+    return float(np.median(known)), low, high
+
+
+def difference_interval(first: ArrayLike, second: ArrayLike) -> tuple[float, float, float]:
+    """Return the first median less the second, and the ends of its interval.
+
+    Args:
+        first: Values of one method, shape [case].
+        second: Values of another one in the same cases, shape [case].
+    """
+    both = np.array([first, second], dtype=float)
+    draws = np.median(both[:, _picks(both.shape[1])], axis=2)
+    low, high = _ends(draws[0] - draws[1])
+    return float(np.median(both[0]) - np.median(both[1])), low, high
+
+
+def _picks(count: int) -> NDArray[np.int_]:
+    """Return which cases each draw holds, shape [draw, case]; the same for equal counts."""
+    return np.random.default_rng(0).integers(count, size=(DRAW_COUNT, count))
+
+
+def _ends(draws: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = np.quantile(draws, (0.5 - 0.5 * SHARE, 0.5 + 0.5 * SHARE))
+    return float(low), float(high)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -206,3 +353,209 @@ def evaluate_policy(
         trials=casts,
         fingerprint=dataset.fingerprint,
     )
+
+
+TRIAL_COLUMNS: tuple[str, ...] = (
+    "target",
+    "repeat",
+    "target_x_m",
+    "target_y_m",
+    "target_r_m",
+    "target_theta_deg",
+    "inside_coverage",
+    "theta1_deg",
+    "theta2_deg",
+    "r2_m",
+    "psi_deg",
+    "duration_s",
+    "predicted_x_m",
+    "predicted_y_m",
+    "landed_x_m",
+    "landed_y_m",
+    "error_pct",
+    "prediction_error_pct",
+    "status",
+)
+
+
+def evaluation_metrics(evaluation: Evaluation) -> dict:
+    """Return the metrics of an evaluation as plain values, errors in % of cable length."""
+    return {
+        "cable": evaluation.cable.name,
+        "cable_length_m": evaluation.cable.length,
+        "rig": evaluation.rig,
+        "target_count": len(evaluation.target_xy),
+        "targets_inside_coverage": int(np.sum(evaluation.inside_coverage)),
+        "trial_count": len(evaluation.trials),
+        "casts_fingerprint": evaluation.fingerprint,
+        "status_counts": {
+            status.code: count for status, count in evaluation.status_counts.items() if count
+        },
+        "errors_pct": evaluation.summary.to_dict(),
+        "errors_inside_coverage_pct": evaluation.summary_inside_coverage.to_dict(),
+        "errors_misses_counted_pct": evaluation.summary_misses_counted.to_dict(),
+        "planned_errors_pct": summarise_errors(evaluation.planned_errors_pct).to_dict(),
+        "prediction_errors_pct": summarise_errors(evaluation.prediction_errors_pct).to_dict(),
+    }
+
+
+def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
+    """Return one row per trial with the columns `TRIAL_COLUMNS`, in metres and degrees."""
+    rows = []
+    for trial, error_pct, prediction_error_pct in zip(
+        evaluation.trials,
+        evaluation.errors_pct,
+        evaluation.prediction_errors_pct,
+        strict=True,
+    ):
+        r, theta = xy_to_polar(trial.target_xy)
+        # A motion without an action has empty cells.
+        action = np.full(4, np.nan) if trial.action is None else trial.action.to_array()
+        theta1, theta2, r2, psi = action
+        values = (
+            trial.target_index,
+            trial.repeat,
+            *_rounded(trial.target_xy),
+            *_rounded((r, math.degrees(theta))),
+            str(trial.inside_coverage).lower(),
+            *_rounded((math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))),
+            *_rounded(trial.trajectory.grip_path.duration),
+            *_rounded(trial.predicted_xy),
+            *_rounded(trial.landed_xy),
+            *_rounded((error_pct, prediction_error_pct)),
+            trial.status.code,
+        )
+        rows.append(dict(zip(TRIAL_COLUMNS, values, strict=True)))
+    return rows
+
+
+def _rounded(values) -> list[float | str]:
+    """Round to four decimals (0.1 mm); an unknown value becomes an empty cell."""
+    return [round(float(value), 4) if math.isfinite(value) else "" for value in values]
+
+
+def save_trials(evaluation: Evaluation, path: pathlib.Path) -> None:
+    """Write one line per trial as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, TRIAL_COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(trial_rows(evaluation))
+    write_text(path, text.getvalue())
+
+
+PART_NAMES = ("repeatability", "mismatch", "network", "correction", "plan")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ErrorSplit:
+    """Errors of the casts that landed, each as a sum of parts.
+
+    Attributes:
+        parts: Vectors by name, in % of cable length, each of shape [cast, 2]. "mismatch" and
+            "correction" are also given together, as "mismatch left".
+        total: Landing minus target [% of cable length], shape [cast, 2].
+        inside_coverage: Whether the target of each cast lies inside the coverage, shape [cast].
+        repeats: Number of casts at each target.
+    """
+
+    parts: dict[str, NDArray[np.float64]]
+    total: NDArray[np.float64]
+    inside_coverage: NDArray[np.bool_]
+    repeats: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for metrics.json.
+
+        `share_pct` of a part is its share of the mean squared error: the mean of its dot product
+        with the whole error. The shares add up to 100; that of a part opposed to the others is
+        negative.
+        """
+        square = float(np.mean(np.sum(self.total**2, axis=1)))
+        outside = ~self.inside_coverage
+        outside_square = float(np.sum(self.total[outside] ** 2)) / len(self.total)
+        left = {"mismatch left": self.parts["mismatch"] + self.parts["correction"]}
+        parts = {}
+        for name, vectors in (self.parts | left).items():
+            size = np.linalg.norm(vectors, axis=1)
+            share = float(np.mean(np.sum(vectors * self.total, axis=1))) / max(square, 1e-12)
+            parts[name.replace(" ", "_")] = {
+                "median_pct": float(np.median(size)),
+                "rms_pct": float(np.sqrt(np.mean(size**2))),
+                "share_pct": 100.0 * share,
+            }
+        return {
+            "cast_count": len(self.total),
+            "repeats": self.repeats,
+            "rms_pct": float(np.sqrt(square)),
+            "parts": parts,
+            "outside_coverage": {
+                "cast_count": int(outside.sum()),
+                "share_pct": 100.0 * outside_square / max(square, 1e-12),
+            },
+        }
+
+
+def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -> ErrorSplit | None:
+    """Split the errors of an evaluation.
+
+    With one cast per target, repeatability cannot be separated from mismatch and is zero.
+
+    Args:
+        evaluation: Casts of a policy that planned with the model.
+        model: Model of landings.
+        engine_rig: Engine that the model learned from, as a rig; it is not closed.
+
+    Returns:
+        The split; None if no cast came to rest on the table.
+
+    Raises:
+        InputError: A cast was not planned by a model.
+    """
+    trials = evaluation.trials
+    targets = sorted({trial.target_index for trial in trials})
+    first = {target: next(t for t in trials if t.target_index == target) for target in targets}
+    played = run_trials(engine_rig, [first[target].trajectory for target in targets])
+    # The engine's table has no edge: a cast that leaves the table still has a landing.
+    engine_xy = dict(zip(targets, (track.endpoint_xy[-1] for track in played), strict=True))
+    network_xy = _network_predictions(model, [first[target].action for target in targets])
+    network = dict(zip(targets, network_xy, strict=True))
+
+    landed = [
+        trial
+        for trial in trials
+        if trial.status is TrialStatus.OK and np.all(np.isfinite(engine_xy[trial.target_index]))
+    ]
+    if not landed:
+        return None
+    index = np.array([trial.target_index for trial in landed])
+    xy = np.array([trial.landed_xy for trial in landed])
+    means = {target: xy[index == target].mean(axis=0) for target in set(index.tolist())}
+    predicted = np.array([trial.predicted_xy for trial in landed])
+    target_xy = np.array([trial.target_xy for trial in landed])
+
+    def by_target(values: dict[int, NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.array([values[target] for target in index.tolist()])
+
+    scale = 100.0 / evaluation.cable.length
+    parts = {
+        "repeatability": xy - by_target(means),
+        "mismatch": by_target(means) - by_target(engine_xy),
+        "network": by_target(engine_xy) - by_target(network),
+        "correction": by_target(network) - predicted,
+        "plan": predicted - target_xy,
+    }
+    return ErrorSplit(
+        parts={name: scale * vectors for name, vectors in parts.items()},
+        total=scale * (xy - target_xy),
+        inside_coverage=np.array([trial.inside_coverage for trial in landed]),
+        repeats=1 + max(trial.repeat for trial in trials),
+    )
+
+
+def _network_predictions(model: LandingModel, actions) -> NDArray[np.float64]:
+    """Return predictions without the correction, for actions of either side [m], [action, 2]."""
+    if any(action is None for action in actions):
+        raise InputError("only casts that a model planned can be split")
+    folded, hands = rightward(np.array([action.to_array() for action in actions]))
+    alone = model.uncorrected if isinstance(model, ForwardModel) else model
+    return to_right(alone.predict(folded), hands)

@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.inverse import JointMotion
-from cablecast.arm.limits import JOINT_NAMES, LimitKind
-from cablecast.arm.ur import ArmUR
-from cablecast.checks import check_count, check_seed
-from cablecast.errors import InputError
+from cablecast.arm.kinematics import JointMotion
+from cablecast.arm.ur import JOINT_NAMES, ArmUR, LimitKind
+from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import (
     ActionRanges,
     check_action_values,
     grid_actions,
 )
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace

@@ -1,16 +1,161 @@
-"""GripPath: gripper pose over time as piecewise polynomials, one row per world.
+"""Jerk-limited maximum-velocity profiles, planned with ruckig, as batches of polynomial phases.
+
+Paper, section V-B: a maximum-velocity spline with jerk-limited bang-bang control. ruckig plans each
+rest-to-rest move without a limit of acceleration, so that only the jerk switches. Only the phases
+are read from ruckig: nothing is sampled in Python.
+
+GripPath: gripper pose over time as piecewise polynomials, one row per world.
 
 Engines evaluate it inside their step, rigs at the robot's control ticks. Measured paths are fitted
 to it. It is the only description of a motion that passes from planning to execution.
+
+PlanePath: builder of grip paths in a vertical plane that turns about the robot's base.
+
+The reset and polar casting lift, swing and drag the cable within such a plane. A path is built move
+by move in plane coordinates: azimuth of the plane, radius and height in it, heading of the cable
+relative to the azimuth, and pitch.
 """
 
 import dataclasses
+import functools
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import InputError
+
+PHASE_COUNT = 7
+"""Number of constant-jerk phases of a rest-to-rest move. Those of constant acceleration last 0 s,
+since acceleration is unlimited."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Profiles:
+    """Rest-to-rest moves from 0, one per row, in phases of constant jerk.
+
+    Attributes:
+        durations: Duration of each phase [s], shape [move, 7].
+        jerks: Jerk of each phase [rad/s³], same shape.
+    """
+
+    durations: NDArray[np.float64]
+    jerks: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.durations)
+
+    @functools.cached_property
+    def knots(self) -> NDArray[np.float64]:
+        """Times at which the jerk switches, from 0 to the end [s], shape [move, 8]."""
+        start = np.zeros((len(self), 1))
+        return np.concatenate([start, np.cumsum(self.durations, axis=1)], axis=1)
+
+    @property
+    def duration(self) -> NDArray[np.float64]:
+        """Duration of each move [s], shape [move]."""
+        return self.knots[:, -1]
+
+    @property
+    def peak_velocity(self) -> NDArray[np.float64]:
+        """Peak speed of each move [rad/s], shape [move]; by symmetry, the speed halfway."""
+        return np.abs(self.evaluate(self.duration[:, None] / 2)[1][:, 0])
+
+    def dilated(self, factor: NDArray[np.float64]) -> "Profiles":
+        """Return the moves slowed down by a factor.
+
+        Args:
+            factor: Factor of all times, at least 1 [-], shape [move].
+        """
+        factor = factor[:, None]
+        return Profiles(durations=self.durations * factor, jerks=self.jerks / factor**3)
+
+    def evaluate(
+        self, times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return position, velocity and acceleration; at rest before the start and after the end.
+
+        Args:
+            times: Times since the start of each move [s], shape [move, step].
+
+        Returns:
+            Position [rad], velocity [rad/s], acceleration [rad/s²], each of shape [move, step].
+        """
+        knots = self.knots
+        position, velocity, acceleration = self._states
+        times = np.clip(times, 0.0, knots[:, -1:])
+        phase = np.zeros(times.shape, dtype=np.intp)
+        for column in range(1, PHASE_COUNT):
+            phase += times >= knots[:, column : column + 1]
+        p, v, a, j, start = (
+            np.take_along_axis(values, phase, axis=1)
+            for values in (position, velocity, acceleration, self.jerks, knots)
+        )
+        t = times - start
+        return (
+            p + t * (v + t * (a / 2 + t * j / 6)),
+            v + t * (a + t * j / 2),
+            a + t * j,
+        )
+
+    @functools.cached_property
+    def _states(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return position, velocity and acceleration at each knot, each of shape [move, 8]."""
+        p, v, a = np.zeros((3, len(self), PHASE_COUNT + 1))
+        for phase in range(PHASE_COUNT):
+            t, j = self.durations[:, phase], self.jerks[:, phase]
+            p0, v0, a0 = p[:, phase], v[:, phase], a[:, phase]
+            p[:, phase + 1] = p0 + t * (v0 + t * (a0 / 2 + t * j / 6))
+            v[:, phase + 1] = v0 + t * (a0 + t * j / 2)
+            a[:, phase + 1] = a0 + t * j
+        return p, v, a
+
+
+def plan_profiles(
+    distances: NDArray[np.float64], velocities: NDArray[np.float64], jerks: NDArray[np.float64]
+) -> Profiles:
+    """Plan the fastest rest-to-rest moves within limits of velocity and jerk.
+
+    Args:
+        distances: Signed distances [rad], shape [move].
+        velocities: Velocity limit of each move [rad/s], shape [move].
+        jerks: Jerk limit of each move [rad/s³], shape [move].
+
+    Raises:
+        InputError: ruckig finds no plan because a distance or a limit is invalid.
+    """
+    import ruckig
+
+    planner = ruckig.Ruckig(1)
+    request = ruckig.InputParameter(1)
+    request.max_acceleration = [float("inf")]
+    trajectory = ruckig.Trajectory(1)
+    # Plan all moves forwards and then mirror them, so that mirrored moves are bit-identical. A grid
+    # of actions has few distinct moves; each is planned once.
+    moves, inverse = np.unique(
+        np.stack([np.abs(distances), velocities, jerks], axis=1), axis=0, return_inverse=True
+    )
+    planned = np.zeros((len(moves), 2, PHASE_COUNT))
+    for row, (distance, velocity, jerk) in enumerate(moves.tolist()):
+        if distance == 0.0:
+            continue
+        request.target_position = [distance]
+        request.max_velocity = [velocity]
+        request.max_jerk = [jerk]
+        try:
+            planner.calculate(request, trajectory)
+        except ruckig.RuckigError as error:
+            raise InputError(
+                f"no profile over {distance} rad at {velocity} rad/s and {jerk} rad/s³: "
+                + str(error).strip()
+            ) from None
+        profile = trajectory.profiles[0][0]
+        planned[row, 0] = profile.t
+        planned[row, 1] = profile.j
+    planned = planned[inverse.reshape(-1)]
+    return Profiles(durations=planned[:, 0], jerks=planned[:, 1] * np.sign(distances)[:, None])
+
 
 CHANNELS = ("x", "y", "z", "yaw", "pitch")
 DEGREE = 5
@@ -323,3 +468,131 @@ def _hermite(duration: NDArray[np.float64], start: _Ends, end: _Ends) -> NDArray
     powers = np.arange(DEGREE + 1)
     unit /= np.where(duration > 0, duration, 1.0)[..., None] ** powers
     return np.where((duration <= 0)[..., None] & (powers > 0), 0.0, unit)
+
+
+COORDINATES = ("azimuth", "radius", "height", "turn", "pitch")
+
+PIECE_DURATION = 0.1
+"""Longest piece of a path [s]. A quintic that matches pose, velocity and acceleration at both ends
+follows the turning plane to within 1 um at 2 rad/s (tests/motion/test_plane_path.py)."""
+
+# Minimum-jerk move from 0 to 1 over unit time, from rest to rest.
+_SMOOTH = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+
+
+class PlanePath:
+    """Path under construction; every move is appended and returns the path.
+
+    Args:
+        pose: Start pose: x, y, z [m], yaw, pitch [rad], shape [5].
+    """
+
+    def __init__(self, pose: ArrayLike):
+        x, y, z, yaw, pitch = (float(value) for value in np.asarray(pose, dtype=float))
+        azimuth = float(np.arctan2(x, y))
+        self._times = [0.0]
+        # Position, velocity and acceleration before and after each knot.
+        still = np.zeros(len(COORDINATES))
+        here = np.array([azimuth, np.hypot(x, y), z, yaw - azimuth, pitch])
+        self._before = [np.stack([here, still, still])]
+        self._after: list[NDArray[np.float64]] = []
+
+    @property
+    def duration(self) -> float:
+        """Duration so far [s]."""
+        return self._times[-1]
+
+    @property
+    def place(self) -> dict[str, float]:
+        """Coordinates at the current end of the path, by name [m], [rad]."""
+        return dict(zip(COORDINATES, self._before[-1][0].tolist(), strict=True))
+
+    def hold(self, duration: float) -> "PlanePath":
+        """Hold the pose for a duration [s]."""
+        return self.move(duration)
+
+    def move(self, duration: float, **goal: float) -> "PlanePath":
+        """Move with minimum jerk from rest to rest.
+
+        Args:
+            duration: Duration [s].
+            goal: New values of some coordinates [m], [rad]; the others are kept.
+        """
+        start = self._before[-1][0]
+        end = start.copy()
+        for name, value in goal.items():
+            end[COORDINATES.index(name)] = value
+        count = max(1, int(np.ceil(duration / PIECE_DURATION)))
+        share = np.linspace(0.0, 1.0, count + 1)
+        orders = [_SMOOTH.deriv(order)(share) / duration**order for order in range(3)]
+        states = np.stack(orders, axis=1)[:, :, None] * (end - start)
+        states[:, 0] += start
+        self._append(share * duration, states, states)
+        return self
+
+    def through(self, times: Sequence[float], **points: Sequence[float]) -> "PlanePath":
+        """Move through points from rest to rest, along a cubic spline.
+
+        Args:
+            times: Ascending times of the points, counted from the current end of the path [s]. The
+                path comes to rest at the last one.
+            points: Values of some coordinates at these times [m], [rad]; the others are kept.
+        """
+        from scipy.interpolate import CubicSpline
+
+        knots = np.concatenate([[0.0], np.asarray(times, dtype=float)])
+        if np.any(np.diff(knots) <= 0):
+            raise InputError(f"times {list(times)} must ascend and be above 0")
+        values = np.repeat(self._before[-1][:1], len(knots), axis=0)
+        for name, row in points.items():
+            values[1:, COORDINATES.index(name)] = row
+        spline = CubicSpline(knots, values, bc_type="clamped")
+        parts = [
+            np.linspace(low, high, max(1, int(np.ceil((high - low) / PIECE_DURATION))) + 1)[1:]
+            for low, high in itertools.pairwise(knots)
+        ]
+        at = np.concatenate([[0.0], *parts])
+        states = np.stack([spline(at, order) for order in range(3)], axis=1)
+        self._append(at, states, states)
+        return self
+
+    def _append(self, at, before, after) -> None:
+        self._times += (self._times[-1] + at[1:]).tolist()
+        self._after += list(after[:-1])
+        self._before += list(before[1:])
+
+    def grip_path(self) -> GripPath:
+        """Return the path so far as one row.
+
+        Raises:
+            InputError: The path has no move yet.
+        """
+        if not self._after:
+            raise InputError("a path needs at least one move")
+        after = [*self._after, self._before[-1]]
+        poses, velocities, ends = _to_base(np.stack(self._before))
+        _, _, starts = _to_base(np.stack(after))
+        # Accelerations jump at some knots; poses and velocities do not.
+        accelerations = np.stack([starts[:-1], ends[1:]], axis=1)
+        knots = np.array(self._times)
+        return GripPath.from_hermite(
+            knots[None], poses[None], velocities[None], accelerations[None]
+        ).levelled()
+
+
+def _to_base(states: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return pose, velocity and acceleration in the base frame, each of shape [knot, 5].
+
+    Args:
+        states: Pose, velocity and acceleration in plane coordinates, shape [knot, 3, 5].
+    """
+    (a, da, dda), (r, dr, ddr), (z, dz, ddz), (t, dt, ddt), (p, dp, ddp) = states.transpose(2, 1, 0)
+    sin, cos = np.sin(a), np.cos(a)
+    radial, across = ddr - r * da**2, r * dda + 2.0 * dr * da
+    return (
+        np.stack([r * sin, r * cos, z, a + t, p], axis=1),
+        np.stack([dr * sin + r * da * cos, dr * cos - r * da * sin, dz, da + dt, dp], axis=1),
+        np.stack(
+            [radial * sin + across * cos, radial * cos - across * sin, ddz, dda + ddt, ddp], axis=1
+        ),
+    )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import DEGREE, GripPath
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import JointPath
 
 KNOT_DT = 0.06
 """Longest distance between knots [s]; the arm's servo filters out most of what is faster."""

@@ -9,11 +9,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_count
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.store import CastStore
-from cablecast.errors import InputError
-from cablecast.models.many_cables import ManyCablesModel
+from cablecast.data.dataset import Dataset
+from cablecast.data.store import CastStore
+from cablecast.errors import InputError, check_count
+from cablecast.learning.network import ManyCablesModel
+from cablecast.learning.policy import ForwardSearchPolicy, check_targets
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
@@ -22,8 +22,6 @@ from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.many_cables import CANDIDATE_COUNT, REFINE_COUNT
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.base import check_targets
-from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 

@@ -4,13 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from cablecast.models.few_casts import ResidualScales
-from cablecast.models.local_size import LocalSize
+from cablecast.aiming.ensemble import EnsembleLandings
+from cablecast.aiming.residual import LocalSize, ResidualScales
+from cablecast.motion.action import rightward
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.motion.mirrored import rightward
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.ensemble import EnsembleLandings
 
 # Casts that tell how far apart the simulators of an ensemble usually land.
 _ACTION_COUNT, _SEED = 240, 7

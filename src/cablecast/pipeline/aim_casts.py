@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.datasets.store import StoredCast
+from cablecast.cast import TrialStatus
+from cablecast.data.store import StoredCast
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.aim_regions import RegionLaw
-from cablecast.track import TrialStatus
 
 SAME_TARGET = 1e-6
 """Two targets nearer to each other than this are the same [m]."""

@@ -4,10 +4,10 @@ import dataclasses
 import pathlib
 from typing import Any
 
-from cablecast.checks import check_count, check_seed
-from cablecast.datasets.reader import Dataset
-from cablecast.errors import InputError
-from cablecast.models.many_cables import ManyCablesModel
+from cablecast.data.dataset import Dataset
+from cablecast.errors import InputError, check_count, check_seed
+from cablecast.learning.network import ManyCablesModel
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline import many_cables
 from cablecast.pipeline.aim_fits import fit_folder
@@ -16,7 +16,6 @@ from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
 from cablecast.pipeline.tuned import Tuned, load_tuned
-from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.datasets.store import CastStore
+from cablecast.aiming.choice import Aimer
+from cablecast.data.store import CastStore
 from cablecast.pipeline.aim_casts import SAME_TARGET, AimTrial
-from cablecast.policies.aiming import Aimer
 from cablecast.tuning.tracks import MeasuredTracks
 
 LESSON_COUNT = 8

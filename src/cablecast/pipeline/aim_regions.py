@@ -9,7 +9,7 @@ import dataclasses
 import math
 from collections.abc import Iterable
 
-from cablecast.checks import check_number
+from cablecast.errors import check_number
 
 TAIL_FREEDOM = 3.0
 """Degrees of freedom of Student's t distribution that landings follow about the expected one before

@@ -6,16 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.datasets.trials import trial_track
-from cablecast.evaluation.evaluate import Evaluation, TargetCast
-from cablecast.evaluation.metrics import summarise_errors
-from cablecast.evaluation.results import evaluation_metrics, save_trials
+from cablecast.data.dataset import trial_track
+from cablecast.evaluation.evaluate import (
+    Evaluation,
+    TargetCast,
+    evaluation_metrics,
+    save_trials,
+    summarise_errors,
+)
 from cablecast.files import write_bytes, write_text
+from cablecast.learning.policy import COVERAGE_PCT
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.aim import AimResult
 from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE
-from cablecast.policies.forward_search import COVERAGE_PCT
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
 
@@ -73,9 +77,9 @@ def write_aim_report(result: AimResult, rig: CheckedRig, run: RunFolder) -> Eval
     Returns:
         The last cast at each target, with metrics; `tries` among these has one row per try.
     """
+    from cablecast.report.maps import tries_map
     from cablecast.report.page import report_page
     from cablecast.report.style import png_bytes, svg_uri
-    from cablecast.report.tries import tries_map
 
     every = aim_evaluation(result, rig)
     last = last_tries(every)

@@ -10,12 +10,14 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.camera.sight import CameraSight
-from cablecast.checks import check_count, check_number
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.record import trial_values
-from cablecast.datasets.store import CastStore, StoredCast
-from cablecast.errors import InputError, RigError
+from cablecast.aiming.choice import AimedCast, Aimer
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import EndpointTrack
+from cablecast.data.dataset import Dataset
+from cablecast.data.record import trial_values
+from cablecast.data.store import CastStore, StoredCast
+from cablecast.errors import InputError, RigError, check_count, check_number
+from cablecast.learning.policy import ForwardSearchPolicy, check_targets
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim_beliefs import make_beliefs
@@ -25,15 +27,9 @@ from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_lessons import Lessons
 from cablecast.pipeline.aim_words import BLIND_NOTE, DRIFT_NOTE, change_text, reason_text
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.aimed import AimedCast
-from cablecast.policies.aiming import Aimer
-from cablecast.policies.base import check_targets
-from cablecast.policies.forward_search import ForwardSearchPolicy
-from cablecast.rigs.attempts import TrialFailedError, attempt_trial
-from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import ProgressCallback
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack
 
 WITHIN_PCT = 3.0
 """Distance from the target at which a cast has hit [% of cable length]."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.aiming.choice import LandingPredictor
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
-from cablecast.policies.landing_predictor import LandingPredictor
 
 DRIFT_NOTE = (
     "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "

@@ -7,23 +7,21 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.camera.touch import Point, TableFit, fit_table
-from cablecast.checks import check_count
-from cablecast.errors import InputError
-from cablecast.filming.live import Frame, LiveCamera
-from cablecast.filming.trials import require_camera, tags_of
-from cablecast.lab_file import update_lab_file
+from cablecast.camera.tags import Point, TableFit, fit_table
+from cablecast.errors import InputError, check_count
 from cablecast.pipeline.places import require
 from cablecast.pipeline.track_video import read_pictures
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.setup import load_setup
-from cablecast.tracking.calibration import (
+from cablecast.setup import load_setup, update_lab_file
+from cablecast.vision.calibration import (
     BOARD_CORNERS_MIN,
     Board,
     LensFit,
     calibrate_lens,
     find_board,
 )
+from cablecast.vision.live import Frame, LiveCamera
+from cablecast.vision.trials import require_camera, tags_of
 
 AXIS_OFFSET_MAX = 0.01
 """Distance of the robot's axis from the table's middle line that is not worth a word [m]."""

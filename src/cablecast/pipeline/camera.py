@@ -5,23 +5,20 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cablecast.arm.limits import JOINT_COUNT
-from cablecast.checks import check_number
-from cablecast.errors import InputError
-from cablecast.filming.check import CameraCheck, CameraReport
-from cablecast.filming.clock import ClockOffset
-from cablecast.filming.gripper import SeenMotion, sync_by_motion
-from cablecast.filming.live import LiveCamera
-from cablecast.filming.trials import calibrate_camera, require_camera
+from cablecast.arm.ur import JOINT_COUNT
+from cablecast.errors import InputError, check_number
+from cablecast.files import read_csv
 from cablecast.motion.action import Action
-from cablecast.motion.joint_path import JointPath
-from cablecast.motion.trajectory import plan_trajectory
+from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.pipeline.places import require
-from cablecast.reading import read_csv
 from cablecast.rigs.base import Rig
 from cablecast.setup import Setup
-from cablecast.tracking.trial_camera import TrialCamera
-from cablecast.tracking.video import read_video
+from cablecast.vision.check import CameraCheck, CameraReport
+from cablecast.vision.clock import ClockOffset, SeenMotion, sync_by_motion
+from cablecast.vision.live import LiveCamera
+from cablecast.vision.tracker import TrialCamera
+from cablecast.vision.trials import calibrate_camera, require_camera
+from cablecast.vision.video import read_video
 
 SYNC_ACTION = Action(-0.5, 0.5, 0.6, 0.5)
 """Cast by which the clocks are compared: to the left, and as far to the right."""
@@ -69,7 +66,7 @@ def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOf
         InputError: The motion was not seen.
         RigError: The rig failed.
     """
-    from cablecast.filming.sync import ClockCamera
+    from cablecast.vision.trials import ClockCamera
 
     require("the camera", "cv2")
     trajectory = plan_trajectory(SYNC_ACTION, setup)

@@ -7,19 +7,16 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from cablecast.checks import check_count, check_seed
-from cablecast.datasets.collect import TRIAL_COUNTS
-from cablecast.datasets.info import INFO_PATH
-from cablecast.errors import DatasetError, InputError
+from cablecast.data.record import TRIAL_COUNTS
+from cablecast.data.schema import INFO_PATH
+from cablecast.errors import DatasetError, InputError, check_count, check_seed
 from cablecast.evaluation.repeatability import REPEAT_MAX
-from cablecast.models.landing import LandingModel
-from cablecast.models.rows import MIN_ROWS
+from cablecast.learning.landing import MIN_ROWS, LandingModel
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import require
 from cablecast.pipeline.tuned import Tuned
-from cablecast.runs.claim import Claim
-from cablecast.runs.folder import refuse_other_work
+from cablecast.runs.folder import Claim, refuse_other_work
 from cablecast.setup import Setup
 from cablecast.workspace import load_targets
 
@@ -140,7 +137,7 @@ def check_way(setups: Sequence[Setup], device: str) -> None:
 
     make_engine(device=device)
     if device != "cpu":
-        from cablecast.models.torch_ import check_device
+        from cablecast.learning.checkpoint import check_device
 
         check_device(device)
     for setup in setups:
@@ -179,7 +176,7 @@ def check_demo(
         MissingExtraError: A library that a later step needs is missing.
     """
     require("the demo", "torch", "safetensors", "matplotlib", "jinja2")
-    from cablecast.models.training import TrainingConfig
+    from cablecast.learning.network import TrainingConfig
 
     # One cast to search with and one to measure the result; a model needs more.
     check_count("tune_count", tune_count, 2, ACTION_COUNT_MAX)

@@ -6,14 +6,14 @@ import typing
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.datasets.collect import (
+from cablecast.data.dataset import Dataset
+from cablecast.data.record import (
     TRIAL_COUNTS,
     Purpose,
     Sampling,
     collect_dataset,
     sample_actions,
 )
-from cablecast.datasets.reader import Dataset
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.engine import make_engine
@@ -23,8 +23,8 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import ProgressCallback, resumed_counter
 from cablecast.setup import Setup
+from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.informative import informative_actions
-from cablecast.tuning.least_squares import FitConfig
 from cablecast.tuning.spread import spread_actions
 
 AnySampling = Sampling | typing.Literal["spread", "informative"]

@@ -5,19 +5,15 @@ import dataclasses
 import numpy as np
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.datasets.collect import Purpose
+from cablecast.data.record import Purpose
 from cablecast.errors import CablecastError
 from cablecast.motion.action import Action, ActionRanges
-from cablecast.motion.polar_cast import reset_pose
-from cablecast.motion.reset import plan_reset
+from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
 from cablecast.pipeline.tuned import Tuned
-from cablecast.rigs.ur.link import UrLink
-from cablecast.rigs.ur.path import SetPoints, check_path
-from cablecast.rigs.ur.reset import RESET_DT, reset_motions
-from cablecast.rigs.ur.rig import check_lab
-from cablecast.rigs.ur.safety import check_ready
+from cablecast.rigs.ur.player import SetPoints, UrLink, check_path, check_ready
+from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
 
 
@@ -134,7 +130,7 @@ def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
 
 
 def _check_camera(setup: Setup) -> Finding:
-    from cablecast.filming.trials import CameraOfTrials
+    from cablecast.vision.trials import CameraOfTrials
 
     try:
         with CameraOfTrials(setup) as camera:

@@ -8,19 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cablecast.errors import InputError
-from cablecast.evaluation.evaluate import Evaluation, evaluate_policy
-from cablecast.evaluation.results import evaluation_metrics, save_trials
-from cablecast.evaluation.split import split_errors
+from cablecast.evaluation.evaluate import (
+    Evaluation,
+    evaluate_policy,
+    evaluation_metrics,
+    save_trials,
+    split_errors,
+)
 from cablecast.files import write_bytes, write_text
-from cablecast.models.landing import LandingModel
+from cablecast.learning.landing import LandingModel
+from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy, Policy
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.rigs import engine_rig
-from cablecast.policies.base import Policy
-from cablecast.policies.forward_search import COVERAGE_PCT, ForwardSearchPolicy
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import RunFolder
+from cablecast.runs.folder import RunFolder, settings_differences
 from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
-from cablecast.runs.settings import settings_differences
 from cablecast.workspace import load_targets
 
 TRIALS_FILE = "trials.csv"
@@ -128,7 +130,7 @@ def _split(
 def _write_files(
     run: RunFolder, evaluation: Evaluation, policy: Policy, model: LandingModel | None
 ) -> None:
-    from cablecast.report.landings import landing_map
+    from cablecast.report.maps import landing_map
     from cablecast.report.page import report_page
     from cablecast.report.style import png_bytes
 

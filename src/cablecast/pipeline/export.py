@@ -8,14 +8,13 @@ import typing
 from collections.abc import Iterator
 from typing import Any
 
-from cablecast.checks import check_count
-from cablecast.datasets.lerobot import VIDEO_FILE, Episode, episodes_of, write_tables
-from cablecast.datasets.reader import Dataset
-from cablecast.errors import DatasetError, InputError
+from cablecast.data.dataset import Dataset
+from cablecast.data.lerobot import VIDEO_FILE, Episode, episodes_of, write_tables
+from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.files import remove_leftovers, temporary_prefix
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import ProgressCallback, counter
-from cablecast.tracking.video import Image, read_video, write_video
+from cablecast.vision.video import Image, read_video, write_video
 
 ExportFormat = typing.Literal["lerobot"]
 

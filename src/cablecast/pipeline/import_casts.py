@@ -5,20 +5,20 @@ import os
 import pathlib
 from typing import Any
 
-from cablecast.datasets.reader import Dataset, read_dataset
-from cablecast.datasets.recordings import Recording, file_digest, read_recordings
-from cablecast.datasets.schema import (
+from cablecast.cast import EndpointTrack
+from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.data.recordings import Recording, file_digest, read_recordings
+from cablecast.data.schema import (
     ACTION_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
     SCHEMA_VERSION,
     track_extent,
 )
-from cablecast.datasets.writer import DatasetWriter
+from cablecast.data.writer import DatasetWriter
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack
 
 
 def import_casts(

@@ -5,31 +5,34 @@ import os
 from typing import Any
 
 from cablecast.cable import CableParams
-from cablecast.checks import check_count, check_seed
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.simulate import simulate_dataset
-from cablecast.dynamics import Dynamics
+from cablecast.data.dataset import Dataset
+from cablecast.data.simulate import simulate_dataset
+from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import check_count, check_seed
 from cablecast.files import write_text
-from cablecast.models.card import many_cables_card, model_card
-from cablecast.models.forward import ForwardModel
-from cablecast.models.forward_training import train_forward_model
-from cablecast.models.many_cables import ManyCablesModel
-from cablecast.models.many_cables_training import MANY_CABLES_CONFIG, train_many_cables
-from cablecast.models.torch_ import check_device
-from cablecast.models.training import TrainingConfig
+from cablecast.learning.card import many_cables_card, model_card
+from cablecast.learning.checkpoint import check_device
+from cablecast.learning.network import (
+    MANY_CABLES_CONFIG,
+    ForwardModel,
+    ManyCablesModel,
+    TrainingConfig,
+    train_forward_model,
+    train_many_cables,
+)
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import CARD_FILE
 from cablecast.pipeline.tuned import Tuned
-from cablecast.policies.forward_search import ForwardSearchPolicy
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.places import DATASET_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore, resumed_counter
 from cablecast.runs.workers import LOCAL, check_workers
 from cablecast.setup import Setup
-from cablecast.tuning.cables import draw_cables
+from cablecast.tuning.space import draw_cables
 
 CABLE_COUNT = 160_000
 """Cables that are drawn, with one simulated cast each."""

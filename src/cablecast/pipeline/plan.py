@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from cablecast.errors import InputError
 from cablecast.files import remove_leftovers, write_text
+from cablecast.learning.policy import Policy
 from cablecast.motion.action import Action
-from cablecast.motion.joint_path import JointPath
-from cablecast.motion.trajectory import Trajectory
-from cablecast.policies.base import Policy
-from cablecast.runs.settings import settings_differences
+from cablecast.motion.trajectory import JointPath, Trajectory
+from cablecast.runs.folder import settings_differences
 from cablecast.setup import Setup
 
 

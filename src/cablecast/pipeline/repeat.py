@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.checks import check_number
 from cablecast.conventions import Array
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_number
 from cablecast.evaluation.repeatability import (
     REPEAT_COUNT,
     Repeatability,
@@ -19,15 +18,13 @@ from cablecast.evaluation.repeatability import (
     repeat_actions,
     save_actions,
 )
-from cablecast.files import write_bytes
+from cablecast.files import read_csv, write_bytes
 from cablecast.motion.action import check_action_values
 from cablecast.pipeline.checks import COMBINATIONS, check_repeat
 from cablecast.pipeline.places import folder_or_temporary
-from cablecast.reading import read_csv
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import RunFolder
+from cablecast.runs.folder import RunFolder, plain_settings
 from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
-from cablecast.runs.settings import plain_settings
 
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
@@ -140,7 +137,7 @@ def _finish(
     """Draw the landings and store the metrics, unless an earlier run has done so."""
     if run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file():
         return
-    from cablecast.report.repeatability import repeatability_map
+    from cablecast.report.maps import repeatability_map
     from cablecast.report.style import png_bytes
 
     report(Progress(task="Drawing the landings"))

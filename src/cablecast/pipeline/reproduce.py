@@ -6,13 +6,12 @@ import pathlib
 from typing import Any
 
 from cablecast.files import write_text
+from cablecast.learning.policy import PolarCastingPolicy
 from cablecast.pipeline.checks import check_way
 from cablecast.pipeline.places import require
 from cablecast.pipeline.reproduce_stages import FULL, Budget, StageMaker
-from cablecast.policies.polar_casting import PolarCastingPolicy
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.runs.stages import StageLog, run_stages
+from cablecast.runs.progress import Progress, ProgressCallback, StageLog, ignore, run_stages
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
 from cablecast.workspace import load_targets
@@ -115,8 +114,7 @@ def reproduce(
 
 
 def _write_report(run: RunFolder, budget: Budget, times: list[tuple[str, float]]) -> dict[str, Any]:
-    from cablecast.report.reproduction import Reproduction
-    from cablecast.report.reproduction_page import reproduction_page
+    from cablecast.report.reproduction import Reproduction, reproduction_page
 
     results = Reproduction(folder=run.path, cables=budget.cables)
     page, tables = reproduction_page(results, run.config, times)

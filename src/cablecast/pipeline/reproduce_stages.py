@@ -6,10 +6,10 @@ import pathlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cablecast.checks import check_seed
-from cablecast.datasets.reader import Dataset, read_dataset
-from cablecast.errors import InputError
-from cablecast.models.forward import ForwardModel
+from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.errors import InputError, check_seed
+from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy, Policy
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import evaluate
 from cablecast.pipeline.repeat import Combination, repeat
@@ -18,14 +18,10 @@ from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
 from cablecast.pipeline.tuned import load_tuned
-from cablecast.policies.base import Policy
-from cablecast.policies.forward_search import ForwardSearchPolicy
-from cablecast.policies.polar_casting import PolarCastingPolicy
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
-from cablecast.runs.parts import Parts
-from cablecast.runs.progress import ProgressCallback
-from cablecast.runs.stages import Stage
+from cablecast.runs.folder import Parts
+from cablecast.runs.progress import ProgressCallback, Stage
 from cablecast.setup import Setup
 from cablecast.tuning.tune import TuneConfig
 

@@ -1,8 +1,8 @@
 """The simulator of a model as a rig, so that the model's own error can be told from the world's."""
 
-from cablecast.datasets.reader import settings_dynamics
+from cablecast.data.dataset import settings_dynamics
 from cablecast.errors import InputError
-from cablecast.models.landing import LandingModel
+from cablecast.learning.landing import LandingModel
 from cablecast.pipeline.engine import make_engine
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine

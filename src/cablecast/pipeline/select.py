@@ -5,32 +5,28 @@ import os
 from typing import Any
 
 from cablecast.cable import Cable, CableParams
-from cablecast.checks import check_count, check_number
 from cablecast.engines.spread import spread
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_number
 from cablecast.evaluation.coverage import (
     R0_CHOICES,
-    V_MAX_CHOICES,
-    covered_share,
-    measure_coverage,
-    outlines,
-    polar_casting_region,
-)
-from cablecast.evaluation.selection import (
     SCATTER_MAX_PCT,
+    V_MAX_CHOICES,
     Candidate,
     Choice,
     choose,
     choose_r0,
+    covered_share,
+    measure_coverage,
+    outlines,
+    polar_casting_region,
 )
 from cablecast.files import write_bytes
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.repeat import Repeated
 from cablecast.pipeline.tuned import Tuned
-from cablecast.runs.folder import RunFolder
+from cablecast.runs.folder import RunFolder, settings_differences
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
-from cablecast.runs.settings import settings_differences
 from cablecast.runs.workers import LOCAL, connected
 from cablecast.setup import Setup
 
@@ -196,7 +192,7 @@ class _Survey:
         return self.run.parts(COVERAGE_FOLDER).get_or_make(name, measure)
 
     def _draw(self, results: list[dict[str, Any]], polar_outline: Any) -> None:
-        from cablecast.report.coverage import coverage_figure
+        from cablecast.report.maps import coverage_figure
         from cablecast.report.style import png_bytes
 
         setup = self.setup

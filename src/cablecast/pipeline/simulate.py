@@ -5,8 +5,8 @@ import os
 from typing import Any
 
 from cablecast.cable import CableParams
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.simulate import SIMULATED_COUNT, simulate_dataset
+from cablecast.data.dataset import Dataset
+from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary

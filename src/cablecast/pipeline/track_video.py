@@ -14,20 +14,17 @@ from numpy.typing import NDArray
 
 from cablecast.camera.lens import Lens
 from cablecast.camera.tags import TagLayout, default_layout
-from cablecast.checks import check_number
-from cablecast.errors import DamagedFileError, InputError
-from cablecast.files import write_bytes, write_text
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.errors import DamagedFileError, InputError, check_number
+from cablecast.files import read_csv, write_bytes, write_text
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.reading import read_csv
 from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
-from cablecast.tracking.marker import MarkerConfig
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tracker import EndpointTracker, TrackerConfig
-from cablecast.tracking.video import read_video
+from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
+from cablecast.vision.video import read_video
 
 TRACK_FILE = "track.csv"
 FRAMES_FILE = "frames.csv"

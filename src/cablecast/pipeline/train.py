@@ -6,29 +6,26 @@ import pathlib
 import typing
 from typing import Any
 
-from cablecast.checks import check_count, check_seed
-from cablecast.datasets.reader import Dataset
-from cablecast.errors import CheckpointError, InputError
+from cablecast.data.dataset import Dataset
+from cablecast.errors import CheckpointError, InputError, check_count, check_seed
 from cablecast.files import write_bytes, write_text
-from cablecast.models.adaptation import (
+from cablecast.learning.adaptation import (
     REAL_ONLY,
     FineTuningConfig,
     correct_model,
     fine_tune,
     train_on_real,
 )
-from cablecast.models.forward import ForwardModel
-from cablecast.models.forward_training import train_forward_model
-from cablecast.models.gaussian_process_training import (
+from cablecast.learning.checkpoint import check_device
+from cablecast.learning.gaussian_process import (
     GaussianProcessConfig,
     train_gaussian_process,
 )
-from cablecast.models.landing import LandingModel
-from cablecast.models.torch_ import check_device
-from cablecast.models.training import TrainingConfig
+from cablecast.learning.landing import LandingModel
+from cablecast.learning.network import ForwardModel, TrainingConfig, train_forward_model
+from cablecast.learning.policy import CANDIDATE_COUNT, ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.policies.forward_search import CANDIDATE_COUNT, ForwardSearchPolicy
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
 
@@ -244,7 +241,7 @@ def write_documents(
         report: Told where there is no curve, and why.
     """
     from cablecast.errors import MissingExtraError
-    from cablecast.models.card import model_card
+    from cablecast.learning.card import model_card
 
     card = model_card(model, policy_info)
     adaptation = model.info.get("adaptation", {})

@@ -6,9 +6,9 @@ import pathlib
 import typing
 from typing import TYPE_CHECKING, Any
 
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.simulate import engine_settings
-from cablecast.dynamics import Dynamics
+from cablecast.data.dataset import Dataset
+from cablecast.data.simulate import engine_settings
+from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError
 from cablecast.files import write_bytes
@@ -18,12 +18,18 @@ from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, connected
-from cablecast.tuning.fit import fit_params
-from cablecast.tuning.least_squares import FitConfig
-from cablecast.tuning.result import params_file, write_params
+from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
-from cablecast.tuning.tune import TuneConfig, TuneProgress, split_tracks, tune_params
+from cablecast.tuning.tune import (
+    TuneConfig,
+    TuneProgress,
+    fit_params,
+    params_file,
+    split_tracks,
+    tune_params,
+    write_params,
+)
 
 if TYPE_CHECKING:
     from cablecast.tuning.tune import TuneResult
@@ -230,9 +236,9 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
 
 def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult") -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
+    from cablecast.report.maps import chosen_tracks, track_panels
     from cablecast.report.style import png_bytes
-    from cablecast.report.tracks import chosen_tracks, track_panels
-    from cablecast.tuning.objective import TrackObjective
+    from cablecast.tuning.tracks import TrackObjective
 
     cable = casts.cable
     fitted = cable.with_material(result.material)

@@ -5,12 +5,12 @@ import pathlib
 from typing import Any
 
 from cablecast.cable import CableParams
-from cablecast.dynamics import Dynamics
+from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError
 from cablecast.pipeline.engine import make_engine
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import Ensemble, believed_ensemble
-from cablecast.tuning.posterior import ParamPosterior
+from cablecast.tuning.space import ParamPosterior
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     Raises:
         InputError: There is no such file, it is damaged, or holds parameters of another cable.
     """
-    from cablecast.tuning.result import ParamsFile
+    from cablecast.tuning.tune import ParamsFile
 
     found = ParamsFile.read(path)
     fingerprint = found.casts_fingerprint()

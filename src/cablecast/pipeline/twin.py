@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 from cablecast.errors import RigError
+from cablecast.rigs.ur.twin.laboratory import Fault, TwinConfig, TwinProcess
 from cablecast.setup import Setup
-from cablecast.twin.config import TwinConfig
-from cablecast.twin.faults import Fault
-from cablecast.twin.process import TwinProcess
 
 
 def run_twin(

@@ -8,8 +8,7 @@ import pathlib
 from collections.abc import Mapping
 from typing import Any
 
-from cablecast.checks import check_count, check_seed
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_seed
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import evaluate
 from cablecast.pipeline.places import folder_or_temporary, require

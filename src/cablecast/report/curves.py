@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cablecast.evaluation.evaluate import Evaluation
-from cablecast.evaluation.metrics import ErrorSummary
+from cablecast.cast import TrialStatus
+from cablecast.evaluation.evaluate import ErrorSummary, Evaluation
 from cablecast.evaluation.published import PublishedRow
 from cablecast.report.style import (
     BLUE,
     FAINT,
+    FIVE_NUMBERS,
     INK,
     MUTED,
     PAGE_WIDTH,
@@ -19,8 +20,6 @@ from cablecast.report.style import (
     new_figure,
     styled,
 )
-from cablecast.report.text import FIVE_NUMBERS
-from cablecast.track import TrialStatus
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

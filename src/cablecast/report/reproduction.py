@@ -1,18 +1,44 @@
-"""Results of a reproduction, read from the run folders of its stages, and parts of its report."""
+"""Results of a reproduction, read from the run folders of its stages, and parts of its report.
+
+The order of methods by their errors, beside the paper's, with a measure of chance.
+
+The sections of a reproduction's report: what each experiment found, beside the paper.
+
+The report of a reproduction: one HTML page with every experiment beside the published one.
+"""
 
 import base64
 import dataclasses
+import math
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+import cablecast
 from cablecast.errors import DamagedFileError, InputError
-from cablecast.evaluation.results import TRIAL_COLUMNS
-from cablecast.reading import read_csv, read_json
-from cablecast.report.tables import Table
+from cablecast.evaluation.evaluate import TRIAL_COLUMNS, ErrorSummary
+from cablecast.evaluation.published import PUBLISHED_ROWS, published_repeatability, published_rows
+from cablecast.files import read_csv, read_json
+from cablecast.report.curves import error_boxes
+from cablecast.report.maps import coverage_figure, ellipse_map
+from cablecast.report.page import (
+    BEST_METHOD_PUBLISHED,
+    Row,
+    Table,
+    cable_table,
+    coverage_table,
+    measured_table,
+    method_table,
+    split_table,
+    time_table,
+    tuning_table,
+)
+from cablecast.report.style import flatten_settings, pct, svg_uri, template_environment
 from cablecast.setup import SECTIONS, Setup
+from cablecast.tuning.tune import published_tuning
 
 METHOD_NAMES = {
     "polar": "polar casting",
@@ -141,3 +167,458 @@ def _read_json(file: pathlib.Path) -> dict[str, Any] | None:
         return None
     except DamagedFileError as error:
         raise DamagedFileError(f"{error}: delete it and run the same again") from None
+
+
+DRAW_COUNT = 2000
+"""Number of times that the targets are drawn anew to tell the order of two methods from chance."""
+
+
+def order_of_methods(results: Reproduction) -> list[str]:
+    """Tell where our order of methods differs from the paper's, each case with its measure."""
+    cable = results.cables[0]
+    evaluations = results.evaluations(cable)
+    paper = {row.method: row.median_pct for row in published_rows(cable)}
+    medians = {
+        method: metrics["errors_pct"]["median_pct"]
+        for method, metrics in evaluations.items()
+        if metrics["errors_pct"]["median_pct"] is not None and METHOD_NAMES[method] in paper
+    }
+    if len(medians) < 2:
+        return []
+    ours = sorted(medians, key=lambda method: medians[method])
+    theirs = sorted(medians, key=lambda method: paper[METHOD_NAMES[method]])
+    listed = ", ".join(f"{METHOD_NAMES[method]} ({medians[method]:.1f} %)" for method in ours)
+    sentences = [f"By their medians, from best to worst: {listed}."]
+    turned = {
+        better: [
+            worse
+            for worse in ours[place + 1 :]
+            if theirs.index(better) > theirs.index(worse)
+            # The paper prints whole percents; two methods with the same one have no order there.
+            and paper[METHOD_NAMES[better]] != paper[METHOD_NAMES[worse]]
+        ]
+        for place, better in enumerate(ours)
+    }
+    turned = {better: worse for better, worse in turned.items() if worse}
+    if not turned:
+        return [*sentences, "This is the paper's order."]
+    return sentences + [
+        f"Unlike in the paper, {_with_median(results, better, paper)} is better than "
+        + " and than ".join(_with_median(results, method, paper) for method in worse)
+        + f". {_why(results, better, worse)}"
+        for better, worse in turned.items()
+    ]
+
+
+def _with_median(results: Reproduction, method: str, paper: Mapping[str, float]) -> str:
+    name = METHOD_NAMES[method]
+    ours = results.evaluations(results.cables[0])[method]["errors_pct"]["median_pct"]
+    return f"{name} ({ours:.1f} %, there {paper[name]:.0f} %)"
+
+
+def _why(results: Reproduction, better: str, worse: Sequence[str]) -> str:
+    """Return the measurements of some methods that tell where their difference comes from."""
+    cable = results.cables[0]
+    evaluations = results.evaluations(cable)
+    told = []
+    for method in (better, *worse):
+        metrics = evaluations[method]
+        parts = [f"{metrics['targets_inside_coverage']} targets in its coverage"]
+        prediction = metrics["prediction_errors_pct"]["median_pct"]
+        if prediction is not None:
+            parts.append(f"casts {prediction:.1f} % from where it expects them")
+        told.append(f"{METHOD_NAMES[method]} has " + ", ".join(parts))
+    errors = _errors_by_target(results, cable, better)
+    shares = " and ".join(
+        f"{100 * share_of_draws(errors, _errors_by_target(results, cable, method)):.0f} % against "
+        f"{METHOD_NAMES[method]}"
+        for method in worse
+    )
+    return (
+        "Measured: " + "; ".join(told) + f". With the targets drawn anew {DRAW_COUNT:,} times, "
+        f"{METHOD_NAMES[better]} has the smaller median in {shares}; half would be chance."
+    )
+
+
+def _errors_by_target(results: Reproduction, cable: str, method: str) -> NDArray[np.float64]:
+    """Return errors [% of cable length], NaN without a landing, shape [target, cast]."""
+    trials = results.trials(cable, method)
+    targets = np.unique(trials["target"])
+    return np.stack([trials["error_pct"][trials["target"] == target] for target in targets])
+
+
+def share_of_draws(better: NDArray[np.float64], worse: NDArray[np.float64]) -> float:
+    """Return how often one method has the smaller median error when the targets are drawn anew.
+
+    Casts at one target err alike, so whole targets are drawn, with replacement.
+
+    Args:
+        better: Errors of one method, NaN without a landing, shape [target, cast].
+        worse: Errors of another method at the same targets, same shape.
+
+    Returns:
+        Share of `DRAW_COUNT` draws; a draw without a landing counts for neither.
+    """
+    draws = np.random.default_rng(0).integers(len(better), size=(DRAW_COUNT, len(better)))
+    medians = [
+        np.nanmedian(errors[draws].reshape(DRAW_COUNT, -1), axis=1) for errors in (better, worse)
+    ]
+    return float(np.mean(medians[0] < medians[1]))
+
+
+def all_parts(results: Reproduction) -> list[Part]:
+    """Return every section whose stages have been run, in the order of the paper."""
+    makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
+    parts = (maker(results) for maker in makers)
+    return [part for part in parts if part is not None]
+
+
+def tuning_part(results: Reproduction) -> Part | None:
+    """Report section V-D: the simulator's distance from the rig before and after tuning."""
+    tunings = results.tunings()
+    if not tunings:
+        return None
+    lead = results.cables[0]
+    return Part(
+        title="Tuning the simulator (table I)",
+        paragraphs=[
+            "Differential Evolution looked for the ten parameters with which simulated endpoints "
+            "stay nearest to measured ones, on some casts of the rig; the distances are those "
+            "of other casts, which it never saw. Default parameters are those that were believed "
+            "of the cable before anything was measured; the paper's are PyBullet's.",
+        ],
+        tables=[tuning_table(tunings)],
+        figures=results.picture(
+            lead, "tune", "tracks.png", f"Measured and simulated tracks of {lead}, validation casts"
+        ),
+    )
+
+
+def selection_part(results: Reproduction) -> Part | None:
+    """Report section V-E: coverage and repeatability, and what was chosen."""
+    selection = results.metrics(results.cables[0], "select")
+    if selection is None:
+        return None
+    setup = results.setup(results.cables[0])
+    polar = np.array(selection["polar_casting"]["outline_xy"])
+    figure = coverage_figure(selection["coverage"], polar, setup.workspace, setup.cable.length)
+    ratio = selection["coverage"][0]["hull_ratio"]
+    return Part(
+        title="Choosing r0, v_max and psi (figures 6 and 7)",
+        paragraphs=[
+            *selection["choice"]["reasons"],
+            "The paper chose r0 = 0.6 m and v_max = 1.5 m/s with psi.",
+        ],
+        tables=[coverage_table(selection)],
+        figures=[
+            Figure(
+                uri=svg_uri(figure),
+                caption="Where the casts of each combination come to rest: concave hulls of "
+                f"ratio {ratio:g} within the half disc of radius "
+                f"{selection['half_disc_radius_m']:.2f} m. "
+                "Grey: what polar casting reaches. After figure 6 of the paper.",
+            ),
+            *results.picture(
+                results.cables[0],
+                "repeat",
+                "repeatability.png",
+                "Repeated landings with 95 % ellipses. After figure 7 of the paper.",
+            ),
+        ],
+    )
+
+
+def model_part(results: Reproduction) -> Part | None:
+    """Report section V-F: what was learned from which data."""
+    figures: list[Figure] = []
+    told = []
+    for cable in results.cables:
+        metrics = results.metrics(cable, f"model-{BEST_METHOD}")
+        if metrics is None:
+            continue
+        caption = f"How the model of {cable} learned from simulated casts"
+        # Fine-tuning begins with the same curve; it was done on the first cable only.
+        figures += results.picture(
+            cable, "model-fine-tuning", "learning_curve.png", f"{caption}, then from real ones."
+        ) or results.picture(cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}.")
+        told.append(
+            f"{cable}: on simulated casts that it had not seen the median error is "
+            f"{metrics['held_out_median_pct']:.1f} % of the cable's length; on casts of the rig "
+            f"{metrics['real_before_median_pct']:.1f} % before it learned from any of them, and "
+            f"{metrics['real_median_pct']:.1f} % after, each cast predicted by a model that had "
+            "learned from the others."
+        )
+    if not told:
+        return None
+    return Part(
+        title="Learning where casts land",
+        paragraphs=[
+            "A network first learns from casts that were simulated with the tuned parameters. The "
+            "rig's deviation from them is then learned from its own casts in two ways: the network "
+            "goes on training with them, as in the paper, or it stays as it is and a correction is "
+            "added that also tells its own uncertainty.",
+            *told,
+        ],
+        figures=figures,
+    )
+
+
+def method_part(results: Reproduction) -> Part | None:
+    """Report section VI: every method on the first cable."""
+    cable = results.cables[0]
+    evaluations = results.evaluations(cable)
+    if not evaluations:
+        return None
+    ours = [(f"ours: {METHOD_NAMES[m]}", summary(v["errors_pct"])) for m, v in evaluations.items()]
+    published = [row for row in PUBLISHED_ROWS if row.table == "II"]
+    return Part(
+        title="Every method on one cable (table II)",
+        paragraphs=[
+            "Distances from target to landing in % of cable length. As in the paper, casts that "
+            "left the table or were hidden are left out of the first table; the second counts each "
+            "as a miss.",
+            *order_of_methods(results),
+        ],
+        tables=[
+            method_table(evaluations, METHOD_NAMES, "errors_pct", f"Errors on {cable}"),
+            method_table(
+                evaluations,
+                METHOD_NAMES,
+                "errors_misses_counted_pct",
+                f"Errors on {cable}, casts without a landing counted as misses",
+                published=False,
+            ),
+            measured_table(evaluations, METHOD_NAMES, cable),
+        ],
+        figures=[
+            Figure(
+                uri=svg_uri(error_boxes(ours, published)),
+                caption="The same errors as boxes, above those of the paper.",
+            )
+        ],
+    )
+
+
+def cable_part(results: Reproduction) -> Part | None:
+    """Report section VI: the best method on every cable."""
+    evaluations = results.best_evaluations()
+    if not evaluations:
+        return None
+    figures = []
+    for cable, metrics in evaluations.items():
+        trials, workspace = results.trials(cable, BEST_METHOD), results.setup(cable).workspace
+        figure = ellipse_map(trials, workspace, metrics["cable_length_m"])
+        figures.append(
+            Figure(
+                uri=svg_uri(figure),
+                caption=f"{cable}: targets (numbers), landings (dots), 95 % ellipses of equal "
+                "casts as the paper draws them, where there are enough, and dashed lines from each "
+                "target to the mean of its landings. A triangle marks a target with a cast that "
+                "did not land. After figure 8 of the paper.",
+            )
+        )
+    return Part(
+        title="The best method on every cable (table III)",
+        tables=[
+            cable_table(evaluations, "errors_pct", f"Errors of the {METHOD_NAMES[BEST_METHOD]}"),
+            cable_table(
+                evaluations,
+                "errors_misses_counted_pct",
+                "The same, casts without a landing counted as misses",
+                published=False,
+            ),
+        ],
+        figures=figures,
+    )
+
+
+def split_part(results: Reproduction) -> Part | None:
+    """Split the errors into causes: the best method on every cable, the others on the first."""
+    lead = results.cables[0]
+    best = {
+        f"{METHOD_NAMES[BEST_METHOD]}, {cable}": metrics
+        for cable, metrics in results.best_evaluations().items()
+    }
+    others = {
+        f"{METHOD_NAMES[method]}, {lead}": metrics
+        for method, metrics in results.evaluations(lead).items()
+        if method != BEST_METHOD
+    }
+    tables: list[Table] = []
+    for evaluations, title in (
+        (best, "Errors of the best method, split"),
+        (others, f"Errors of the other methods on {lead}, split"),
+    ):
+        if (table := split_table(evaluations, title)) is not None:
+            tables.append(table)
+    if not tables:
+        return None
+    return Part(
+        title="Where the errors come from",
+        paragraphs=[
+            "Each planned cast was also played in the tuned simulator and predicted by the network "
+            "alone. That splits the way from a target to a landing into steps with one cause each: "
+            "what the plan leaves, what the correction adds, the difference between the network "
+            "and the simulator it learned from (fine-tuning makes them differ on purpose), the "
+            "difference between the simulator and the rig, and the scatter of equal casts.",
+        ],
+        tables=tables,
+    )
+
+
+def summary(values: Mapping[str, Any]) -> ErrorSummary:
+    """Return a summary of errors from what metrics.json holds."""
+    numbers = {name: np.nan if value is None else float(value) for name, value in values.items()}
+    return ErrorSummary(**(numbers | {"count": values["count"]}))  # pyright: ignore[reportArgumentType]
+
+
+def reproduction_page(
+    results: Reproduction, config: Mapping[str, Any], times: Sequence[tuple[str, float]]
+) -> tuple[str, list[Table]]:
+    """Return the whole page, figures inside; it refers to no other file and no other host.
+
+    Args:
+        results: Run folders; they tell the set-up of each cable as well.
+        config: The reproduction's config.json.
+        times: Title and time [s] of each stage.
+
+    Returns:
+        Page, and its tables in their order.
+    """
+    environment = template_environment()
+    budget, rig = config["settings"]["budget"], config["settings"]["rig"]
+    parts = all_parts(results)
+    difficulty, took = difficulty_table(results), time_table(times)
+    page = environment.get_template("reproduction.html").render(
+        version=cablecast.__version__,
+        rig_phrase=_RIG_PHRASES.get(rig, f"on the rig {rig}"),
+        target_count=target_count(results),
+        repeats_phrase="once each" if budget["repeats"] == 1 else f"{budget['repeats']} times each",
+        cables_phrase=_cables_phrase(results.cables),
+        simulated_count=budget["casts"],
+        cards=_cards(results),
+        rig_paragraphs=_RIG_TEXTS.get(rig, _RIG_TEXTS[""]),
+        parts=parts,
+        tables={"difficulty": difficulty, "times": took},
+        settings=_settings(results, config),
+    )
+    tables = [difficulty] if difficulty else []
+    tables += [table for part in parts for table in part.tables]
+    return page, [*tables, took]
+
+
+_RIG_PHRASES = {"virtual": "on a virtual rig", "engine": "in a simulator"}
+
+_RIG_TEXTS = {
+    "virtual": [
+        "No real robot moved. The casts were carried out on the virtual rig, a laboratory in "
+        "software: another physics engine than the one that the method learns with, cables whose "
+        "true parameters nothing outside the laboratory reads, an arm that lags behind its set "
+        "points, a table whose friction differs from place to place, a reset that never ends in "
+        "quite the same state, and a camera that errs.",
+        "A laboratory that is too easy would flatter the method. The difficulty of this one was "
+        "set by hand to what was published of the real one: the table below says how far each "
+        "measure of it is from the paper's.",
+    ],
+    "engine": [
+        "No real robot moved, and no laboratory stood in for it: the casts were carried out in the "
+        "same kind of simulator that the method learns with. The errors below are those of "
+        "learning and planning alone; they cannot be compared with the paper's.",
+    ],
+    "": ["The casts were carried out on the rig named above; the figures are what it reported."],
+}
+
+
+def _cables_phrase(cables: Sequence[str]) -> str:
+    return f"the cable {cables[0]}" if len(cables) == 1 else f"{len(cables)} different cables"
+
+
+def target_count(results: Reproduction) -> int:
+    """Return the number of targets that were cast at."""
+    evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
+    return max((metrics["target_count"] for metrics in evaluations), default=0)
+
+
+def _cards(results: Reproduction) -> list[dict[str, str]]:
+    """Return the figures that a reader should see first."""
+    cards = []
+    for cable, metrics in results.best_evaluations().items():
+        paper = next(
+            (r for r in PUBLISHED_ROWS if (r.cable, r.method) == (cable, BEST_METHOD_PUBLISHED)),
+            None,
+        )
+        beside = f"; the paper's robot: {paper.median_pct:.0f} %" if paper else ""
+        cards.append(
+            {
+                "value": pct(metrics["errors_pct"]["median_pct"]),
+                "unit": "%",
+                "text": f"median error with {cable}, in % of its length{beside}",
+            }
+        )
+    return cards
+
+
+def difficulty_table(results: Reproduction) -> Table | None:
+    """Compare the rig's difficulty with the real one's: what was measured before any learning."""
+    rows = []
+    for cable, metrics in results.tunings().items():
+        paper = published_tuning(cable)
+        rows.append(
+            Row(
+                cells=(
+                    f"{cable}: median distance at rest of an untuned simulator",
+                    pct(metrics["validation"]["default"]["final_median_pct"]),
+                    pct(paper.default_final_pct) if paper else "",
+                )
+            )
+        )
+    selection = results.metrics(results.cables[0], "select") or {"coverage": []}
+    for result in selection["coverage"]:
+        repeated = result["repeatability"]
+        if repeated is None:
+            continue
+        name = f"v_max {result['v_max']:g} m/s" + " with psi" * result["with_psi"]
+        paper = published_repeatability(result["v_max"], result["with_psi"])
+        scatter = repeated["scatter_pct"]
+        rows.append(
+            Row(
+                cells=(
+                    f"{name}: scatter of equal casts",
+                    pct(math.nan if scatter is None else scatter, 2),
+                    pct(paper.scatter_pct, 2) if paper else "",
+                )
+            )
+        )
+        off_table = paper.off_table_share if paper else None
+        rows.append(
+            Row(
+                cells=(
+                    f"{name}: casts that left the table [%]",
+                    pct(100 * repeated["off_table_share"]),
+                    "" if off_table is None else pct(100 * off_table),
+                )
+            )
+        )
+    if not rows:
+        return None
+    return Table(
+        title="How difficult the rig is",
+        heads=("in % of cable length, unless stated otherwise", "here", "paper"),
+        rows=tuple(rows),
+    )
+
+
+def _settings(
+    results: Reproduction, config: Mapping[str, Any]
+) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return titles and lines of the settings at the end of the page."""
+    found = [("The whole", flatten_settings(config["settings"]))]
+    for cable in results.cables:
+        if (metrics := results.metrics(cable, "tune")) is not None:
+            found.append((f"Tuned parameters of {cable}", flatten_settings(metrics["params"])))
+    evaluation = results.metrics(results.cables[0], f"evaluate-{BEST_METHOD}")
+    if evaluation is not None:
+        found.append(("Rig", flatten_settings(evaluation["rig"])))
+    found.append(("Versions", flatten_settings(config["versions"])))
+    facts = {name: config[name] for name in ("commit", "started", "cpu_count") if name in config}
+    return [*found, ("Run", flatten_settings(facts))]

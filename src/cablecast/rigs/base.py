@@ -5,10 +5,9 @@ from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from cablecast.checks import check_seed
-from cablecast.errors import InputError, RigError
+from cablecast.cast import EndpointTrack
+from cablecast.errors import InputError, RigError, check_seed
 from cablecast.motion.trajectory import Trajectory
-from cablecast.track import EndpointTrack
 
 PURPOSES = ("tune", "real", "repeat", "aim")
 """Purposes of trials; each draws chances of its own."""

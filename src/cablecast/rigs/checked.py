@@ -1,24 +1,400 @@
-"""CheckedRig: any rig behind checks of its answers, a time limit, and errors of one line."""
+"""Checks of what a rig answers: its description, its tracks, and the joints that it reports.
+
+A rig may be anybody's code, and a wrong unit or frame looks like data. Each check refuses what no
+real trial can give, and names the value and the bound.
+
+A time limit on a call into somebody else's code, which may hang.
+
+CheckedRig: any rig behind checks of its answers, a time limit, and errors of one line.
+
+Attempts at one trial: what fails is repeated, some times.
+"""
 
 import inspect
+import json
+import math
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import FrameType
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.camera.sight import CameraSight
-from cablecast.checks import check_count, check_number, check_seed
-from cablecast.errors import CablecastError, RigError
-from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.answers import check_description, check_picture, check_sight, check_track
+from cablecast.arm.ur import JOINT_NAMES
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.errors import CablecastError, RigError, check_count, check_number, check_seed
+from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, purpose_seed
-from cablecast.rigs.time_limit import call_within
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack
+
+DESCRIPTION_SIZE_MAX = 100_000
+"""Longest description of a rig, as JSON [character]."""
+SAMPLE_COUNT_MAX = 100_000
+"""Most samples of a track, and most reports of its joints: minutes at 500 Hz."""
+END_TIME_MAX = 120.0
+"""Longest time from the end of a motion to the last sample [s]."""
+REACH_MARGIN = 0.5
+"""Largest distance of a seen endpoint beyond the reach of arm and cable [m]: a raised endpoint
+seems to lie farther out to a camera."""
+EDGE_MARGIN = 0.05
+"""Largest distance beyond the table's edge of an endpoint that came to rest on it [m]."""
+SPEED_MIN_BOUND = 20.0
+"""An endpoint may always be this fast [m/s]: the end of a whip outruns the gripper by far."""
+SPEED_RATIO_MAX = 10.0
+"""Largest speed of the endpoint as a multiple of the gripper's."""
+JUMP_MAX = 0.1
+"""Largest error by which an endpoint may seem to jump from sample to sample [m]."""
+JOINT_ANGLE_MAX = 4 * np.pi
+"""Largest joint angle [rad], twice what a UR arm can turn."""
+JOINT_LAG_MAX = 0.3
+"""Longest time by which joints trail their set points [s]."""
+JOINT_OFFSET_MAX = 0.5
+"""Largest distance of joints from their set points beside that lag [rad]."""
+
+_DEPTH_MAX = 20
+_CLOCK_TOLERANCE = 1e-3
+_REPORT_LEAD_MAX = 10.0
+"""An arm may report its joints from this long before the motion on [s]."""
+_NEAR_DISTANCE = 0.3
+"""Few endpoints lie nearer to the base than this [m]: tells millimetres from centimetres."""
+
+
+def check_picture(picture: object) -> NDArray[np.uint8] | None:
+    """Return a picture of a rig's camera, BGR, shape [v, u, 3]; None where there is none yet.
+
+    Raises:
+        RigError: It is no such picture.
+    """
+    if picture is None:
+        return None
+    found = type(picture).__name__
+    if isinstance(picture, np.ndarray):
+        shape = picture.shape
+        if picture.dtype == np.uint8 and len(shape) == 3 and shape[2] == 3 and picture.size:
+            return picture
+        found = f"an array of {picture.dtype} and shape {shape}"
+    raise RigError(f"the rig's picture is {found}: it must be uint8 of shape [v, u, 3], or None")
+
+
+def check_sight(sight: object) -> CameraSight | None:
+    """Return what a rig says that its camera cannot see; None where it does not know.
+
+    Raises:
+        RigError: It is something else.
+    """
+    if sight is None or isinstance(sight, CameraSight):
+        return sight
+    found = type(sight).__name__
+    raise RigError(f"the rig's sight is a {found}: it must be a CameraSight, or None")
+
+
+def check_description(description: object) -> dict[str, Any]:
+    """Return a rig's description as plain values of its own.
+
+    Raises:
+        RigError: It is no dictionary of text, numbers, lists and dictionaries, holds a number that
+            is not finite, or is too large.
+    """
+    if not isinstance(description, Mapping):
+        raise RigError(
+            f"the rig's description is a {type(description).__name__}: it must be a dictionary"
+        )
+    plain = _plain(description, "description", 0)
+    size = len(json.dumps(plain))
+    if size > DESCRIPTION_SIZE_MAX:
+        raise RigError(
+            f"the rig's description has {size} characters: it must have at most "
+            f"{DESCRIPTION_SIZE_MAX}"
+        )
+    return plain
+
+
+def _plain(value: Any, place: str, depth: int) -> Any:
+    """Return a copy made of dictionaries, lists, text, numbers, truth values and None."""
+    if depth > _DEPTH_MAX:
+        raise RigError(f"the rig's {place[:60]} is nested deeper than {_DEPTH_MAX} levels")
+    if isinstance(value, Mapping):
+        for key in value:
+            if not isinstance(key, str):
+                raise RigError(f"the rig's {place} has the key {str(key)[:40]!r}, which is no text")
+        return {str(k): _plain(v, f"{place}[{k[:40]!r}]", depth + 1) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v, f"{place}[{i}]", depth + 1) for i, v in enumerate(value)]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise RigError(f"the rig's {place} is text that cannot be written in UTF-8") from None
+    elif isinstance(value, float):
+        if not math.isfinite(value):
+            raise RigError(f"the rig's {place} = {value} is not finite")
+    elif isinstance(value, int):
+        if abs(value) >= 2**63:
+            raise RigError(f"the rig's {place} is a number of more than 63 bits")
+    elif value is not None:
+        raise RigError(
+            f"the rig's {place} is a {type(value).__name__}: it must be text, a number, a list or "
+            "a dictionary"
+        )
+    return value
+
+
+def check_track(track: object, trajectory: Trajectory, setup: Setup) -> EndpointTrack:
+    """Return what a rig answered to a motion, if a real trial can have given it.
+
+    Args:
+        track: Answer of the rig.
+        trajectory: Motion that it was asked for.
+        setup: Gives the reach of arm and cable, and the table.
+
+    Raises:
+        RigError: It is no track, or one that is impossible; names the value and the bound.
+    """
+    if not isinstance(track, EndpointTrack):
+        kind = type(track).__name__
+        raise RigError(f"the rig's execute returned {kind}: it must return an EndpointTrack")
+    if not isinstance(track.status, TrialStatus):
+        raise RigError(f"the rig's track has status {track.status!r:.60}: it must be a TrialStatus")
+    end = trajectory.duration + END_TIME_MAX
+    _check_times(track.times, "track", -_CLOCK_TOLERANCE, end)
+    # A simulation that broke, or a trial that was stopped, has no place to check.
+    if track.status not in (TrialStatus.NON_FINITE, TrialStatus.ABORTED):
+        _check_places(track, trajectory, setup)
+        _check_status(track, setup)
+    if track.joint_path is not None:
+        if not isinstance(track.joint_path, JointPath):
+            kind = type(track.joint_path).__name__
+            raise RigError(f"the rig's track has a {kind} as joint_path: it must be a JointPath")
+        _check_joints(track.joint_path, trajectory, end)
+    log = track.controller_log
+    if log is not None and not (
+        track.joint_path is not None and len(log.times) == len(track.joint_path.times)
+    ):
+        raise RigError(
+            f"the rig's track has {len(log.times)} reports of a controller: there must be one for "
+            "each time of its joint_path"
+        )
+    return track
+
+
+def _check_times(times: NDArray[np.float64], what: str, low: float, high: float) -> None:
+    """Refuse times that are not seconds since the motion began."""
+    if times.size > SAMPLE_COUNT_MAX:
+        raise RigError(
+            f"the rig's {what} has {times.size} samples: it must have at most {SAMPLE_COUNT_MAX}"
+        )
+    if not np.all(np.isfinite(times)):
+        raise RigError(f"the rig's {what} has a time that is not finite")
+    falls = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(falls):
+        before, after = times[falls[0]], times[falls[0] + 1]
+        raise RigError(
+            f"the times of the rig's {what} do not rise: {after:g} s follows {before:g} s"
+        )
+    first, last = float(times[0]), float(times[-1])
+    if first < low or first > high:
+        raise RigError(
+            f"the rig's {what} begins at {first:g} s, outside [{low:g}, {high:g}]: its times must "
+            "be seconds since the motion began"
+        )
+    if last > high:
+        units = ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds"))
+        unit = next((name for scale, name in units if last / scale <= high), "no seconds")
+        raise RigError(
+            f"the rig's {what} ends at {last:g} s: it must end within {END_TIME_MAX:g} s of its "
+            f"motion, by {high:.4g} s; its times look like {unit}"
+        )
+
+
+def _check_places(track: EndpointTrack, trajectory: Trajectory, setup: Setup) -> None:
+    """Refuse endpoints that are out of reach, or too fast."""
+    xy = track.endpoint_xy
+    if np.any(np.isinf(xy)):
+        raise RigError("the rig's track has an infinite endpoint: what was not seen must be NaN")
+    seen = np.flatnonzero(np.all(np.isfinite(xy), axis=1))
+    distance = np.hypot(*xy[seen].T)
+    reach = _reach(trajectory, setup) + REACH_MARGIN
+    if len(seen) and np.max(distance) > reach:
+        far = float(np.max(distance))
+        middle = float(np.median(distance))
+        unit = ""
+        for scale, name in ((1e3, "millimetres"), (1e2, "centimetres")):
+            if _NEAR_DISTANCE * scale <= middle <= reach * scale:
+                unit = f"; it looks like {name}"
+                break
+        raise RigError(
+            f"the rig's track has an endpoint {far:g} m from the base: arm and cable reach "
+            f"{reach - REACH_MARGIN:.3g} m, so that it may be at most {reach:.3g} m{unit}"
+        )
+    step = np.hypot(*np.diff(xy[seen], axis=0).T)
+    bound = max(SPEED_MIN_BOUND, SPEED_RATIO_MAX * setup.motion.v_max)
+    apart = np.diff(track.times[seen])
+    fast = np.flatnonzero(step > bound * apart + JUMP_MAX)
+    if len(fast):
+        at = fast[0]
+        raise RigError(
+            f"the endpoint of the rig's track moves {step[at]:.3g} m in {apart[at]:.3g} s, faster "
+            f"than {bound:g} m/s: times must be seconds, and what was not seen NaN"
+        )
+
+
+def _reach(trajectory: Trajectory, setup: Setup) -> float:
+    """Return the largest distance of the endpoint from the base [m]."""
+    cable = setup.cable
+    path = trajectory.grip_path
+    times = np.linspace(path.knots[0, 0], path.duration[0], 100)
+    grip = path.evaluate(times)[0, :, :2]
+    # A motion that was not planned for this arm may go farther than the arm's r_max.
+    r_max = max(setup.workspace.r_max, float(np.max(np.hypot(*grip.T))))
+    return r_max + cable.length + cable.attachment_length
+
+
+def _check_status(track: EndpointTrack, setup: Setup) -> None:
+    """Refuse a status that contradicts the last sample."""
+    last = track.endpoint_xy[-1]
+    seen = bool(np.all(np.isfinite(last)))
+    if track.status is TrialStatus.OCCLUDED and seen:
+        raise RigError(
+            f"the rig's track has status OCCLUDED, but ends at ({last[0]:.3f}, {last[1]:.3f}) m: "
+            "its last sample must be NaN"
+        )
+    if track.status is not TrialStatus.OK:
+        return
+    if not seen:
+        raise RigError(
+            "the rig's track has status OK without a final endpoint: its last sample must be finite"
+        )
+    workspace = setup.workspace
+    if workspace.edge_distance(last) < -EDGE_MARGIN:
+        raise RigError(
+            f"the rig's track has status OK, but ends at ({last[0]:.3f}, {last[1]:.3f}) m, off the "
+            f"table: |x| <= {workspace.half_width:g} m and {workspace.y_min:g} <= y <= "
+            f"{workspace.y_max:g} m"
+        )
+
+
+def _check_joints(joints: JointPath, trajectory: Trajectory, end: float) -> None:
+    """Refuse reported joints that cannot be those of the motion."""
+    if len(joints.times) == 0:
+        raise RigError("the rig reports joints without any time: None stands for no report")
+    _check_times(joints.times, "report of its joints", -_REPORT_LEAD_MAX, end)
+    q = joints.q
+    if not np.all(np.isfinite(q)):
+        raise RigError("the rig reports a joint angle that is not finite")
+    joint = int(np.argmax(np.max(np.abs(q), axis=0)))
+    largest = float(np.max(np.abs(q[:, joint])))
+    if largest > JOINT_ANGLE_MAX:
+        raise RigError(
+            f"the rig reports the {JOINT_NAMES[joint]} joint at {largest:.4g} rad: at most "
+            f"{JOINT_ANGLE_MAX:.4g} rad; it looks like degrees"
+        )
+    command = trajectory.joint_path
+    if command is None:
+        return
+    off = _offsets(joints, command)
+    tick, joint = np.unravel_index(int(np.argmax(off)), off.shape)
+    if off[tick, joint] > JOINT_OFFSET_MAX:
+        raise RigError(
+            f"the rig reports the {JOINT_NAMES[joint]} joint at {q[tick, joint]:.4g} rad at "
+            f"{joints.times[tick]:.3g} s, {off[tick, joint]:.3g} rad from where it was commanded: "
+            f"at most {JOINT_OFFSET_MAX:g} rad"
+        )
+
+
+def _offsets(joints: JointPath, command: JointPath) -> NDArray[np.float64]:
+    """Return the distance of reported joints from all set points of the last moments.
+
+    Args:
+        joints: Report.
+        command: Set points.
+
+    Returns:
+        Distance [rad], zero between the set points, shape [report, joint].
+    """
+    lags = np.linspace(0.0, JOINT_LAG_MAX, 13)
+    sent = joints.times[:, None] - lags
+    q = joints.q
+    off = np.empty_like(q)
+    for joint in range(q.shape[1]):
+        near = np.interp(sent, command.times, command.q[:, joint])
+        off[:, joint] = np.maximum(near.min(axis=1) - q[:, joint], q[:, joint] - near.max(axis=1))
+    return np.maximum(off, 0.0)
+
 
 Answer = TypeVar("Answer")
+
+_GRACE_MIN, _GRACE_MAX = 0.5, 10.0
+"""Shortest and longest time from one interruption to the next [s]: the code that was interrupted
+may first stop an arm and close its connections."""
+
+
+class _TimeIsUp(BaseException):
+    """Interrupts the call; no Exception, so that `except Exception` does not swallow it."""
+
+
+def call_within(limit: float | None, what: str, call: Callable[[], Answer]) -> Answer:
+    """Return what a call returns, unless it takes too long.
+
+    A call that takes too long is interrupted where it stands, so that its own `finally` clauses
+    run. One that goes on all the same is interrupted again and again. The limit holds in the main
+    thread of a system with interval timers; elsewhere there is none. Code in another language is
+    interrupted when it returns to Python.
+
+    Args:
+        limit: Longest time of the call [s]; None for no limit.
+        what: Name of the call in the error.
+        call: Function without arguments.
+
+    Raises:
+        RigError: The call took too long.
+    """
+    if limit is None or not _has_timers():
+        return call()
+    armed, fired = True, False
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        nonlocal fired
+        if armed:
+            fired = True
+            raise _TimeIsUp
+
+    too_long = RigError(f"{what} took longer than its time limit of {limit:g} s")
+    grace = min(max(limit, _GRACE_MIN), _GRACE_MAX)
+    start = time.monotonic()
+    handler_before = signal.signal(signal.SIGALRM, interrupt)
+    timer_before = signal.setitimer(signal.ITIMER_REAL, limit, grace)
+    try:
+        answer = call()
+        armed = False
+    except BaseException as error:
+        armed = False
+        # A clause of the interrupted code that failed in turn is no better answer.
+        if fired and not isinstance(error, KeyboardInterrupt):
+            raise too_long from (None if isinstance(error, _TimeIsUp) else error)
+        raise
+    finally:
+        armed = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL if handler_before is None else handler_before)
+        if timer_before[0] > 0.0:
+            left = max(timer_before[0] - (time.monotonic() - start), 1e-3)
+            signal.setitimer(signal.ITIMER_REAL, left, timer_before[1])
+    if fired:
+        raise too_long
+    return answer
+
+
+def _has_timers() -> bool:
+    """Return whether this thread of this system can set an interval timer."""
+    return hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+
 
 TIME_LIMIT = 120.0
 """Longest time of one reset or one trial [s]; both take some 20 s on a robot."""
@@ -192,3 +568,67 @@ def _check_takes_purpose(rig: Any) -> None:
             "the rig's seek must take an index and a purpose, seek(index, purpose=''), and draw "
             "differently for each purpose"
         ) from None
+
+
+ATTEMPT_COUNT = 3
+"""Number of attempts at a trial before it is given up."""
+
+Kept = TypeVar("Kept")
+
+
+class TrialFailedError(RigError):
+    """A trial failed as often as it was to be tried; the message begins with `failed`."""
+
+
+def seek_trial(rig: Rig, index: int, purpose: str) -> None:
+    """Let the next trial of a rig that draws by chance be the index-th of a purpose.
+
+    Args:
+        rig: Rig, with or without `seek`.
+        index: Number of the trial.
+        purpose: One of `PURPOSES`, or none.
+    """
+    seek = getattr(rig, "seek", None)
+    if callable(seek):
+        seek(index, purpose)
+
+
+def attempt_trial(
+    rig: Rig,
+    motion: Trajectory,
+    *,
+    index: int,
+    purpose: str,
+    keep: Callable[[EndpointTrack, int], Kept],
+    count: int = ATTEMPT_COUNT,
+) -> Kept:
+    """Reset a rig and play one motion, again and again until it succeeds.
+
+    Args:
+        rig: Rig to play it on.
+        motion: Motion to play.
+        index: Number of the trial, which a rig that draws by chance draws from.
+        purpose: Purpose of the trial, one of `PURPOSES` or none.
+        keep: Makes the result of a track and of the number of failures before it; a track that it
+            refuses has failed, too.
+        count: Number of attempts.
+
+    Returns:
+        Result of `keep`.
+
+    Raises:
+        TrialFailedError: All attempts failed.
+    """
+    reason = ""
+    for failures in range(count):
+        try:
+            seek_trial(rig, index, purpose)
+            rig.reset()
+            track = rig.execute(motion)
+            if track.status is not TrialStatus.ABORTED:
+                return keep(track, failures)
+            reason = "the rig reported it as aborted"
+        # A rig is foreign code: whatever it raises, the trial has failed.
+        except Exception as error:
+            reason = str(error) if isinstance(error, RigError) else error_line(error)
+    raise TrialFailedError(f"failed {count} times, the last time because: {reason}")

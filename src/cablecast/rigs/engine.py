@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
-from cablecast.checks import check_number
-from cablecast.dynamics import Dynamics
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.base import SETTLE_TIME, Engine, Rollout
-from cablecast.errors import InputError
+from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import InputError, check_number
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 

@@ -8,8 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cablecast.checks import check_seed
-from cablecast.errors import CablecastError, RigError
+from cablecast.errors import CablecastError, RigError, check_seed
 from cablecast.rigs.base import Rig, error_line
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts
 from cablecast.setup import Setup

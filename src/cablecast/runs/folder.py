@@ -1,4 +1,17 @@
-"""The folder of one run: its settings (config.json) and its results (metrics.json).
+"""Settings of a run as plain values: comparison and fingerprint.
+
+Facts about a run for the record: versions, commit, machine, time. They are never compared.
+
+Claiming a folder for one run: no foreign files, the same settings, one process at a time.
+
+Run folders and datasets both claim their folder here. A description file (config.json or
+meta/info.json) is written first and records the settings. Parts of the work follow, each a file
+that exists whole or not at all. The same command resumes interrupted work: it keeps the parts that
+exist and makes those that are missing.
+
+Parts of a run: JSON files with a checksum, which exist whole or not at all.
+
+The folder of one run: its settings (config.json) and its results (metrics.json).
 
 config.json is written when the run begins, metrics.json when it is done. A folder without
 metrics.json holds an interrupted run, which the same command resumes. A folder with a run of other
@@ -7,16 +20,324 @@ settings is refused, and nothing in it is touched.
 
 import contextlib
 import dataclasses
+import datetime
+import hashlib
+import json
 import os
 import pathlib
-from collections.abc import Iterator, Mapping
+import subprocess
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from cablecast.errors import DamagedFileError, InputError
-from cablecast.runs.claim import Claim, visible_files
-from cablecast.runs.facts import run_facts
-from cablecast.runs.parts import Parts
-from cablecast.runs.settings import fingerprint, plain_settings
+from cablecast.errors import CablecastError, DamagedFileError, InputError
+from cablecast.files import library_versions, read_sealed, seal, write_json
+
+ABSENT = "(absent)"
+
+
+def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings as JSON stores them: tuples become lists.
+
+    Raises:
+        InputError: A value is not plain or not finite.
+    """
+    try:
+        return json.loads(json.dumps(dict(settings), allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"settings must hold plain, finite values: {error}") from None
+
+
+def settings_differences(
+    stored: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = ""
+) -> list[str]:
+    """Return a phrase for each setting in which two runs differ, with both values.
+
+    Args:
+        stored: Settings on the disk.
+        wanted: Settings of this run.
+        prefix: Path of the nested settings, ending in a dot.
+
+    >>> settings_differences({"arm": {"model": "ur5"}}, {"arm": {"model": "ur5e"}})
+    ["arm.model is 'ur5' there and 'ur5e' here"]
+    """
+    phrases = []
+    for key in (*stored, *(key for key in wanted if key not in stored)):
+        there, here = stored.get(key, ABSENT), wanted.get(key, ABSENT)
+        if isinstance(there, Mapping) and isinstance(here, Mapping):
+            phrases += settings_differences(there, here, f"{prefix}{key}.")
+        elif there != here:
+            phrases.append(f"{prefix}{key} is {_short(there)} there and {_short(here)} here")
+    return phrases
+
+
+def flat_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Return the leaves of nested settings with dotted names.
+
+    Args:
+        settings: Settings.
+        prefix: Text that all names begin with.
+    """
+    rows = []
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            rows += flat_settings(value, f"{prefix}{key}.")
+        else:
+            rows.append((f"{prefix}{key}", value))
+    return rows
+
+
+def fingerprint(values: Any, *more: bytes) -> str:
+    """Return a fingerprint of some content: the start of its SHA-256.
+
+    Args:
+        values: Plain values, hashed as canonical JSON.
+        *more: Further bytes of the content.
+    """
+    digest = hashlib.sha256(json.dumps(values, sort_keys=True, ensure_ascii=False).encode())
+    for content in more:
+        digest.update(content)
+    return digest.hexdigest()[:16]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 120 else f"{text[:117]}..."
+
+
+def run_facts() -> dict[str, Any]:
+    """Return versions, commit, number of processors, and the time now."""
+    return {
+        "versions": library_versions(),
+        "commit": source_commit(),
+        "cpu_count": os.cpu_count(),
+        "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def source_commit() -> str | None:
+    """Return the commit of the source tree that runs, with "+changes" if it differs.
+
+    Returns:
+        None without git, or where the package is installed.
+    """
+    package = pathlib.Path(__file__).resolve().parent.parent
+    # Without the index lock: a status for the record must not disturb a commit under way.
+    git = ["git", "--no-optional-locks", "-C", str(package)]
+
+    def ask(*arguments: str) -> str:
+        answer = subprocess.run(
+            [*git, *arguments], capture_output=True, text=True, timeout=5, check=True
+        )
+        return answer.stdout.strip()
+
+    try:
+        # An installed package may lie inside another repository: ask whether git tracks it.
+        ask("ls-files", "--error-unmatch", "errors.py")
+        commit = ask("rev-parse", "HEAD")
+        return commit + "+changes" * bool(ask("status", "--porcelain", "-uno", "."))
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+_HELD: dict[str, set[str]] = {}
+_HELD_LOCK = threading.Lock()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Claim:
+    """Folder that one kind of work may fill.
+
+    Attributes:
+        path: Folder.
+        file: Path of the description within the folder.
+        noun: Kind of work, for errors: "run" or "dataset".
+        error: Class of the errors that refuse the folder.
+    """
+
+    path: pathlib.Path
+    file: str
+    noun: str
+    error: type[CablecastError]
+
+    def read(self) -> dict[str, Any] | None:
+        """Return the description; None where there is none.
+
+        Raises:
+            DamagedFileError: It is not what was written.
+            UnreadableFileError: The system refuses to read it.
+        """
+        try:
+            return read_sealed(self.path / self.file)
+        except FileNotFoundError:
+            return None
+        except DamagedFileError as error:
+            raise DamagedFileError(
+                f"{error}. Without it the {self.noun} cannot be resumed: restore the file, or give "
+                "another folder"
+            ) from None
+
+    def write(self, description: Mapping[str, Any]) -> None:
+        """Write the description with its checksum."""
+        write_json(self.path / self.file, seal(dict(description)))
+
+    def refuse_differences(self, stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+        """Refuse a folder whose work has other settings.
+
+        Raises:
+            CablecastError: A setting differs; an instance of `error` that names both values.
+        """
+        if differences := settings_differences(stored, wanted):
+            raise self.error(
+                f"{self.path} holds a {self.noun} of other settings: {'; '.join(differences)}. "
+                "Give the same settings, or another folder"
+            )
+
+    def refuse_foreign_files(self) -> None:
+        """Refuse a path that is neither new nor an empty folder.
+
+        Raises:
+            CablecastError: A file is in the way; an instance of `error` that names it.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise self.error(f"{self.path} is a file: a {self.noun} needs a folder")
+        if names := visible_files(self.path):
+            raise self.error(
+                f"{self.path} holds {names[0]} but no {self.noun} of cablecast: give a new or "
+                "empty folder"
+            )
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Lock the folder against other processes, and delete the leftovers of killed writes.
+
+        Raises:
+            CablecastError: Another process holds the lock; an instance of `error`.
+        """
+        with hold_folder(self.path, self.error, "work"):
+            yield
+
+
+def visible_files(path: pathlib.Path) -> list[str]:
+    """Return the files in a folder and below it, without hidden ones, relative and sorted."""
+    if not path.is_dir():
+        return []
+    files = (file.relative_to(path) for file in path.rglob("*") if not file.is_dir())
+    return sorted(str(file) for file in files if not file.name.startswith("."))
+
+
+@contextlib.contextmanager
+def hold_folder(
+    path: pathlib.Path, error: type[CablecastError], role: str = "rig"
+) -> Iterator[None]:
+    """Lock a folder against other processes, and delete the leftovers of killed writes.
+
+    The system releases the lock when the process dies, however it dies. Windows has no such lock;
+    one process at a time is assumed there.
+
+    Args:
+        path: Folder; it is created if it does not exist.
+        error: Class of the error.
+        role: Purpose of the lock. A process may lock a folder once for each purpose: it does so
+            before it connects a rig, and again when work in the folder begins.
+
+    Raises:
+        CablecastError: The folder is locked already; an instance of `error`.
+    """
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    key = str(path.resolve())
+    with _HELD_LOCK:
+        roles = _HELD.get(key, set())
+        if role in roles:
+            raise error(f"another process is writing to {path}: this one, in another thread")
+        handle = None if roles else _lock(path, error)
+        if not roles:
+            for leftover in path.rglob(".*.tmp"):
+                leftover.unlink(missing_ok=True)
+        _HELD[key] = roles | {role}
+    try:
+        yield
+    finally:
+        with _HELD_LOCK:
+            _HELD[key] = _HELD[key] - {role}
+            if not _HELD[key]:
+                del _HELD[key]
+        if handle is not None:
+            os.close(handle)
+        # Refused work leaves no empty folders behind.
+        with contextlib.suppress(OSError):
+            for folder in new:
+                folder.rmdir()
+
+
+def _lock(path: pathlib.Path, error: type[CablecastError]) -> int | None:
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise error(f"another process is writing to {path}") from None
+    return handle
+
+
+OWNER_KEY = "run"
+
+
+@dataclasses.dataclass(frozen=True)
+class Parts:
+    """Folder of finished parts.
+
+    Attributes:
+        folder: Folder; it is created when the first part is stored.
+        owner: Fingerprint of the run that the parts belong to; empty for parts that anybody reads.
+        remedy: What to do about a damaged part, for errors.
+    """
+
+    folder: pathlib.Path
+    owner: str = ""
+    remedy: str = "Delete it, and the same command makes it again"
+
+    def get(self, name: str) -> dict[str, Any] | None:
+        """Return a part; None where it does not exist yet.
+
+        Raises:
+            DamagedFileError: It is not what was written, or belongs to another run; says how to
+                resume.
+            UnreadableFileError: The system refuses to read it.
+        """
+        file = self.file(name)
+        try:
+            values = read_sealed(file)
+        except FileNotFoundError:
+            return None
+        except DamagedFileError as error:
+            raise DamagedFileError(f"{error}. {self.remedy}") from None
+        if values.pop(OWNER_KEY, self.owner) != self.owner:
+            raise DamagedFileError(f"{file} belongs to a run of other settings. {self.remedy}")
+        return values
+
+    def put(self, name: str, values: dict[str, Any]) -> None:
+        """Store a part; it exists whole or not at all."""
+        owner = {OWNER_KEY: self.owner} if self.owner else {}
+        write_json(self.file(name), seal({**values, **owner}))
+
+    def get_or_make(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Return a part, made and stored first where it is missing."""
+        values = self.get(name)
+        if values is None:
+            self.put(name, make())
+            values = self.get(name)
+        return values or {}
+
+    def file(self, name: str) -> pathlib.Path:
+        """Return the file of a part."""
+        return self.folder / f"{name}.json"
+
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.json"

@@ -1,7 +1,19 @@
-"""Progress of long work: one event, and one kind of callback for every verb."""
+"""Progress of long work: one event, and one kind of callback for every verb.
 
+Stages that run one after another, with their times and the expected end.
+"""
+
+import contextlib
 import dataclasses
-from collections.abc import Callable
+import datetime
+import pathlib
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+from cablecast.errors import DamagedFileError
+from cablecast.files import read_sealed, seal, write_json
+from cablecast.runs.folder import METRICS_FILE
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,3 +101,132 @@ def duration_text(seconds: float) -> str:
     if seconds < 5400:
         return f"{seconds / 60:.0f} min"
     return f"{seconds / 3600:.1f} h"
+
+
+STAGES_FILE = "stages.json"
+
+# Interval at which the time of a running stage is stored [s]; a kill loses at most this much of it.
+_STORE_EVERY = 5.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Stage:
+    """One run folder, and the work that fills it.
+
+    Attributes:
+        name: Unique short name, which is also the path of its folder within the whole.
+        title: Description for people.
+        folder: Run folder; the stage is done when it holds metrics.json.
+        expected: Rough duration on two cores [s]; used only for the expected end.
+        work: Function that runs the verb, which resumes an earlier run.
+    """
+
+    name: str
+    title: str
+    folder: pathlib.Path
+    expected: float
+    work: Callable[[], None]
+
+    @property
+    def done(self) -> bool:
+        """True if the results exist."""
+        return (self.folder / METRICS_FILE).is_file()
+
+
+class StageLog:
+    """Time that each stage has taken so far over all runs, kept on the disk.
+
+    Args:
+        folder: Folder of stages.json.
+    """
+
+    def __init__(self, folder: pathlib.Path):
+        self._file = folder / STAGES_FILE
+        self._lock = threading.Lock()
+        self.seconds: dict[str, float] = {}
+        with contextlib.suppress(FileNotFoundError):
+            try:
+                self.seconds = read_sealed(self._file)
+            except DamagedFileError as error:
+                raise DamagedFileError(f"{error}. Delete it; only times are lost") from None
+
+    @contextlib.contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """Add the time that a stage takes to the time that earlier runs spent on it."""
+        before, start = self.seconds.get(name, 0.0), time.monotonic()
+        ended = threading.Event()
+
+        def store() -> None:
+            with self._lock:
+                self.seconds[name] = round(before + time.monotonic() - start, 1)
+                write_json(self._file, seal(self.seconds))
+
+        def store_often() -> None:
+            while not ended.wait(_STORE_EVERY):
+                # The stage itself reports a full disk; it has more to lose.
+                with contextlib.suppress(OSError):
+                    store()
+
+        thread = threading.Thread(target=store_often, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+            store()
+
+
+def run_stages(
+    stages: Sequence[Stage], folder: pathlib.Path, report: ProgressCallback = ignore
+) -> StageLog:
+    """Run the stages that are not done yet, in order.
+
+    A stage that follows one that had work to do is run even if it is done: what it read may have
+    been made again. A verb compares that with its settings, and computes nothing where it is equal.
+
+    Args:
+        stages: All stages; each may read the results of earlier ones.
+        folder: Folder that keeps the times.
+        report: Callback for the progress of the whole, called before each stage.
+
+    Returns:
+        Times of the stages.
+    """
+    log = StageLog(folder)
+    is_changed = False
+    for place, stage in enumerate(stages):
+        task = f"[{place + 1}/{len(stages)}] {stage.title}"
+        if stage.done and not is_changed:
+            taken = duration_text(log.seconds.get(stage.name, 0.0))
+            report(Progress(task=task, note=f"done in {taken}"))
+            continue
+        is_changed = True
+        left = remaining_time(stages, log)
+        end = datetime.datetime.now().astimezone() + datetime.timedelta(seconds=left)
+        note = f"the whole: about {duration_text(left)} left, until {end:%H:%M}"
+        report(Progress(task=task, note=note))
+        with log.timed(stage.name):
+            stage.work()
+    return log
+
+
+def remaining_time(stages: Sequence[Stage], log: StageLog) -> float:
+    """Return the expected time of the stages that are not done [s].
+
+    Expected times are scaled by the pace of this machine so far.
+
+    Args:
+        stages: All stages.
+        log: Time that each has taken so far.
+    """
+    done = [stage for stage in stages if stage.done and stage.name in log.seconds]
+    expected = sum(stage.expected for stage in done)
+    taken = sum(log.seconds[stage.name] for stage in done)
+    # The first minutes say little about a machine: give the expectation the weight of one minute.
+    pace = (taken + 60.0) / (expected + 60.0)
+    return sum(
+        max(pace * stage.expected - log.seconds.get(stage.name, 0.0), 0.1 * pace * stage.expected)
+        for stage in stages
+        if not stage.done
+    )

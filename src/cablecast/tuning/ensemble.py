@@ -4,6 +4,12 @@ A handful of casts is followed as well by a cable that is dragged by the air, cu
 differently along and across itself, once the ten parameters are fitted with each. Where these
 simulators land a cast far apart, none of them can be trusted there. What the posterior of one
 simulator says of its parameters does not tell that: it takes its physics for granted.
+
+Update of fitted parameters by a few more casts, without those that they were fitted to.
+
+What the earlier casts taught stands as a Gaussian, the posterior of the fit. One damped
+Gauss-Newton step leads from there towards the new tracks, as in an iterated Kalman filter: its cost
+depends on the new casts only, however many came before.
 """
 
 import dataclasses
@@ -12,15 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.cable import Cable, CableParams
-from cablecast.checks import check_count, check_number
-from cablecast.dynamics import Dynamics
+from cablecast.cable import MATERIAL_BOUNDS, Cable, CableParams, Material
 from cablecast.engines.base import Engine
-from cablecast.material import MATERIAL_BOUNDS, Material
-from cablecast.tuning.least_squares import FitConfig, FitState, TrackFit, run_fit
-from cablecast.tuning.material_space import MaterialSpace
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.search_space import SearchSpace
+from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import check_count, check_number
+from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit, run_fit
+from cablecast.tuning.space import (
+    CorrelatedBelief,
+    MaterialSpace,
+    ParamPosterior,
+    ParamPrior,
+    SearchSpace,
+)
+from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
 # Differences from the fitted material: air drags on a smooth cylinder with 1 to 1.2, ropes lose
 # energy within some hundredths of a second, the other two are as large as is hardly noticed by eye.
@@ -170,3 +180,70 @@ def fit_ensemble(
         fine_segment_count=fine_engine.segment_count,
         fine_dt=fine_engine.dt,
     )
+
+
+WIDENING = 2.0
+"""Factor of the posterior's deviations. New casts that lie close together ask for the parameters
+that are right for casts like them; the model's own error differs from place to place."""
+
+
+class ParamUpdate:
+    """Single-step updates of one simulator's parameters towards new casts.
+
+    Every update starts from the same parameters, so the gradient of a cast is simulated once and
+    reused by later updates.
+
+    Args:
+        engine: Simulator.
+        cable: Cable that is cast, with its material.
+        posterior: Uncertainty that earlier casts left. Its covariance counts, not its mean.
+        params: Parameters that follow the earlier casts; one set.
+    """
+
+    def __init__(
+        self, engine: Engine, cable: Cable, posterior: ParamPosterior, params: CableParams
+    ):
+        self.engine = engine
+        self.cable = cable
+        self.params = params
+        self._space, self._misfit = posterior.space, posterior.misfit
+        self._point = posterior.space.to_unit(params)
+        precision = np.linalg.inv(WIDENING**2 * posterior.covariance)
+        self._belief = CorrelatedBelief(
+            mean=self._point, precision=np.asarray(precision, dtype=float)
+        )
+        self._known: dict[bytes, Curvature] = {}
+
+    def params_after(self, tracks: MeasuredTracks) -> CableParams:
+        """Return the parameters after one step; those at its start where no step is better.
+
+        Args:
+            tracks: New casts, of which some sample can be compared with a simulation.
+
+        Raises:
+            InputError: No sample of any track can be compared.
+        """
+        seen = np.flatnonzero(tracks.compared.any(axis=1))
+        curves = [self._curvature(tracks.alone(int(row))) for row in seen]
+        # The prior has no slope at its mean.
+        precision = self._belief.precision
+        joined = Curvature(
+            loss=float(np.mean([curve.loss for curve in curves])),
+            gradient=np.sum([curve.gradient for curve in curves], axis=0),
+            hessian=precision + np.sum([curve.hessian - precision for curve in curves], axis=0),
+        )
+        state = self._fit(tracks).first_step(self._point[None], self._misfit, [joined])
+        values = self._space.to_params(state.points[0]).to_array()
+        named = zip(self.params.names(), map(float, values), strict=True)
+        return dataclasses.replace(self.params, **dict(named))
+
+    def _fit(self, tracks: MeasuredTracks) -> TrackFit:
+        return TrackFit(TrackObjective(self.engine, self.cable, tracks), self._space, self._belief)
+
+    def _curvature(self, track: MeasuredTracks) -> Curvature:
+        """Return the quadratic model of one cast's cost at the start parameters."""
+        measured = (track.actions, track.times, track.endpoint_xy)
+        key = b"".join(values.tobytes() for values in measured)
+        if key not in self._known:
+            (self._known[key],) = self._fit(track).curvatures(self._point[None], self._misfit)
+        return self._known[key]

@@ -1,265 +1,397 @@
-"""Fit of a cable by least squares: starts, resolutions, bounds that are widened, and the result."""
+"""Levenberg-Marquardt fit of parameters and material, with a prior: accurate from few casts on.
+
+The fit minimises, over the unit coordinates u of parameters and material,
+
+    F(u) = TRACK_WEIGHT sum_k mean_i |x_ki(u) - y_ki| / b + 1/2 sum_j ((u_j - m_j) / s_j)^2.
+
+x_ki are the simulated and y_ki the measured endpoints of cast k, as in equation 4 of the paper; m_j
+and s_j are what is believed of them (`ParamPrior`, `MaterialSpace`); b is the misfit that the model
+keeps however well it is fitted, estimated from the fit itself. A sum of distances, not of squares,
+keeps one strange cast from deciding the fit: each step solves the least-squares problem in which
+sample i of cast k is weighted by the reciprocal of its distance.
+
+Derivatives are finite differences. All starting points times all coordinates times all casts are
+one batch of the engine, and five damping factors per starting point are another. A step takes two
+batches, however many starting points there are.
+"""
 
 import dataclasses
-import functools
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
-from cablecast.engines.base import Engine
-from cablecast.material import Material
-from cablecast.tuning.ensemble import fit_ensemble
-from cablecast.tuning.least_squares import (
-    MISFIT_START,
-    FitConfig,
-    FitState,
-    TrackFit,
-    run_fit,
+from cablecast.cable import CableParams, Material
+from cablecast.errors import check_count, check_ranges, check_seed
+from cablecast.tuning.space import FITTED, MaterialSpace, ParamBelief, SearchSpace, check_names
+from cablecast.tuning.tracks import NON_FINITE_DISTANCE, TrackObjective
+
+TRACK_WEIGHT = 2.0
+"""Independent looks at the model's error that one track is worth. Its samples err together, so a
+track says far less than its sample count: a two-dimensional Laplace distribution of |x - y| with
+scale b has the mean 2 b, and a track counts as two draws from it."""
+
+MISFIT_START = 0.025
+"""Scale b of the model's own error that is expected before any cast [cable lengths]."""
+
+MISFIT_TRACKS = 4.0
+"""Number of tracks that this expectation is worth. A handful of casts is followed more closely than
+others will be, for ten parameters adapt to them."""
+
+# Finite-difference step in unit coordinates: 2 % of a range is far above the noise of resting
+# points that friction decides, and well below the width of a fit.
+_DIFFERENCE = 0.02
+_DAMPINGS = np.array([1e-2, 1e-1, 1.0, 1e1, 1e2])
+_DAMPING_MIN, _DAMPING_MAX = 1e-6, 1e6
+_LATERAL, _WORKSURFACE = (
+    CableParams.names().index(name) for name in ("lateral_friction", "worksurface_friction")
 )
-from cablecast.tuning.material_space import MaterialSpace
-from cablecast.tuning.objective import TrackDistances, TrackObjective
-from cablecast.tuning.posterior import BOUND_DISTANCE, ParamPosterior
-from cablecast.tuning.prior import ParamPrior
-from cablecast.tuning.search_space import SearchSpace
-from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.tuning.tune import COARSE, ENSEMBLE, FINE, TuneProgress, TuneResult
-
-WIDEN_MAX = 2
-"""Times that ranges are widened at most."""
-
-# A parameter must be this much better known than before for its bound to be in the way.
-_KNOWN = 0.7
-
-
-def fit_params(
-    cable: Cable,
-    training: MeasuredTracks,
-    validation: MeasuredTracks | None,
-    coarse_engine: Engine,
-    engine: Engine,
-    config: FitConfig | None = None,
-    *,
-    progress: Callable[[TuneProgress], None] | None = None,
-) -> TuneResult:
-    """Find the parameters by Levenberg-Marquardt with a prior, and how surely they are known.
-
-    Args:
-        cable: Cable that was cast, with what is believed of it.
-        training: Tracks to fit.
-        validation: Tracks to measure the result with; the training tracks where None.
-        coarse_engine: Simulator of the first steps.
-        engine: Simulator of the last steps, at the resolution at which the result will be used.
-        config: Settings of the fit.
-        progress: Called after every step.
-
-    Raises:
-        InputError: No sample of the tracks can be compared.
-    """
-    config = config or FitConfig()
-    began = time.monotonic()
-    fine = TrackObjective(engine, cable, training)
-    coarse = TrackObjective(coarse_engine, cable, training)
-    report = _Report(cable.length, progress, began)
-    found, none = (MaterialSpace(cable, names) for names in (config.materials, ()))
-    # A rod that has none of what a material adds, as a simulated one may, is followed worse with
-    # it: what is usual of a real cable is wrong for it, and parameters make up for that.
-    tried = [found, none] if len(found) else [none]
-    report.extend(len(tried) * (config.coarse_iterations + config.fine_iterations))
-    fits = [_fit_with(materials, coarse, fine, config, report) for materials in tried]
-    likeliest = min(fits, key=lambda one: one.unlikelihood)
-    state, posterior, material = likeliest.state, likeliest.posterior, likeliest.material
-    space, fitted = posterior.space, cable.with_material(material)
-    best = state.best(len(state.points))
-    params = posterior.params
-    steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
-    fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, posterior.prior)
-    ensemble = fit_ensemble(fit, engine, params, state.misfit, config.ensemble_iterations, steps)
-
-    def distances(tracks: MeasuredTracks) -> TrackDistances:
-        believed = TrackObjective(engine, cable, tracks).distances(cable.params)
-        return believed.beside(TrackObjective(engine, fitted, tracks).distances(params))
-
-    on_training = distances(training)
-    return TuneResult(
-        params=params,
-        material=material,
-        ensemble=ensemble,
-        population=space.to_params(best.points[:, : space.dimension]),
-        population_losses=best.losses * cable.length,
-        space=space,
-        training=on_training,
-        validation=on_training if validation is None else distances(validation),
-        training_status=training.status,
-        validation_status=(training if validation is None else validation).status,
-        simulation_count=report.count,
-        coarse_simulation_count=report.count - report.fine_count,
-        seconds=time.monotonic() - began,
-        history=report.history,
-        posterior=posterior,
-    )
+# Distances below this share of the misfit are all as good as zero.
+_DISTANCE_SHARE = 0.5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Fit:
-    """Result of the fit with some values of the material.
+class FitConfig:
+    """Settings of the least-squares fit.
 
     Attributes:
-        unlikelihood: Negative log posterior density of its best point.
-        state: Points of parameters and material.
-        material: Material of the best point; None for the ten parameters alone.
-        posterior: Uncertainty of the parameters, the material given.
+        start_count: Starting points: the believed values, and draws from what is believed.
+        coarse_iterations: Steps from each at the coarse resolution.
+        fine_start_count: Starting points that go on at full resolution.
+        fine_iterations: Steps of these.
+        coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
+            time would just need steps shorter than `coarse_dt`.
+        coarse_dt: Step of the coarse simulation [s].
+        materials: Values of the material that are fitted with the ten parameters, some of
+            `FITTED`, unless the cable's file gives them, or the casts are likelier without all.
+        ensemble_iterations: Steps with each of some other materials, at the coarse resolution
+            (`fit_ensemble`); no ensemble where 0.
+        seed: Seed of the starting points.
     """
 
-    unlikelihood: float
-    state: FitState
-    material: Material | None
-    posterior: ParamPosterior
+    start_count: int = 12
+    coarse_iterations: int = 8
+    fine_start_count: int = 4
+    fine_iterations: int = 4
+    coarse_segment_count: int = 28
+    coarse_dt: float = 1e-3
+    materials: tuple[str, ...] = FITTED
+    ensemble_iterations: int = 5
+    seed: int = 0
+
+    def __post_init__(self):
+        check_names(self.materials)
+        for name, low, high in (
+            ("start_count", 1, 1000),
+            ("coarse_iterations", 0, 1000),
+            ("fine_start_count", 1, 1000),
+            ("fine_iterations", 1, 1000),
+            ("ensemble_iterations", 0, 1000),
+            ("coarse_segment_count", 2, 1000),
+        ):
+            check_count(name, getattr(self, name), low, high)
+        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s")})
+        check_seed(self.seed)
 
 
-def _fit_with(
-    materials: MaterialSpace,
-    coarse: TrackObjective,
-    fine: TrackObjective,
-    config: FitConfig,
-    report: "_Report",
-) -> _Fit:
-    """Fit the ten parameters and some values of the material.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FitState:
+    """Points of a fit and what is known at them.
+
+    Attributes:
+        points: Unit coordinates, the ten parameters first, shape [start, coordinate].
+        costs: F at the points, shape [start].
+        losses: Equation 4 at the points [cable lengths], shape [start].
+        dampings: Damping factor of the next step, shape [start].
+        misfit: Scale b of the model's own error [cable lengths].
+    """
+
+    points: NDArray[np.float64]
+    costs: NDArray[np.float64]
+    losses: NDArray[np.float64]
+    dampings: NDArray[np.float64]
+    misfit: float
+
+    def best(self, count: int = 1) -> "FitState":
+        """Return the points of least cost, the best first."""
+        order = np.argsort(self.costs, kind="stable")[:count]
+        return dataclasses.replace(
+            self,
+            points=self.points[order],
+            costs=self.costs[order],
+            losses=self.losses[order],
+            dampings=self.dampings[order],
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Curvature:
+    """Quadratic model of F at one point.
+
+    Attributes:
+        loss: Equation 4 at the point [cable lengths].
+        gradient: Derivative of F, shape [coordinate].
+        hessian: Gauss-Newton matrix of F, prior included, shape [coordinate, coordinate].
+    """
+
+    loss: float
+    gradient: NDArray[np.float64]
+    hessian: NDArray[np.float64]
+
+
+class TrackFit:
+    """F and its derivatives for one objective.
 
     Args:
-        materials: Values of the material, possibly none.
-        coarse: Objective of the first steps.
-        fine: Objective of the last steps.
-        config: Settings of the fit.
-        report: Told of every step.
+        objective: Simulator and measured tracks.
+        space: Ranges of the parameters.
+        prior: Prior of all coordinates.
+        materials: Values of the material, whose coordinates follow the ten; None where the material
+            is known.
     """
-    cable = fine.cable
-    space = SearchSpace.for_cable(cable)
-    prior = ParamPrior.for_cable(cable, space)
-    ten = space.dimension
-    joined = materials.joined(prior)
-    fit = TrackFit(coarse, space, joined, materials)
-    state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
-    state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
-    points = state.best(config.fine_start_count).points
-    for attempt in range(WIDEN_MAX + 1):
-        fit = TrackFit(fine, space, materials.joined(prior), materials)
-        state = fit.start(points, state.misfit)
-        state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
-        material = materials.to_material(state.best().points[0, ten:])
-        fitted = cable.with_material(material)
-        known = TrackFit(TrackObjective(fine.engine, fitted, fine.tracks), space, prior)
-        posterior = _posterior(known, prior, state)
-        wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
-        if wider is None:
-            break
-        points = state.best(config.fine_start_count).points.copy()
-        points[:, :ten] = wider.to_unit(space.to_params(points[:, :ten]))
-        space, prior = wider, ParamPrior.for_cable(cable, wider)
-        report.extend(config.fine_iterations)
-    return _Fit(
-        unlikelihood=fit.unlikelihood(state),
-        state=state,
-        material=material if len(materials) else None,
-        posterior=posterior,
-    )
-
-
-def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPosterior:
-    """Return the Gaussian whose curvature is that of F at the best point, its material given.
-
-    Args:
-        fit: Fit with the material of the best point.
-        prior: Prior of the ten parameters.
-        state: Points of the fit of parameters and material.
-    """
-    best = state.best()
-    point = best.points[:, : fit.space.dimension]
-    curve = fit.curvatures(point, best.misfit, expected=True)[0]
-    covariance = np.linalg.inv(curve.hessian)
-    return ParamPosterior(
-        space=fit.space,
-        prior=prior,
-        mean=point[0],
-        covariance=(covariance + covariance.T) / 2,
-        misfit=best.misfit,
-        distance=float(best.losses[0]),
-        track_count=fit.track_count,
-    )
-
-
-def _widened(posterior: ParamPosterior, cable: Cable) -> SearchSpace | None:
-    """Return a space that is wider where the casts push a parameter against its bound.
-
-    Returns:
-        The wider space; None if no bound is in the way, or none can be moved.
-    """
-    space = posterior.space
-    known = posterior.deviation < _KNOWN * posterior.prior.deviation
-    low, high = space.low.copy(), space.high.copy()
-    for row, name in enumerate(CableParams.names()):
-        least, most = PARAM_BOUNDS[name]
-        if name in ("spinning_friction", "rolling_friction"):
-            # Beyond the cable's radius the contact would lie outside the cable.
-            most = min(most, cable.radius)
-        ratio = np.sqrt(high[row] / low[row]) if space.logarithmic[row] else 0.0
-        width = 0.5 * (high[row] - low[row])
-        if known[row] and posterior.mean[row] < BOUND_DISTANCE:
-            low[row] = low[row] / ratio if ratio else low[row] - width
-            low[row] = max(low[row], least, 1e-9 if ratio else 0.0)
-        if known[row] and posterior.mean[row] > 1.0 - BOUND_DISTANCE:
-            high[row] = min(high[row] * ratio if ratio else high[row] + width, most)
-    if np.array_equal(low, space.low) and np.array_equal(high, space.high):
-        return None
-    return dataclasses.replace(space, low=low, high=high)
-
-
-class _Report:
-    """Counts the simulations of a fit, and reports its steps."""
 
     def __init__(
         self,
-        cable_length: float,
-        progress: Callable[[TuneProgress], None] | None,
-        began: float,
+        objective: TrackObjective,
+        space: SearchSpace,
+        prior: ParamBelief,
+        materials: MaterialSpace | None = None,
     ):
-        self.total = 0
-        self.cable_length = cable_length
-        self.progress = progress
-        self.began = began
-        self.count = self.fine_count = 0
-        self.history: list[tuple[str, float, float]] = []
+        self.objective = objective
+        self.space = space
+        self.prior = prior
+        self.materials = materials
+        self.simulation_count = 0
 
-    def extend(self, steps: int) -> None:
-        """Announce more steps: a range was widened."""
-        self.total += steps
+    def with_material(self, material: Material) -> "TrackFit":
+        """Return the fit to the same tracks of a cable whose material is known.
 
-    def step(self, stage: str, fit: TrackFit, extra: int = 0) -> Callable[[FitState], None]:
-        """Return the callback of a fit that begins now, with steps that were not announced."""
-        before, fine_before = self.count, self.fine_count
-        self.extend(extra)
+        Args:
+            material: Material that all points share.
+        """
+        given = self.objective
+        other = TrackObjective(given.engine, given.cable.with_material(material), given.tracks)
+        return TrackFit(other, self.space, self.prior)
 
-        def after(state: FitState) -> None:
-            self.count = before + fit.simulation_count
-            if stage == FINE:
-                self.fine_count = fine_before + fit.simulation_count
-            best, spread = float(state.best().losses[0]), float(state.losses.std())
-            self.history.append((stage, best * self.cable_length, spread * self.cable_length))
-            if self.progress is None:
-                return
-            done = len(self.history)
-            pace = (time.monotonic() - self.began) / done
-            self.progress(
-                TuneProgress(
-                    stage=stage,
-                    generation=done,
-                    generation_count=self.total,
-                    best_pct=100.0 * best,
-                    spread_pct=100.0 * spread,
-                    simulation_count=self.count,
-                    seconds_left=pace * (self.total - done),
+    def start(self, points: NDArray[np.float64], misfit: float) -> FitState:
+        """Return the state of a fit that begins at some points."""
+        losses = self._losses(self._offsets(points))
+        return FitState(
+            points=points,
+            costs=self._cost(points, losses, misfit),
+            losses=losses,
+            dampings=np.ones(len(points)),
+            misfit=misfit,
+        )
+
+    def first_step(
+        self,
+        points: NDArray[np.float64],
+        misfit: float,
+        curvatures: Sequence[Curvature] | None = None,
+    ) -> FitState:
+        """Take the first step of a fit, without simulating the points on their own before.
+
+        Args:
+            points: Unit coordinates, shape [point, coordinate].
+            misfit: Scale b of the model's own error [cable lengths].
+            curvatures: Quadratic models of F at the points; simulated where None.
+        """
+        unknown = np.full(len(points), np.nan)
+        dampings = np.ones(len(points))
+        state = FitState(
+            points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit
+        )
+        return self._step(state, curvatures or self.curvatures(points, misfit))
+
+    def step(self, state: FitState) -> FitState:
+        """Take one damped Gauss-Newton step from every point; a point that it worsens stays."""
+        return self._step(state, self.curvatures(state.points, state.misfit))
+
+    def _step(self, state: FitState, curvatures: Sequence[Curvature]) -> FitState:
+        """Take a step from points at which F is known up to the second order."""
+        here = np.array([curve.loss for curve in curvatures])
+        state = dataclasses.replace(
+            state, costs=self._cost(state.points, here, state.misfit), losses=here
+        )
+        tried_dampings = np.clip(state.dampings[:, None] * _DAMPINGS, _DAMPING_MIN, _DAMPING_MAX)
+        moves = np.stack(
+            [
+                [_damped_step(curve, point, damping) for damping in row]
+                for curve, point, row in zip(curvatures, state.points, tried_dampings, strict=True)
+            ]
+        )
+        tried = state.points[:, None] + moves
+        flat = tried.reshape(-1, tried.shape[-1])
+        losses = self._losses(self._offsets(flat))
+        costs = self._cost(flat, losses, state.misfit).reshape(tried_dampings.shape)
+        losses = losses.reshape(costs.shape)
+        rows = np.arange(len(state.points))
+        best = np.argmin(costs, axis=1)
+        better = costs[rows, best] < state.costs
+        return dataclasses.replace(
+            state,
+            points=np.where(better[:, None], tried[rows, best], state.points),
+            costs=np.where(better, costs[rows, best], state.costs),
+            losses=np.where(better, losses[rows, best], state.losses),
+            dampings=np.where(
+                better, tried_dampings[rows, best], np.minimum(100.0 * state.dampings, 1e4)
+            ),
+        )
+
+    def rescaled(self, state: FitState) -> FitState:
+        """Return a state whose misfit is that of its best point, with costs to match."""
+        misfit = self._misfit(state)
+        costs = self._cost(state.points, state.losses, misfit)
+        return dataclasses.replace(state, costs=costs, misfit=misfit)
+
+    def unlikelihood(self, state: FitState) -> float:
+        """Return the negative log posterior density at the best point and its likeliest misfit."""
+        best = state.best()
+        draws = 2.0 * TRACK_WEIGHT * (MISFIT_TRACKS + self.track_count)
+        return float(draws * np.log(self._misfit(best)) + self.prior.cost(best.points)[0])
+
+    def _misfit(self, state: FitState) -> float:
+        """Return the likeliest misfit at the best point [cable lengths]."""
+        counts, known = (MISFIT_TRACKS, self.track_count), 0.5 * float(state.best().losses[0])
+        return float(np.average((MISFIT_START, known), weights=counts))
+
+    def curvatures(
+        self, points: NDArray[np.float64], misfit: float, *, expected: bool = False
+    ) -> list[Curvature]:
+        """Return gradient and Gauss-Newton matrix of F at some points, from one batch.
+
+        Args:
+            points: Unit coordinates, shape [point, coordinate].
+            misfit: Scale b of the model's own error [cable lengths].
+            expected: Whether to weight samples as is expected of an error of scale b, whatever
+                their distances: the Fisher information, for a posterior.
+        """
+        count, dimension = points.shape
+        # Differences point inwards, so that no point leaves the cube.
+        signs = np.where(points > 0.5, -1.0, 1.0) * _DIFFERENCE
+        # A simulation knows the product of the two frictions only.
+        moved = np.delete(np.arange(dimension), _WORKSURFACE)
+        shifted = points[:, None] + np.eye(dimension)[moved] * signs[:, None]
+        batch = np.concatenate([points[:, None], shifted], axis=1).reshape(-1, dimension)
+        offsets = self._offsets(batch)
+        offsets = offsets.reshape(count, dimension, *offsets.shape[1:])
+        weights = self._weights(offsets[:, 0], misfit)
+        if expected:
+            # Of exp(-|r| / b) in the plane, the information along each axis is 1 / (2 b²).
+            counts = np.maximum(self.objective.tracks.compared.sum(axis=1), 1)[:, None]
+            weight = TRACK_WEIGHT * self.objective.tracks.compared / (2.0 * misfit**2 * counts)
+            weights = np.broadcast_to(weight, weights.shape)
+        losses = self._losses(offsets[:, 0])
+        curvatures = []
+        for row in range(count):
+            base = offsets[row, 0]
+            jacobian = np.empty((dimension, *base.shape))
+            jacobian[moved] = (offsets[row, 1:] - base) / signs[row, moved, None, None, None]
+            jacobian[_WORKSURFACE] = jacobian[_LATERAL] * self._friction_ratio(points[row])
+            weighted = weights[row][..., None] * base
+            hessian = np.einsum("atic,ti,btic->ab", jacobian, weights[row], jacobian)
+            gradient = np.einsum("atic,tic->a", jacobian, weighted)
+            curvatures.append(
+                Curvature(
+                    loss=float(losses[row]),
+                    gradient=gradient + self.prior.slope(points[row]),
+                    hessian=hessian + self.prior.precision,
                 )
             )
+        return curvatures
 
-        return after
+    def _friction_ratio(self, point: NDArray[np.float64]) -> float:
+        """Return the effect of worksurface over that of lateral friction in unit coordinates."""
+        values = self.space.to_params(point[: self.space.dimension])
+        widths = self.space.high - self.space.low
+        ratio = float(np.asarray(values.lateral_friction / values.worksurface_friction))
+        return ratio * float(widths[_WORKSURFACE] / widths[_LATERAL])
+
+    def _offsets(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return offsets of simulated from measured endpoints, 0 where none was measured.
+
+        Args:
+            points: Unit coordinates, shape [point, coordinate].
+
+        Returns:
+            Offsets [cable lengths], shape [point, trial, sample, 2].
+        """
+        objective = self.objective
+        tracks = objective.tracks
+        dimension = self.space.dimension
+        xy, finite = objective.tracks_of(
+            self.space.to_params(points[:, :dimension]),
+            None if self.materials is None else self.materials.to_material(points[:, dimension:]),
+        )
+        self.simulation_count += finite.size
+        offsets = (xy[:, :, :-1] - tracks.endpoint_xy) / objective.cable.length
+        broken = ~np.isfinite(offsets).all(axis=-1) | ~finite[:, :, None]
+        offsets[broken] = NON_FINITE_DISTANCE
+        return np.where(tracks.compared[None, :, :, None], offsets, 0.0)
+
+    def _weights(self, offsets: NDArray[np.float64], misfit: float) -> NDArray[np.float64]:
+        """Return the weights of squared offsets whose gradient is that of F, [point, trial, i]."""
+        compared = self.objective.tracks.compared
+        counts = np.maximum(compared.sum(axis=1), 1)
+        distances = np.maximum(np.linalg.norm(offsets, axis=-1), _DISTANCE_SHARE * misfit)
+        return TRACK_WEIGHT * compared / (distances * counts[:, None] * misfit)
+
+    @property
+    def track_count(self) -> int:
+        """Number of tracks with samples to compare."""
+        return int(np.count_nonzero(self.objective.tracks.compared.any(axis=1)))
+
+    def _losses(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return equation 4 [cable lengths], shape [point]."""
+        counts = self.objective.tracks.compared.sum(axis=1)
+        tracks = np.linalg.norm(offsets, axis=-1).sum(axis=-1)[:, counts > 0]
+        return np.mean(tracks / counts[counts > 0], axis=1)
+
+    def _cost(
+        self, points: NDArray[np.float64], losses: NDArray[np.float64], misfit: float
+    ) -> NDArray[np.float64]:
+        """Return F, shape [point]."""
+        tracks = TRACK_WEIGHT * self.track_count * losses / misfit
+        return tracks + self.prior.cost(points)
+
+
+def _damped_step(
+    curve: Curvature, point: NDArray[np.float64], damping: float
+) -> NDArray[np.float64]:
+    """Return the step of a damping factor that stays in the unit cube.
+
+    Coordinates that the step would push out of the cube go to its face, and the rest is solved
+    again without them.
+    """
+    diagonal = np.diag(curve.hessian)
+    matrix = curve.hessian + np.diag(damping * diagonal)
+    step = np.zeros_like(point)
+    free = np.ones(len(point), dtype=bool)
+    for _ in range(len(point)):
+        right = -curve.gradient[free] - matrix[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], right)
+        out = free & ((point + step < 0.0) | (point + step > 1.0))
+        if not out.any():
+            return step
+        step[out] = np.clip(point + step, 0.0, 1.0)[out] - point[out]
+        free &= ~out
+        if not free.any():
+            break
+    return step
+
+
+def run_fit(
+    fit: TrackFit,
+    state: FitState,
+    iterations: int,
+    on_step: Callable[[FitState], None] | None = None,
+) -> FitState:
+    """Take some steps; the misfit is renewed once after the first half of them."""
+    for done in range(iterations):
+        state = fit.step(state)
+        if done == iterations // 2:
+            state = fit.rescaled(state)
+        if on_step is not None:
+            on_step(state)
+    return state

@@ -8,17 +8,15 @@ precision of that belief is part of it, so directions that no cast can tell coun
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams
-from cablecast.checks import check_seed
+from cablecast.cable import CableParams, Material
 from cablecast.engines.base import Engine
-from cablecast.errors import InputError
-from cablecast.material import Material
+from cablecast.errors import InputError, check_seed
 from cablecast.motion.action import ActionRanges
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.setup import Setup
-from cablecast.tuning.least_squares import MISFIT_START, TRACK_WEIGHT
-from cablecast.tuning.posterior import ParamPosterior
+from cablecast.tuning.fit import MISFIT_START, TRACK_WEIGHT
+from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.spread import EDGE
 
 # Actions to choose from, more where many are asked for, and cables drawn from the belief.

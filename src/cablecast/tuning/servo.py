@@ -6,13 +6,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.limits import JOINT_COUNT
-from cablecast.datasets.reader import Dataset
-from cablecast.datasets.trials import commanded_joints, measured_joints
+from cablecast.arm.ur import JOINT_COUNT
+from cablecast.data.dataset import Dataset, commanded_joints, measured_joints
 from cablecast.errors import DatasetError
-from cablecast.motion.joint_path import JointPath
-from cablecast.motion.joint_response import joint_response
-from cablecast.motion.servo import ServoModel
+from cablecast.motion.servo import ServoModel, joint_response
+from cablecast.motion.trajectory import JointPath
 
 TICK = 1 / 125
 """Interval between set points in the fit [s]: the control cycle of a UR5."""

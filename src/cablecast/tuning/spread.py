@@ -10,13 +10,11 @@ simulated free end stays on the table.
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.checks import check_seed
 from cablecast.engines.base import Engine
-from cablecast.errors import InputError
-from cablecast.motion.action import ActionRanges
-from cablecast.motion.cast import cast_grip_paths
+from cablecast.errors import InputError, check_seed
+from cablecast.motion.action import ActionRanges, played, rightward
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.motion.mirrored import played, rightward
 from cablecast.setup import Setup
 
 EDGE = 0.05

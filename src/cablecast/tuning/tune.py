@@ -1,25 +1,90 @@
-"""Tuning: fits the ten parameters of a cable to measured tracks (paper, section V-D)."""
+"""Tuning results of the paper, for comparison with ours.
+
+Tuning: fits the ten parameters of a cable to measured tracks (paper, section V-D).
+
+params.json: result of tuning, with a checksum, which other commands read.
+
+Fit of a cable by least squares: starts, resolutions, bounds that are widened, and the result.
+"""
 
 import dataclasses
+import functools
+import pathlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
-from cablecast.checks import check_count, check_ranges, check_seed
+from cablecast.cable import PARAM_BOUNDS, PARAM_UNITS, Cable, CableParams, Material
+from cablecast.conventions import finite_or_none
 from cablecast.engines.base import Engine
-from cablecast.errors import InputError
-from cablecast.material import Material
-from cablecast.runs.parts import Parts
-from cablecast.tuning.checkpoint import Checkpoint
-from cablecast.tuning.ensemble import Ensemble
-from cablecast.tuning.objective import TrackDistances, TrackObjective
-from cablecast.tuning.posterior import ParamPosterior
-from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, make_search
-from cablecast.tuning.search_space import SearchSpace
-from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import (
+    DamagedFileError,
+    InputError,
+    check_count,
+    check_keys,
+    check_name,
+    check_number,
+    check_ranges,
+    check_seed,
+)
+from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
+from cablecast.motion.servo import ServoModel
+from cablecast.runs.folder import Parts
+from cablecast.tuning.ensemble import Ensemble, fit_ensemble
+from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit, run_fit
+from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, Checkpoint, make_search
+from cablecast.tuning.space import (
+    BOUND_DISTANCE,
+    MaterialSpace,
+    ParamPosterior,
+    ParamPrior,
+    SearchSpace,
+)
+from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PublishedTuning:
+    """Column of the paper's tuning table; values in % of cable length.
+
+    Attributes:
+        default_final_pct: Median final distance with PyBullet's default parameters.
+        default_mean_pct: Equation 4 with PyBullet's default parameters.
+        tuned_final_pct: Median final distance after Differential Evolution.
+        tuned_mean_pct: Equation 4 after Differential Evolution.
+    """
+
+    default_final_pct: float
+    default_mean_pct: float
+    tuned_final_pct: float
+    tuned_mean_pct: float
+
+
+# Source: arXiv 2405.09581, table I: 20 validation trajectories of a real UR5 per cable.
+_PUBLISHED = {
+    "cable_1": PublishedTuning(
+        default_final_pct=35.0, default_mean_pct=38.2, tuned_final_pct=14.7, tuned_mean_pct=28.4
+    ),
+    "cable_2": PublishedTuning(
+        default_final_pct=25.8, default_mean_pct=29.4, tuned_final_pct=12.2, tuned_mean_pct=23.4
+    ),
+    "cable_3": PublishedTuning(
+        default_final_pct=24.5, default_mean_pct=24.5, tuned_final_pct=14.5, tuned_mean_pct=18.7
+    ),
+}
+
+PUBLISHED_SIMULATION_COUNT = 30_000
+"""Approximate number of simulations of the paper's search per cable."""
+
+
+def published_tuning(cable_name: str) -> PublishedTuning | None:
+    """Return the paper's values for a cable; None for a cable that is not in the paper."""
+    return _PUBLISHED.get(cable_name)
+
 
 COARSE, FINE, ENSEMBLE = "coarse", "fine", "other physics"
 
@@ -324,3 +389,499 @@ class _Run:
         other = FINE if stage == COARSE else COARSE
         ratio = self.cost_ratio if stage == FINE else 1.0 / self.cost_ratio
         return ratio * self._seconds[other] / self._worlds[other] if self._worlds[other] else 0.0
+
+
+PARAMS_FILE = "params.json"
+
+_Part = TypeVar("_Part")
+
+# A simulation depends only on the ratios of masses and stiffnesses, and on the product of the
+# frictions. If the parameters spread widely but these do not, the fit is good and the spread has no
+# effect.
+_DERIVED = {
+    "friction": lambda p: p.friction,
+    "bend_stiffness_per_mass": lambda p: p.bend_stiffness / p.mass,
+    "twist_stiffness_per_mass": lambda p: p.twist_stiffness / p.mass,
+    "endpoint_mass_per_mass": lambda p: p.endpoint_mass / p.mass,
+}
+
+
+def params_file(
+    result: TuneResult, cable_length: float, servo: ServoModel | None
+) -> dict[str, Any]:
+    """Return the content of params.json as plain values; see `write_params`.
+
+    Args:
+        result: Result of tuning.
+        cable_length: Cable length r_c [m].
+        servo: Servo of the arm, if it was identified.
+    """
+    rows = {}
+    for name, distances, status in (
+        ("training", result.training, result.training_status),
+        ("validation", result.validation, result.validation_status),
+    ):
+        rows[name] = {"trials": status_counts(status)} | {
+            row: distance_summary(distances, index, cable_length)
+            for index, row in enumerate(("default", "tuned"))
+        }
+    return {
+        "params": result.params.to_dict(),
+        "derived": {name: float(value(result.params)) for name, value in _DERIVED.items()},
+        "spread": _spread(result.population),
+        "servo": None if servo is None else servo.to_dict(),
+        "material": None if result.material is None else result.material.to_dict(),
+        "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
+        "posterior": None if result.posterior is None else result.posterior.to_dict(),
+        "open": [] if result.posterior is None else result.posterior.sentences(),
+        "search_range": result.space.to_dict(),
+        **rows,
+        "simulation_count": result.simulation_count,
+        "coarse_simulation_count": result.coarse_simulation_count,
+        "seconds": round(result.seconds, 1),
+    }
+
+
+def distance_summary(
+    distances: TrackDistances, candidate: int, cable_length: float
+) -> dict[str, Any]:
+    """Return distances of one candidate in % of cable length, as in the paper's tuning table.
+
+    Args:
+        distances: Distances between simulated and measured tracks.
+        candidate: Row of the candidate.
+        cable_length: Cable length r_c [m].
+    """
+    mean = 100 * distances.mean[candidate] / cable_length
+    final = 100 * distances.final[candidate] / cable_length
+    return {
+        "mean_pct": _reduced(np.mean, mean),
+        "median_mean_pct": _reduced(np.median, mean),
+        "final_median_pct": _reduced(np.median, final),
+        "final_first_quartile_pct": _reduced(lambda v: np.quantile(v, 0.25), final),
+        "final_third_quartile_pct": _reduced(lambda v: np.quantile(v, 0.75), final),
+        "final_max_pct": _reduced(np.max, final),
+        "track_count": int(np.isfinite(mean).sum()),
+        "final_count": int(np.isfinite(final).sum()),
+        "non_finite_count": int((~distances.finite[candidate]).sum()),
+    }
+
+
+def status_counts(status: NDArray[np.str_]) -> dict[str, int]:
+    """Return the number of trials by status."""
+    codes, counts = np.unique(status, return_counts=True)
+    return {str(code): int(count) for code, count in zip(codes, counts, strict=True)}
+
+
+def _reduced(
+    reduce: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]
+) -> float | None:
+    """Return a statistic of the finite values; None if there are none."""
+    known = values[np.isfinite(values)]
+    return finite_or_none(reduce(known)) if len(known) else None
+
+
+def _spread(population: CableParams) -> dict[str, list[float]]:
+    """Return minimum, median and maximum of each value in the final population, by name."""
+    values = {name: getattr(population, name) for name in CableParams.names()}
+    values |= {name: value(population) for name, value in _DERIVED.items()}
+    return {
+        name: [float(np.quantile(column, q)) for q in (0.0, 0.5, 1.0)]
+        for name, column in values.items()
+    }
+
+
+def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
+    """Write params.json with a checksum over its content.
+
+    Args:
+        path: File, or its folder.
+        values: Content, see `params_file`; also `cable`, the name of the tuned cable.
+    """
+    file = path / PARAMS_FILE if path.is_dir() else path
+    sealed = seal(dict(values))
+    # On the first line, so that a person may delete it without breaking the commas.
+    write_json(file, {CHECKSUM_KEY: sealed.pop(CHECKSUM_KEY), **sealed})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ParamsFile:
+    """Content of params.json: what `cablecast tune` found, or a person wrote.
+
+    The methods raise InputError where an entry is damaged.
+
+    Attributes:
+        file: File that it was read from.
+        values: Entries. Without a checksum, only the key `params` is required, a mapping of the
+            ten parameters.
+    """
+
+    file: pathlib.Path
+    values: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: str | pathlib.Path) -> "ParamsFile":
+        """Read params.json; a checksum, if present, is verified.
+
+        Args:
+            path: The file, or its folder.
+
+        Raises:
+            InputError: There is no such file, it does not hold parameters, or it was changed since
+                it was written.
+            UnreadableFileError: The system refuses to read it.
+        """
+        file = pathlib.Path(path)
+        file = file / PARAMS_FILE if file.is_dir() else file
+        try:
+            values = read_json(file)
+        except FileNotFoundError:
+            raise InputError(
+                f"there are no tuned parameters at {file}: make them with `cablecast tune`"
+            ) from None
+        except InputError as error:
+            raise _refusal(file, error) from None
+        if CHECKSUM_KEY in values:
+            try:
+                values = read_sealed(file)
+            except (DamagedFileError, RecursionError):
+                raise InputError(
+                    f"{file} was changed since it was written: delete its {CHECKSUM_KEY} line to "
+                    "use it anyway"
+                ) from None
+        if "params" not in values:
+            raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
+        return cls(file=file, values=values)
+
+    def params(self, cable: Cable | None = None) -> CableParams:
+        """Return the parameters.
+
+        Args:
+            cable: Cable that they must belong to; not checked if None.
+        """
+        names = CableParams.names()
+        stored = self.values.get("cable")
+        try:
+            if stored is not None:
+                check_name(stored, "cable")
+            params = check_keys(self.values["params"], set(names), "params", required=set(names))
+            numbers = {
+                name: check_number(name, params[name], *PARAM_BOUNDS[name], PARAM_UNITS[name])
+                for name in names
+            }
+        except (InputError, OverflowError) as error:
+            raise _refusal(self.file, error) from None
+        if cable is not None and stored not in (None, cable.name):
+            raise InputError(f"{self.file} holds parameters of {stored}, not of {cable.name}")
+        return CableParams(**numbers)
+
+    def dynamics(self, cable: Cable | None = None) -> Dynamics:
+        """Return parameters, material and servo; a person may have written parameters alone.
+
+        Args:
+            cable: Cable that they must belong to; not checked if None.
+        """
+        return Dynamics(
+            params=self.params(cable),
+            material=self._part("material", Material.from_dict),
+            servo=self._part("servo", ServoModel.from_dict),
+        )
+
+    def ensemble(self) -> Ensemble | None:
+        """Return the simulators with other physics; None for the result of a search."""
+        return self._part("ensemble", Ensemble.from_dict)
+
+    def posterior(self) -> ParamPosterior | None:
+        """Return what the fit knows of the parameters; None for the result of a search."""
+        return self._part(
+            "posterior",
+            lambda stored: ParamPosterior.from_dict(stored, self.values["search_range"]),
+        )
+
+    def casts_fingerprint(self) -> str:
+        """Return the fingerprint of the casts; empty for parameters that a person wrote."""
+        return self._part("dataset_fingerprint", str) or ""
+
+    def _part(self, name: str, make: Callable[[Any], _Part]) -> _Part | None:
+        """Return what a function makes of an entry; None where there is none."""
+        stored = self.values.get(name)
+        if stored is None:
+            return None
+        try:
+            return make(stored)
+        except (InputError, KeyError, AttributeError, OverflowError) as error:
+            raise _refusal(self.file, error) from None
+
+
+def read_params(path: str | pathlib.Path, cable: Cable | None = None) -> CableParams:
+    """Read the parameters that `cablecast tune` found, or that a person wrote.
+
+    Args:
+        path: params.json, or its folder.
+        cable: Cable that the parameters must belong to; not checked if None.
+
+    Raises:
+        InputError: There is no such file, it does not hold the ten parameters, it belongs to
+            another cable, or it was changed since it was written.
+        UnreadableFileError: The system refuses to read it.
+    """
+    return ParamsFile.read(path).params(cable)
+
+
+def read_dynamics(path: str | pathlib.Path, cable: Cable | None = None) -> Dynamics:
+    """Read the dynamics that `cablecast tune` found: a person may have written parameters alone.
+
+    Args:
+        path: params.json, or its folder.
+        cable: Cable that the parameters must belong to; not checked if None.
+
+    Raises:
+        InputError: There is no such file, it is damaged, or belongs to another cable.
+        UnreadableFileError: The system refuses to read it.
+    """
+    return ParamsFile.read(path).dynamics(cable)
+
+
+def _refusal(file: pathlib.Path, error: Exception) -> InputError:
+    """Return a one-line error that names the file."""
+    reason = " ".join(str(error).split())[:300].removeprefix(f"{file} is damaged: ")
+    return InputError(f"{file} does not hold tuned parameters: {reason}")
+
+
+WIDEN_MAX = 2
+"""Times that ranges are widened at most."""
+
+# A parameter must be this much better known than before for its bound to be in the way.
+_KNOWN = 0.7
+
+
+def fit_params(
+    cable: Cable,
+    training: MeasuredTracks,
+    validation: MeasuredTracks | None,
+    coarse_engine: Engine,
+    engine: Engine,
+    config: FitConfig | None = None,
+    *,
+    progress: Callable[[TuneProgress], None] | None = None,
+) -> TuneResult:
+    """Find the parameters by Levenberg-Marquardt with a prior, and how surely they are known.
+
+    Args:
+        cable: Cable that was cast, with what is believed of it.
+        training: Tracks to fit.
+        validation: Tracks to measure the result with; the training tracks where None.
+        coarse_engine: Simulator of the first steps.
+        engine: Simulator of the last steps, at the resolution at which the result will be used.
+        config: Settings of the fit.
+        progress: Called after every step.
+
+    Raises:
+        InputError: No sample of the tracks can be compared.
+    """
+    config = config or FitConfig()
+    began = time.monotonic()
+    fine = TrackObjective(engine, cable, training)
+    coarse = TrackObjective(coarse_engine, cable, training)
+    report = _Report(cable.length, progress, began)
+    found, none = (MaterialSpace(cable, names) for names in (config.materials, ()))
+    # A rod that has none of what a material adds, as a simulated one may, is followed worse with
+    # it: what is usual of a real cable is wrong for it, and parameters make up for that.
+    tried = [found, none] if len(found) else [none]
+    report.extend(len(tried) * (config.coarse_iterations + config.fine_iterations))
+    fits = [_fit_with(materials, coarse, fine, config, report) for materials in tried]
+    likeliest = min(fits, key=lambda one: one.unlikelihood)
+    state, posterior, material = likeliest.state, likeliest.posterior, likeliest.material
+    space, fitted = posterior.space, cable.with_material(material)
+    best = state.best(len(state.points))
+    params = posterior.params
+    steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
+    fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, posterior.prior)
+    ensemble = fit_ensemble(fit, engine, params, state.misfit, config.ensemble_iterations, steps)
+
+    def distances(tracks: MeasuredTracks) -> TrackDistances:
+        believed = TrackObjective(engine, cable, tracks).distances(cable.params)
+        return believed.beside(TrackObjective(engine, fitted, tracks).distances(params))
+
+    on_training = distances(training)
+    return TuneResult(
+        params=params,
+        material=material,
+        ensemble=ensemble,
+        population=space.to_params(best.points[:, : space.dimension]),
+        population_losses=best.losses * cable.length,
+        space=space,
+        training=on_training,
+        validation=on_training if validation is None else distances(validation),
+        training_status=training.status,
+        validation_status=(training if validation is None else validation).status,
+        simulation_count=report.count,
+        coarse_simulation_count=report.count - report.fine_count,
+        seconds=time.monotonic() - began,
+        history=report.history,
+        posterior=posterior,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """Result of the fit with some values of the material.
+
+    Attributes:
+        unlikelihood: Negative log posterior density of its best point.
+        state: Points of parameters and material.
+        material: Material of the best point; None for the ten parameters alone.
+        posterior: Uncertainty of the parameters, the material given.
+    """
+
+    unlikelihood: float
+    state: FitState
+    material: Material | None
+    posterior: ParamPosterior
+
+
+def _fit_with(
+    materials: MaterialSpace,
+    coarse: TrackObjective,
+    fine: TrackObjective,
+    config: FitConfig,
+    report: "_Report",
+) -> _Fit:
+    """Fit the ten parameters and some values of the material.
+
+    Args:
+        materials: Values of the material, possibly none.
+        coarse: Objective of the first steps.
+        fine: Objective of the last steps.
+        config: Settings of the fit.
+        report: Told of every step.
+    """
+    cable = fine.cable
+    space = SearchSpace.for_cable(cable)
+    prior = ParamPrior.for_cable(cable, space)
+    ten = space.dimension
+    joined = materials.joined(prior)
+    fit = TrackFit(coarse, space, joined, materials)
+    state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
+    state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
+    points = state.best(config.fine_start_count).points
+    for attempt in range(WIDEN_MAX + 1):
+        fit = TrackFit(fine, space, materials.joined(prior), materials)
+        state = fit.start(points, state.misfit)
+        state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
+        material = materials.to_material(state.best().points[0, ten:])
+        fitted = cable.with_material(material)
+        known = TrackFit(TrackObjective(fine.engine, fitted, fine.tracks), space, prior)
+        posterior = _posterior(known, prior, state)
+        wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
+        if wider is None:
+            break
+        points = state.best(config.fine_start_count).points.copy()
+        points[:, :ten] = wider.to_unit(space.to_params(points[:, :ten]))
+        space, prior = wider, ParamPrior.for_cable(cable, wider)
+        report.extend(config.fine_iterations)
+    return _Fit(
+        unlikelihood=fit.unlikelihood(state),
+        state=state,
+        material=material if len(materials) else None,
+        posterior=posterior,
+    )
+
+
+def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPosterior:
+    """Return the Gaussian whose curvature is that of F at the best point, its material given.
+
+    Args:
+        fit: Fit with the material of the best point.
+        prior: Prior of the ten parameters.
+        state: Points of the fit of parameters and material.
+    """
+    best = state.best()
+    point = best.points[:, : fit.space.dimension]
+    curve = fit.curvatures(point, best.misfit, expected=True)[0]
+    covariance = np.linalg.inv(curve.hessian)
+    return ParamPosterior(
+        space=fit.space,
+        prior=prior,
+        mean=point[0],
+        covariance=(covariance + covariance.T) / 2,
+        misfit=best.misfit,
+        distance=float(best.losses[0]),
+        track_count=fit.track_count,
+    )
+
+
+def _widened(posterior: ParamPosterior, cable: Cable) -> SearchSpace | None:
+    """Return a space that is wider where the casts push a parameter against its bound.
+
+    Returns:
+        The wider space; None if no bound is in the way, or none can be moved.
+    """
+    space = posterior.space
+    known = posterior.deviation < _KNOWN * posterior.prior.deviation
+    low, high = space.low.copy(), space.high.copy()
+    for row, name in enumerate(CableParams.names()):
+        least, most = PARAM_BOUNDS[name]
+        if name in ("spinning_friction", "rolling_friction"):
+            # Beyond the cable's radius the contact would lie outside the cable.
+            most = min(most, cable.radius)
+        ratio = np.sqrt(high[row] / low[row]) if space.logarithmic[row] else 0.0
+        width = 0.5 * (high[row] - low[row])
+        if known[row] and posterior.mean[row] < BOUND_DISTANCE:
+            low[row] = low[row] / ratio if ratio else low[row] - width
+            low[row] = max(low[row], least, 1e-9 if ratio else 0.0)
+        if known[row] and posterior.mean[row] > 1.0 - BOUND_DISTANCE:
+            high[row] = min(high[row] * ratio if ratio else high[row] + width, most)
+    if np.array_equal(low, space.low) and np.array_equal(high, space.high):
+        return None
+    return dataclasses.replace(space, low=low, high=high)
+
+
+class _Report:
+    """Counts the simulations of a fit, and reports its steps."""
+
+    def __init__(
+        self,
+        cable_length: float,
+        progress: Callable[[TuneProgress], None] | None,
+        began: float,
+    ):
+        self.total = 0
+        self.cable_length = cable_length
+        self.progress = progress
+        self.began = began
+        self.count = self.fine_count = 0
+        self.history: list[tuple[str, float, float]] = []
+
+    def extend(self, steps: int) -> None:
+        """Announce more steps: a range was widened."""
+        self.total += steps
+
+    def step(self, stage: str, fit: TrackFit, extra: int = 0) -> Callable[[FitState], None]:
+        """Return the callback of a fit that begins now, with steps that were not announced."""
+        before, fine_before = self.count, self.fine_count
+        self.extend(extra)
+
+        def after(state: FitState) -> None:
+            self.count = before + fit.simulation_count
+            if stage == FINE:
+                self.fine_count = fine_before + fit.simulation_count
+            best, spread = float(state.best().losses[0]), float(state.losses.std())
+            self.history.append((stage, best * self.cable_length, spread * self.cable_length))
+            if self.progress is None:
+                return
+            done = len(self.history)
+            pace = (time.monotonic() - self.began) / done
+            self.progress(
+                TuneProgress(
+                    stage=stage,
+                    generation=done,
+                    generation_count=self.total,
+                    best_pct=100.0 * best,
+                    spread_pct=100.0 * spread,
+                    simulation_count=self.count,
+                    seconds_left=pace * (self.total - done),
+                )
+            )
+
+        return after

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
-from cablecast.datasets.reader import settings_dynamics
-from cablecast.dynamics import Dynamics
+from cablecast.data.dataset import settings_dynamics
 from cablecast.engines.base import Engine
+from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, TargetError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import Feasibility, check_grip_paths
@@ -26,8 +26,7 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import status_of
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
-from cablecast.view.album import Album
-from cablecast.view.shown import FRAME_DT, ShownCast
+from cablecast.view.look import FRAME_DT, Album, ShownCast
 
 
 class Phase(enum.Enum):

@@ -1,14 +1,75 @@
-"""Shapes of the scene as arrays: the arm of rods, the cable as a tube, lines, a colour map."""
+"""Colours of the page and of films.
+
+Shapes of the scene as arrays: the arm of rods, the cable as a tube, lines, a colour map.
+
+Words that lie on the table, as small pictures.
+
+A browser that draws in software has them for less than the labels of viser (docs/view.md).
+"""
 
 import dataclasses
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
 from cablecast.arm.ur import ArmUR
-from cablecast.policies.base import Policy
+from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
+
+if TYPE_CHECKING:
+    import viser
+
+Color = tuple[int, int, int]
+
+# The palette of Okabe and Ito, as in report/style.py, which stays distinct under colour blindness.
+BLUE: Color = (0, 114, 178)
+VERMILLION: Color = (213, 94, 0)
+GREEN: Color = (0, 158, 115)
+PURPLE: Color = (204, 121, 167)
+SKY: Color = (86, 180, 233)
+INK: Color = (31, 41, 51)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Paint:
+    """Colours of a scene, light or dark."""
+
+    page: Color
+    table: Color
+    side: Color
+    line: Color
+    text: Color
+    arm: Color
+    joint: Color
+    reach: Color
+    cable: Color
+
+
+LIGHT = Paint(
+    page=(255, 255, 255),
+    table=(226, 214, 194),
+    side=(176, 158, 132),
+    line=(196, 182, 160),
+    text=INK,
+    arm=(196, 203, 212),
+    joint=(94, 119, 145),
+    reach=(94, 119, 145),
+    cable=BLUE,
+)
+DARK = Paint(
+    page=(26, 27, 30),
+    table=(88, 80, 70),
+    side=(58, 52, 45),
+    line=(112, 103, 91),
+    text=(230, 234, 240),
+    arm=(150, 160, 172),
+    joint=(70, 96, 124),
+    reach=(140, 168, 196),
+    cable=SKY,
+)
+
 
 Array = NDArray[np.float64]
 
@@ -312,3 +373,60 @@ def map_image(shown: MissMap, length: float) -> NDArray[np.uint8]:
     colors = (1.0 - part) * MAP_COLORS[low] + part * MAP_COLORS[low + 1]
     image = np.concatenate([colors, np.where(known, 120.0, 0.0)[..., None]], axis=-1)
     return np.flipud(image).astype(np.uint8)
+
+
+_PLATE = 190  # Of 255: what lies below shines through a little.
+_PIXELS = 48  # Height of a line, which is enough for a window that shows one table.
+
+
+def text_image(text: str, color: Color, plate: Color | None = None) -> NDArray[np.uint8]:
+    """Return a line of text, cut to its width, RGBA, shape [v, u, 4].
+
+    Args:
+        text: Text.
+        color: Colour of the letters.
+        plate: Colour behind the letters; nothing is behind them where None.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default(size=0.8 * _PIXELS)
+    width = round(font.getlength(text)) + _PIXELS // 2
+    behind = (*color, 0) if plate is None else (*plate, _PLATE)
+    image = Image.new("RGBA", (width, _PIXELS), behind)
+    ImageDraw.Draw(image).text((width / 2, _PIXELS / 2), text, (*color, 255), font, anchor="mm")
+    return np.asarray(image)
+
+
+def add_text(
+    server: "viser.ViserServer",
+    name: str,
+    text: str,
+    position: tuple[float, float, float],
+    color: Color,
+    height: float = 0.08,
+    plate: Color | None = None,
+) -> Any:
+    """Lay a line of text on the table, to be read from the robot's side.
+
+    Args:
+        server: Server of the page.
+        name: Name in the tree of the scene.
+        text: Text.
+        position: Middle of the line [m].
+        color: Colour of the letters.
+        height: Height of the line [m].
+        plate: Colour behind the letters; nothing is behind them where None.
+    """
+    image = text_image(text, color, plate)
+    return server.scene.add_image(
+        name,
+        image,
+        height * image.shape[1] / image.shape[0],
+        height,
+        format="png",
+        # An image lies in its own x-y plane with y down, so it is turned about x.
+        wxyz=(0.0, 1.0, 0.0, 0.0),
+        position=position,
+        cast_shadow=False,
+        receive_shadow=False,
+    )

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.cli.main import main
-from cablecast.datasets.reader import read_dataset
-from cablecast.datasets.trials import controller_log, measured_joints, trial_rig
+from cablecast.data.dataset import controller_log, measured_joints, read_dataset, trial_rig
 from cablecast.rigs.ur.rig import REPORT_GAP_MAX
 from cablecast.setup import save_setup
 

@@ -9,19 +9,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.arm.robot import Obstacle, RobotConfig
+from cablecast.arm.shape import arm_capsules, find_collision, segment_distance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import CablecastError, InputError, JointLimitError
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.motion.polar_cast import reset_pose
-from cablecast.motion.reset import plan_reset
+from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import plan_trajectory
-from cablecast.rigs.ur.collision import arm_capsules, find_collision, segment_distance
-from cablecast.rigs.ur.path import SetPoints, check_path, joint_move
-from cablecast.rigs.ur.program import BEAT_REGISTER, motion_program
+from cablecast.rigs.ur.player import (
+    BEAT_REGISTER,
+    SetPoints,
+    check_path,
+    joint_move,
+    motion_program,
+)
+from cablecast.rigs.ur.twin.controller import TwinLimits
+from cablecast.rigs.ur.twin.urscript import Program
 from cablecast.setup import Setup
-from cablecast.twin.limits import TwinLimits
-from cablecast.twin.urscript import Program
 
 DT = 0.008
 # Six decimals of an angle in a program.

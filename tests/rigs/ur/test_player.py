@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from cablecast.errors import RigError
-from cablecast.motion.polar_cast import reset_pose
-from cablecast.rigs.ur.link import UrLink
-from cablecast.rigs.ur.path import joint_move
-from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.safety import check_ready
+from cablecast.motion.polar import reset_pose
+from cablecast.rigs.ur.player import CastAbortedError, Player, UrLink, check_ready, joint_move
 from cablecast.setup import save_setup
 
 # The arm must rest this soon after whatever stops it, by the twin's clock [s].
@@ -207,8 +204,8 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
             """
             import os, sys, threading, time
             import numpy as np
-            from cablecast.rigs.ur.link import UrLink
-            from cablecast.rigs.ur.path import joint_move
+            from cablecast.rigs.ur.player import UrLink
+            from cablecast.rigs.ur.player import joint_move
             from cablecast.rigs.ur.player import Player
             from cablecast.setup import load_setup
 

@@ -12,21 +12,25 @@ import time
 import numpy as np
 import pytest
 
-from cablecast.datasets.collect import collect_dataset
-from cablecast.datasets.trials import measured_joints
+from cablecast.cast import TrialStatus
+from cablecast.data.dataset import measured_joints
+from cablecast.data.record import collect_dataset
 from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
-from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.link import Report
-from cablecast.rigs.ur.path import SetPoints, check_path, joint_move
-from cablecast.rigs.ur.player import CastAbortedError, Played
-from cablecast.rigs.ur.reset import APPROACH_SPEED, RESET_DT
-from cablecast.rigs.ur.rig import RESETTING, RigUR, check_reports
-from cablecast.rigs.ur.safety import check_ready
-from cablecast.track import TrialStatus
-from cablecast.twin.truth import TruthCamera
+from cablecast.rigs.ur.player import (
+    CastAbortedError,
+    Played,
+    Report,
+    SetPoints,
+    check_path,
+    check_ready,
+    joint_move,
+)
+from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RESETTING, RigUR, check_reports
+from cablecast.rigs.ur.twin.truth import TruthCamera
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
 RATE = 6.0

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.rigs.ur.link import UrLink
-from cablecast.rigs.ur.path import joint_move
-from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.safety import check_ready
+from cablecast.rigs.ur.player import CastAbortedError, Player, UrLink, check_ready, joint_move
 
 pytestmark = [
     pytest.mark.ursim,

@@ -9,7 +9,7 @@ import pytest
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath, joints_at
+from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 
 CABLE_RADIUS = 0.0055

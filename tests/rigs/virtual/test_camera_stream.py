@@ -11,12 +11,12 @@ pytest.importorskip("cv2")
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError, UnknownNameError
-from cablecast.filming.live import LiveCamera
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_live import FAULTS, MOVED_TAG
 from cablecast.rigs.virtual.camera_stream import CameraStream
 from cablecast.setup import Setup
-from cablecast.tracking.tags import detect_tags
+from cablecast.vision.live import LiveCamera
+from cablecast.vision.tags import detect_tags
 
 RATE, CLOCK = 30.0, 500.0
 CONFIG = dataclasses.replace(CameraConfig(), frame_rate=RATE).resized(960)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from cablecast.cable import CABLE_NAMES, Attachment, load_cable
+from cablecast.cast import TrialStatus
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory
 from cablecast.setup import Setup
-from cablecast.track import TrialStatus
 from cablecast.workspace import Workspace
 
 pytest.importorskip("mujoco")

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.polar import reset_pose
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.live import LiveArm, LiveCable
 

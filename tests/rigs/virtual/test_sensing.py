@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.sensing import make_sensor
-from cablecast.track import EndpointTrack, TrialStatus
 
 QUICK = VirtualConfig(segment_count=10, dt=2e-3, reset_time=0.1, sensing="exact")
 ERROR_MODEL = dataclasses.replace(QUICK, sensing="error_model")

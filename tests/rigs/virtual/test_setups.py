@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from cablecast.arm.ur import ArmUR
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.motion.action import Action
-from cablecast.motion.joint_path import JointPath
-from cablecast.motion.trajectory import plan_trajectory
+from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.virtual._hidden import hidden_table
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 from cablecast.workspace import Workspace
 
 pytest.importorskip("mujoco")

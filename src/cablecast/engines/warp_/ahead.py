@@ -10,7 +10,7 @@ from cablecast.engines.warp_.device import find_device, load
 from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU
 from cablecast.engines.warp_.rollout import rollout_kernel
-from cablecast.machine import core_count
+from cablecast.files import core_count
 
 _PRECISION = "single"
 

@@ -13,9 +13,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams
+from cablecast.cable import CableParams, Material
 from cablecast.engines.base import CableState
-from cablecast.material import Material
 
 TIP_SHARE = 0.75
 """Share of the attachment's mass at the end of the arm."""

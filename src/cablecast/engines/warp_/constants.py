@@ -3,13 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import AIR_DENSITY, Cable, CableParams
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
 from cablecast.engines.warp_.attachment import JOINT_CELLS, EndSegment
 from cablecast.engines.warp_.bending import filter_factors
 from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
 from cablecast.engines.warp_.twist import SHAPE_TORSION, spin_pivots
-from cablecast.material import AIR_DENSITY
 
 NEVER_CURVED = 1e9
 """Curvature that no cable reaches [1/m]."""
@@ -19,7 +18,6 @@ MOST_VISCOSITY = 0.25
 more would let short segments ring. The default resolution stays far below it."""
 
 
-# long: one line for each of the constants, and a comment for those that need one.
 def model_constants(
     cable: Cable,
     params: CableParams,

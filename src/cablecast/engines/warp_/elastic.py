@@ -35,7 +35,6 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
 
     @wp.func
-    # long: one fused loop over nodes, whose documented arguments take a third of it.
     def elastic_forces(
         model: Model,
         path: Path,

@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import GRAVITY, CableState, Rollout, RolloutPlan, plan_rollout
-from cablecast.engines.cables import CableRows
-from cablecast.engines.parts import merge, rows_of
+from cablecast.engines.base import (
+    GRAVITY,
+    CableRows,
+    CableState,
+    Rollout,
+    RolloutPlan,
+    merge,
+    plan_rollout,
+    rows_of,
+)
 from cablecast.engines.warp_.attachment import EndSegment, fastest_at_end, has_end
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.device import find_device, launch
@@ -21,7 +28,7 @@ from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.substeps import fastest_wave, substep_counts
 from cablecast.errors import InputError
-from cablecast.machine import core_count
+from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
 
 DEFAULT_SEGMENT_COUNT = 50

@@ -17,7 +17,6 @@ from cablecast.engines.warp_.lanes import lane_types
 
 
 @functools.cache
-# long: it only lists the fields of the structs, each with its unit.
 def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
     """Build the Warp structs for a precision and a lane count."""
     types = lane_types(precision, lane_count)

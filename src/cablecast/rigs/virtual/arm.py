@@ -15,11 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.limits import JOINT_COUNT
-from cablecast.arm.ur import ArmUR
+from cablecast.arm.ur import JOINT_COUNT, ArmUR
 from cablecast.motion.grip_path import CHANNELS
-from cablecast.motion.joint_path import JointPath
-from cablecast.motion.trajectory import Trajectory
+from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm
 from cablecast.rigs.virtual.trials import Trial
 

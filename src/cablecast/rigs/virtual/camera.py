@@ -14,10 +14,9 @@ from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import Drawing, FilmedTrial
 from cablecast.rigs.virtual.camera_shutter import RollingDrawing
 from cablecast.rigs.virtual.camera_table import draw_background
-from cablecast.tracking.calibration import Board, Calibration
-from cablecast.tracking.marker import MarkerConfig
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tracker import EndpointTracker, Grab, TrackerConfig, Window
+from cablecast.vision.calibration import Board, Calibration
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.tracker import EndpointTracker, Grab, MarkerConfig, TrackerConfig, Window
 from cablecast.workspace import Workspace
 
 Image = NDArray[np.uint8]

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.camera_config import Mount
-from cablecast.tracking.calibration import Board, Calibration, calibrate_lens, calibrate_view
-from cablecast.tracking.opencv import load_cv2
+from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.vision.tags import load_cv2
 
 _BOARD_COUNT = 12
 _EMPTY_COUNT = 3

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
-from cablecast.motion.joint_path import JointPath, joints_at
+from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
-from cablecast.tracking.blind import sight_of
-from cablecast.tracking.calibration import Calibration
+from cablecast.vision.calibration import Calibration
+from cablecast.vision.tracker import sight_of
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,7 @@ import math
 import numpy as np
 
 from cablecast.camera.lens import CameraView, Lens
-from cablecast.checks import check_count, check_number, check_ranges
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_number, check_ranges
 from cablecast.workspace import Workspace
 
 HEIGHT_MIN = 1.0

@@ -11,10 +11,10 @@ from cablecast.arm.ur import ArmUR
 from cablecast.cable import Attachment, Cable
 from cablecast.camera.lens import CameraView
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath, joints_at
+from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.tracking.marker import MarkerConfig
-from cablecast.tracking.opencv import load_cv2
+from cablecast.vision.tags import load_cv2
+from cablecast.vision.tracker import MarkerConfig
 
 Image = NDArray[np.uint8]
 

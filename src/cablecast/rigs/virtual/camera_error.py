@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
-from cablecast.camera.sight import CameraSight
-from cablecast.checks import check_ranges
-from cablecast.errors import InputError
-from cablecast.files import write_json
-from cablecast.motion.joint_path import JointPath, joints_at
-from cablecast.reading import read_json
+from cablecast.camera.settings import CameraSight
+from cablecast.errors import InputError, check_ranges
+from cablecast.files import read_json, write_json
+from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera_config import USUAL_CENTRE_Y, Mount, clutter_place
 from cablecast.workspace import Workspace
 

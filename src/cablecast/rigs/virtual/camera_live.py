@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.tags import TagLayout
-from cablecast.filming.broadcast import Broadcast
-from cablecast.filming.matroska import encode_jpeg
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera import Film, VirtualCamera
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.rigs.virtual.camera_table import draw_background
 from cablecast.setup import Setup
-from cablecast.tracking.marker import MarkerConfig
+from cablecast.vision.broadcast import Broadcast
+from cablecast.vision.matroska import encode_jpeg
+from cablecast.vision.tracker import MarkerConfig
 
 FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
 """Faults of the camera: the same picture again and again, darkness, no stream at all, an exposure

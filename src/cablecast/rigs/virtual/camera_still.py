@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from cablecast.motion.joint_path import JointPath, joints_at
+from cablecast.cast import EndpointTrack
+from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import Image, VirtualCamera
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack
 
 
 class CameraStill:

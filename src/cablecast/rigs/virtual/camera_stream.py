@@ -13,8 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.checks import check_number
-from cablecast.errors import RigError, UnknownNameError
+from cablecast.errors import RigError, UnknownNameError, check_number
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_live import FAULTS, serve
 from cablecast.setup import Setup

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from cablecast.camera.lens import CameraView
 from cablecast.camera.tags import Tag, TagLayout
 from cablecast.rigs.virtual.camera_config import CameraConfig, clutter_place
-from cablecast.tracking.opencv import load_cv2
-from cablecast.tracking.tags import tag_picture
+from cablecast.vision.tags import load_cv2, tag_picture
 from cablecast.workspace import Workspace
 
 Image = NDArray[np.uint8]

@@ -2,8 +2,7 @@
 
 import dataclasses
 
-from cablecast.checks import check_count, check_ranges, check_seed
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_ranges, check_seed
 
 SENSING_NAMES = ("exact", "error_model", "camera")
 """Ways of seeing the cable: exactly as it is, with the measured errors of the camera, or with that

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.mujoco_ import quiet
-from cablecast.machine import core_count
+from cablecast.files import core_count
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.arm import move_arm
@@ -20,7 +21,6 @@ from cablecast.rigs.virtual.state import cable_motion, cable_vertices, lay_down
 from cablecast.rigs.virtual.table import friction_map
 from cablecast.rigs.virtual.trials import Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
 
 _WINDOW = 0.002
 """Time after which the forces beside MuJoCo's are renewed, and the endpoint is looked at [s]."""

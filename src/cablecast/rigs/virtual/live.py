@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.limits import JOINT_COUNT
+from cablecast.arm.ur import JOINT_COUNT
 from cablecast.conventions import tangent
 from cablecast.engines.mujoco_ import quiet
-from cablecast.motion.polar_cast import reset_pose
+from cablecast.motion.polar import reset_pose
 from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.arm import within_torque
 from cablecast.rigs.virtual.config import VirtualConfig

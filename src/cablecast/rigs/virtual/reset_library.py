@@ -23,10 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CABLE_NAMES, Cable, load_cable
 from cablecast.errors import DatasetError, InputError
-from cablecast.files import write_bytes
-from cablecast.motion.polar_cast import reset_pose
-from cablecast.motion.reset import reset_path
-from cablecast.reading import read_bytes
+from cablecast.files import read_bytes, write_bytes
+from cablecast.motion.polar import reset_path, reset_pose
 from cablecast.rigs.virtual._hidden import hidden_arm, hidden_cable, hidden_table
 from cablecast.setup import Setup
 

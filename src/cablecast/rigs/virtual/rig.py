@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.camera.sight import CameraSight
-from cablecast.checks import check_count, check_seed
-from cablecast.errors import RigError
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import EndpointTrack
+from cablecast.errors import RigError, check_count, check_seed
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual.config import VirtualConfig
@@ -18,7 +18,6 @@ from cablecast.rigs.virtual.laboratory import Laboratory
 from cablecast.rigs.virtual.sensing import RECORD_DT, make_sensor
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack
 
 if TYPE_CHECKING:
     from cablecast.rigs.virtual.camera_still import CameraStill

@@ -11,14 +11,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.camera.sight import CameraSight
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
-from cablecast.motion.joint_path import JointPath
+from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera_error import CameraErrorModel
 from cablecast.rigs.virtual.config import SENSING_NAMES
 from cablecast.setup import Setup
-from cablecast.track import EndpointTrack, TrialStatus
-from cablecast.tracking.samples import track_samples
+from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
 
 RECORD_DT = 0.01
@@ -127,7 +127,7 @@ class SensorCamera:
         """Return what is seen of a trial; see Sensor."""
         from cablecast.rigs.virtual.camera import track_film
         from cablecast.rigs.virtual.camera_drawing import FilmedTrial
-        from cablecast.tracking.blind import sight_of
+        from cablecast.vision.tracker import sight_of
 
         if track.status in _BLIND_STATUSES or track.nodes is None:
             return _thinned(track, self.sample_dt)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.limits import JOINT_COUNT
+from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cable import Cable
 from cablecast.rigs.virtual.config import TrialNoise
 from cablecast.rigs.virtual.reset_library import ResetLibrary

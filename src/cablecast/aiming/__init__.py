@@ -1,0 +1,1 @@
+"""Aiming: choose a cast, make it, learn from its landing, and correct."""

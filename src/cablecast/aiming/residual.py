@@ -1,0 +1,518 @@
+"""ArrayRows: records whose fields are arrays with one row for each of the same things.
+
+FewCastResidual: what real casts add to a simulated landing, from the first cast on.
+
+The residual of a cast, measured minus simulated landing, is modelled as s g(a) + f h(a) + k(a) e. g
+and h are Gaussian processes with Matern 3/2 kernels over the features of the action, the simulated
+landing and the side of the table; e is scatter from cast to cast. The size s is a power of that of
+`LocalSize` and of an ensemble: casts that land far away, or on which simulators part, miss by more.
+f is the shift of the landing with the friction: an error that moves all casts like it, and so
+reaches far. The scatter k follows the sensitivity of the landing to action and friction. Four
+numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to begin with
+and a hundred may overrule it.
+
+LocalSize: by how much more casts to one place of the table may miss than casts to another.
+
+Far and sideways landings depend more on what is not known of the cable. Where simulators of
+different physics follow the same casts, the spread of their landings tells the size. Otherwise the
+sensitivity of landings to the action does: over the whole table it tells where the simulator errs,
+but not among actions with the same landing (docs/aim-results.md).
+
+Experience: what casts taught beyond the simulator: residuals, scatter, failures, and drift.
+"""
+
+import copy
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.learning.kernel import matern
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ArrayRows:
+    """Base of records of arrays that are selected and joined together."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, dataclasses.fields(self)[0].name))
+
+    def __getitem__(self, rows) -> Self:
+        """Return the rows that a slice, a mask or an array of indices selects."""
+        return type(self)(
+            **{field.name: getattr(self, field.name)[rows] for field in dataclasses.fields(self)}
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return several as one."""
+        return cls(
+            **{
+                field.name: np.concatenate([getattr(part, field.name) for part in parts])
+                for field in dataclasses.fields(cls)
+            }
+        )
+
+
+PLACE_COUNT = 7
+"""Coordinates of a place: four features, two of the simulated landing, and the side."""
+
+LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
+"""Length scales of the process along the normalised features of the action, the normalised
+landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
+
+FRICTION_SIZE, FRICTION_REACH = 0.017, 3.0
+"""Usual standard deviation of h along each of x and y, as a relative change of the friction, and
+its length scales over those of g. It stands for all errors that are magnified as friction's are."""
+
+_JITTER = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ResidualScales:
+    """Parameters of the process.
+
+    Attributes:
+        amplitude: Standard deviation of g along each of x and y [cable lengths].
+        noise: Standard deviation of the scatter e along each of x and y [cable lengths].
+        length: Factor of all length scales.
+        power: Exponent of the local size.
+        friction: Standard deviation of h along each of x and y, as a relative change of the
+            friction [-]; it is not fitted.
+    """
+
+    amplitude: float = 0.055
+    noise: float = 0.017
+    length: float = 0.8
+    power: float = 0.9
+    friction: float = FRICTION_SIZE
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return the unconstrained numbers of the fit, shape [4]."""
+        return np.array(
+            [np.log(self.amplitude), np.log(self.noise), np.log(self.length), self.power]
+        )
+
+    @classmethod
+    def from_array(cls, values: NDArray[np.float64]) -> "ResidualScales":
+        """Return the scales of unconstrained numbers."""
+        amplitude, noise, length = np.exp(values[:3])
+        return cls(
+            amplitude=float(amplitude),
+            noise=float(noise),
+            length=float(length),
+            power=float(values[3]),
+        )
+
+
+PRIOR_DEVIATIONS = np.array([0.5, 0.2, 0.4, 0.25])
+"""Standard deviations of the numbers of `ResidualScales.to_array` about its defaults. The defaults
+are near those of the residuals between two simulators of other parameters and resolution. That of
+the noise is small: casts far from each other cannot tell an error of the simulator from scatter,
+and with too much scatter corrections stop half-way. Where equal casts do scatter more, casts near
+each other tell it (`Experience`)."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Places(ArrayRows):
+    """Coordinates of some actions for the process.
+
+    Attributes:
+        inputs: Coordinates, shape [action, 7].
+        log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
+        log_shakes: Logarithm of the scatter over that of a usual cast, shape [action].
+        frictions: Shift of the landing per relative change of the friction [cable lengths], shape
+            [action].
+    """
+
+    inputs: NDArray[np.float64]
+    log_sizes: NDArray[np.float64]
+    log_shakes: NDArray[np.float64]
+    frictions: NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FewCastResidual:
+    """The process, conditioned on casts.
+
+    Attributes:
+        places: Places of the casts.
+        residuals: Measured minus simulated landings [cable lengths], shape [cast, 2].
+        scatter: Factor of each cast's noise beyond that of `scales`, shape [cast].
+        believed: Parameters that are expected before any cast.
+        scales: Parameters of the process.
+    """
+
+    places: Places
+    residuals: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    believed: ResidualScales = dataclasses.field(default_factory=ResidualScales)
+    scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
+
+    @classmethod
+    def empty(cls, believed: ResidualScales | None = None) -> "FewCastResidual":
+        """Return the process before any cast.
+
+        Args:
+            believed: Parameters that are expected; the defaults where None.
+        """
+        believed = believed or ResidualScales()
+        return cls(
+            places=Places(
+                inputs=np.empty((0, PLACE_COUNT)),
+                log_sizes=np.empty(0),
+                log_shakes=np.empty(0),
+                frictions=np.empty(0),
+            ),
+            residuals=np.empty((0, 2)),
+            scatter=np.empty(0),
+            believed=believed,
+            scales=believed,
+        )
+
+    def __len__(self) -> int:
+        return len(self.residuals)
+
+    def with_cast(
+        self, place: Places, residual: NDArray[np.float64], scatter: float = 1.0
+    ) -> "FewCastResidual":
+        """Return the process with one more cast.
+
+        Args:
+            place: Place of the cast.
+            residual: Measured minus simulated landing [cable lengths], shape [2].
+            scatter: Factor of its noise.
+        """
+        return dataclasses.replace(
+            self,
+            places=Places.join([self.places, place]),
+            residuals=np.concatenate([self.residuals, np.reshape(residual, (1, 2))]),
+            scatter=np.append(self.scatter, scatter),
+        )
+
+    def predict(self, places: Places) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict residuals.
+
+        Args:
+            places: Places of actions.
+
+        Returns:
+            Expected residuals, shape [action, 2], and their variance along each of x and y, without
+            scatter, shape [action]; [cable lengths] and their square.
+        """
+        kernel = self._kernel(places)
+        explained = np.einsum("ai,ai->a", kernel @ self._inverse, kernel)
+        prior = (self._sizes(places) * self.scales.amplitude) ** 2
+        prior = prior + (self.believed.friction * places.frictions) ** 2
+        return kernel @ self._solved, np.maximum(prior - explained, 0.0)
+
+    def means(self, places: Places) -> NDArray[np.float64]:
+        """Return the expected residuals alone, for very many actions, shape [action, 2].
+
+        Args:
+            places: Places of actions.
+        """
+        return self._kernel(places) @ self._solved
+
+    def scatter_variance(self, places: Places) -> NDArray[np.float64]:
+        """Return the variance of the scatter along each axis, shape [action]."""
+        return (np.exp(places.log_shakes) * self.scales.noise) ** 2
+
+    def correlation(self, places: Places, others: Places | None = None) -> NDArray[np.float64]:
+        """Return the correlation of g between places and others.
+
+        Args:
+            places: Places of actions.
+            others: Places to compare with; those of the casts where None.
+
+        Returns:
+            Correlation, shape [action, other].
+        """
+        others = self.places if others is None else others
+        return _correlation(places, others, self.scales.length)
+
+    def fitted(self, rows: NDArray[np.bool_] | None = None) -> "FewCastResidual":
+        """Return the process with the most likely scales, given the prior and the casts.
+
+        Args:
+            rows: Casts that tell the scales, shape [cast]; all where None. Those that the simulator
+                was fitted to do not: their residuals are smaller than those of others will be.
+        """
+        chosen = np.ones(len(self), dtype=bool) if rows is None else rows
+        if np.count_nonzero(chosen) < 2:
+            return self
+        from scipy.optimize import minimize
+
+        telling = dataclasses.replace(
+            self,
+            places=self.places[chosen],
+            residuals=self.residuals[chosen],
+            scatter=self.scatter[chosen],
+        )
+
+        start = self.believed.to_array()
+        found = minimize(telling._loss, start, method="L-BFGS-B", options={"maxiter": 60})
+        values = found.x if np.all(np.isfinite(found.x)) else start
+        return dataclasses.replace(self, scales=ResidualScales.from_array(values))
+
+    def _loss(self, values: NDArray[np.float64]) -> float:
+        """Return the negative log posterior density of the scales."""
+        offset = (values - self.believed.to_array()) / PRIOR_DEVIATIONS
+        prior = 0.5 * float(offset @ offset)
+        if np.max(np.abs(offset)) > 8.0:
+            return 1e6 + prior
+        trial = dataclasses.replace(self, scales=ResidualScales.from_array(values))
+        factor = np.linalg.cholesky(trial._covariance)
+        whitened = np.linalg.solve(factor, self.residuals)
+        volume = 2.0 * float(np.log(np.diag(factor)).sum())
+        return 0.5 * float(np.sum(whitened**2)) + volume + prior
+
+    def _kernel(self, places: Places) -> NDArray[np.float64]:
+        """Return the covariance of residuals between places and casts, without scatter."""
+        kernel = self.correlation(places)
+        kernel *= (self.scales.amplitude**2 * self._sizes(places))[:, None]
+        kernel *= self._sizes(self.places)
+        # The factor of the length scales is that of g: it says nothing of h.
+        wide = _correlation(places, self.places, FRICTION_REACH)
+        wide *= (self.believed.friction**2 * places.frictions)[:, None]
+        wide *= self.places.frictions
+        return kernel + wide
+
+    def _sizes(self, places: Places) -> NDArray[np.float64]:
+        return np.exp(self.scales.power * places.log_sizes)
+
+    @functools.cached_property
+    def _covariance(self) -> NDArray[np.float64]:
+        """Covariance of the residuals of the casts, shape [cast, cast]."""
+        noise = self.scatter_variance(self.places) * self.scatter**2 + _JITTER
+        return self._kernel(self.places) + np.diag(noise)
+
+    @functools.cached_property
+    def _inverse(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.inv(self._covariance), dtype=float)
+
+    @functools.cached_property
+    def _solved(self) -> NDArray[np.float64]:
+        return self._inverse @ self.residuals
+
+
+def _correlation(places: Places, others: Places, length: float) -> NDArray[np.float64]:
+    """Return the correlation at some factor of all length scales, shape [action, other]."""
+    scales = length * LENGTH_SCALES
+    return matern(places.inputs / scales, others.inputs / scales)
+
+
+# Smaller values are taken for this share of the usual one: their logarithm would say too much.
+_SHARE_MIN = 0.05
+# Each value is known to a third or so only, from a handful of simulators.
+_SMOOTHING = 10.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class LocalSize:
+    """Smooth map of the size over the table.
+
+    Attributes:
+        landing_xy: Simulated landings of some actions to the right [m], shape [action, 2].
+        values: Size of a miss or sensitivity of these landings, in any unit, shape [action].
+    """
+
+    landing_xy: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+    @property
+    def usual(self) -> float:
+        """Value of a usual action."""
+        return float(np.median(self.values))
+
+    def log_sizes(self, landing_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the logarithm of the size over that of a usual landing, shape [action].
+
+        Args:
+            landing_xy: Simulated landings of actions to the right [m], shape [action, 2].
+        """
+        # Beyond the landings that are known the map would grow without bounds.
+        found = self._map((landing_xy - self._middle) / self._scale)
+        return np.asarray(np.clip(found, *self._bounds), dtype=float)
+
+    @functools.cached_property
+    def _logs(self) -> NDArray[np.float64]:
+        return np.log(np.maximum(self.values / self.usual, _SHARE_MIN))
+
+    @functools.cached_property
+    def _bounds(self) -> tuple[float, float]:
+        return float(self._logs.min()), float(self._logs.max())
+
+    @functools.cached_property
+    def _middle(self) -> NDArray[np.float64]:
+        return self.landing_xy.mean(axis=0)
+
+    @functools.cached_property
+    def _scale(self) -> float:
+        return max(float(self.landing_xy.std(axis=0).mean()), 1e-6)
+
+    @functools.cached_property
+    def _map(self):
+        from scipy.interpolate import RBFInterpolator
+
+        points = (self.landing_xy - self._middle) / self._scale
+        return RBFInterpolator(points, self._logs, kernel="linear", smoothing=_SMOOTHING)
+
+
+FAILURE_SHARE = 0.02
+"""Share of casts without a landing that is expected before any cast."""
+
+# Casts that the belief about scatter and failures is worth.
+_SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
+_SCATTER_MIN, _SCATTER_MAX = 0.25, 25.0
+# A cast that the simulator was fitted to counts as if it scattered more, by this share.
+_FITTED_NOISE = 0.5
+# A drift is noticed where so many casts surprise by so much on average (1 is expected), of which
+# none counts for more than a few, and not before there are enough casts to know the usual. The
+# noise of earlier casts then grows by a factor.
+_DRIFT_CASTS, _DRIFT_SURPRISE, _SURPRISE_MAX, _DRIFT_FROM = 10, 2.0, 4.0, 20
+_OLD_NOISE = 3.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Lesson:
+    """Lesson of one cast with a landing.
+
+    Attributes:
+        surprise: Squared distance from expected to actual landing over the expected one.
+        weight: Share of the scatter in the expected one: what the process did not know says
+            nothing about scatter.
+        fitted: Whether the simulator was fitted to the cast.
+        aimed: True if the cast was aimed at a target.
+        age: Factor of its noise, which a drift lets grow.
+    """
+
+    surprise: float
+    weight: float
+    fitted: bool
+    aimed: bool
+    age: float = 1.0
+
+
+class Experience:
+    """Residuals of the casts so far, and what they say of scatter, failures and drift.
+
+    Args:
+        believed: Scales of the residual that are expected before any cast; the defaults where None.
+
+    Attributes:
+        residual: What real casts added to the simulated landings.
+        drifts: Numbers of casts with a landing after which a drift was noticed.
+    """
+
+    def __init__(self, believed: ResidualScales | None = None):
+        self.residual = FewCastResidual.empty(believed)
+        self.drifts: list[int] = []
+        self._lessons: list[_Lesson] = []
+        self._failed = self._ended = self.residual.places
+
+    def copy(self) -> "Experience":
+        """Return an experience of the same casts that grows on its own."""
+        other = copy.copy(self)
+        other.drifts, other._lessons = list(self.drifts), list(self._lessons)
+        return other
+
+    @property
+    def surprises(self) -> list[float]:
+        """Surprise of each cast with a landing; 1 on average."""
+        return [lesson.surprise for lesson in self._lessons]
+
+    @property
+    def ages(self) -> list[float]:
+        """Factor of the noise of each cast with a landing, which drifts let grow."""
+        return [lesson.age for lesson in self._lessons]
+
+    def add(
+        self,
+        place: Places,
+        residual: NDArray[np.float64] | None,
+        *,
+        fitted: bool = False,
+        aimed: bool = True,
+        age: float | None = None,
+    ) -> None:
+        """Learn from one cast.
+
+        Args:
+            place: Place of the cast.
+            residual: Measured minus simulated landing [cable lengths], shape [2]; None for a cast
+                without a landing.
+            fitted: Whether the simulator was fitted to the cast.
+            aimed: True if the cast was aimed at a target.
+            age: Factor of its noise as it is known; drifts are noticed where None.
+        """
+        self._ended = Places.join([self._ended, place])
+        if residual is None:
+            self._failed = Places.join([self._failed, place])
+            return
+        mean, variance = self.residual.predict(place)
+        scatter = self.residual.scatter_variance(place)
+        total = float(variance[0] + scatter[0])
+        self._lessons.append(
+            _Lesson(
+                surprise=float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)),
+                weight=0.0 if fitted else float(scatter[0]) / total,
+                fitted=fitted,
+                aimed=aimed,
+                age=age or 1.0,
+            )
+        )
+        self.residual = self.residual.with_cast(place, residual)
+        if age is None:
+            self._notice_drift()
+        self._renew_scatter()
+
+    def refit(self) -> None:
+        """Fit the scales of the process anew to the casts that were aimed.
+
+        The others miss by less: a cast that is chosen for where it is expected to land is often one
+        whose expected landing is wrong, and many targets are reached by delicate casts only.
+        """
+        telling = [lesson.aimed and not lesson.fitted for lesson in self._lessons]
+        self.residual = self.residual.fitted(np.array(telling, dtype=bool))
+        self._renew_scatter()
+
+    def scatter(self, places: Places) -> NDArray[np.float64]:
+        """Return the variance of equal casts along each axis [square cable lengths], [action]."""
+        return self.residual.scatter_variance(places) * self._scatter_factor(places)
+
+    def failure_chance(self, places: Places) -> NDArray[np.float64]:
+        """Return the chance of a cast without a landing, from casts nearby, shape [action]."""
+        failed = (self.residual.correlation(places, self._failed) ** 4).sum(axis=1)
+        ended = (self.residual.correlation(places, self._ended) ** 4).sum(axis=1)
+        return (_FAILURE_CASTS * FAILURE_SHARE + failed) / (_FAILURE_CASTS + ended)
+
+    def _scatter_factor(self, places: Places) -> NDArray[np.float64]:
+        """Return the variance of the scatter over that expected, from surprises nearby."""
+        weights = np.array([lesson.weight for lesson in self._lessons])
+        near = self.residual.correlation(places) ** 4 * weights
+        surprise = near @ np.array(self.surprises)
+        factor = (_SCATTER_CASTS + surprise) / (_SCATTER_CASTS + near.sum(axis=1))
+        return np.clip(factor, _SCATTER_MIN, _SCATTER_MAX)
+
+    def _renew_scatter(self) -> None:
+        """Let each cast of the process scatter as casts like it do."""
+        noise = np.sqrt(self._scatter_factor(self.residual.places))
+        noise = noise * [lesson.age for lesson in self._lessons]
+        noise = noise + _FITTED_NOISE * np.array([lesson.fitted for lesson in self._lessons])
+        self.residual = dataclasses.replace(self.residual, scatter=noise)
+
+    def _notice_drift(self) -> None:
+        """Let earlier casts count less where the last ones surprise by more than they should."""
+        count = len(self._lessons)
+        if count < _DRIFT_FROM or count - max(self.drifts, default=0) < _DRIFT_CASTS:
+            return
+        last = np.minimum(self.surprises[-_DRIFT_CASTS:], _SURPRISE_MAX)
+        if float(np.mean(last)) > _DRIFT_SURPRISE:
+            self.drifts.append(count)
+            for row in range(count - _DRIFT_CASTS):
+                old = self._lessons[row]
+                self._lessons[row] = dataclasses.replace(old, age=_OLD_NOISE * old.age)

@@ -1,0 +1,414 @@
+"""Reader of datasets: every shard is checked.
+
+Trials of a dataset as motions and tracks.
+"""
+
+import dataclasses
+import functools
+import json
+import pathlib
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.ur import JOINT_COUNT
+from cablecast.cable import Cable, CableParams
+from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
+from cablecast.data.schema import (
+    ACTION_COLUMNS,
+    COLUMNS,
+    CONTROLLER_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+    INFO_PATH,
+    content_fingerprint,
+    read_info,
+    read_shard,
+    shard_path,
+)
+from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import CablecastError, DatasetError, InputError
+from cablecast.motion.grip_path import CHANNELS
+from cablecast.motion.trajectory import JointPath
+from cablecast.runs.folder import fingerprint
+from cablecast.setup import SECTIONS, Setup
+
+T = TypeVar("T")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Dataset:
+    """Trials: actions and their outcomes.
+
+    Attributes:
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [row, 4].
+        endpoint_xy: Resting point of the free end [m], shape [row, 2]; NaN where unknown. A
+            simulated row that left the table keeps its resting point on the endless plane.
+        status: Codes of the trial statuses, shape [row].
+        duration: Duration of the gripper's motion [s], shape [row].
+        extent: Smallest x, largest x, smallest y and largest y of the free end during the cast [m],
+            shape [row, 4].
+        extra: Other columns by name, each of length row.
+        info: Content of `meta/info.json`: settings, fingerprint and so on.
+        path: Folder that it was read from; None for a dataset in memory.
+    """
+
+    actions: NDArray[np.float64]
+    endpoint_xy: NDArray[np.float64]
+    status: NDArray[np.str_]
+    duration: NDArray[np.float64]
+    extent: NDArray[np.float64]
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict)
+    info: dict[str, Any] = dataclasses.field(default_factory=dict)
+    path: pathlib.Path | None = None
+
+    def __post_init__(self):
+        row_count = len(self.actions)
+        for name, shape in (
+            ("actions", (row_count, 4)),
+            ("endpoint_xy", (row_count, 2)),
+            ("status", (row_count,)),
+            ("duration", (row_count,)),
+            ("extent", (row_count, 4)),
+        ):
+            if getattr(self, name).shape != shape:
+                raise DatasetError(f"{name} has shape {getattr(self, name).shape}, not {shape}")
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """Rows whose resting point is known, on the table or off it, shape [row]."""
+        return np.all(np.isfinite(self.endpoint_xy), axis=1)
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Rows whose free end stayed on the table and came to rest there, shape [row]."""
+        return self.status == TrialStatus.OK.code
+
+    @property
+    def kind(self) -> str:
+        """Kind of the casts: "sim", "real", "tune", "repeat" or "evaluate"."""
+        return self.info.get("kind", "")
+
+    @property
+    def fingerprint(self) -> str:
+        """Fingerprint of the settings and of all rows."""
+        return self.info.get("fingerprint", "")
+
+    @functools.cached_property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings of the casts."""
+        return settings_setup(self.info, self._name)
+
+    @property
+    def cable(self) -> Cable:
+        """Cable that was cast."""
+        return self.setup.cable
+
+    @property
+    def has_many_cables(self) -> bool:
+        """True if every simulated cast has its own cable."""
+        return set(CableParams.names()) <= set(self.extra)
+
+    @property
+    def params(self) -> CableParams:
+        """Parameters that the cable was simulated with, one value per row if they differ."""
+        if self.has_many_cables:
+            return CableParams.from_array(
+                np.stack([self.extra[name] for name in CableParams.names()], axis=-1)
+            )
+        return settings_dynamics(self.info, self._name).params
+
+    def table_margin(self) -> NDArray[np.float64]:
+        """Return the least distance of the free end from the table's edges during each cast.
+
+        Returns:
+            Distance [m], shape [row]; negative where the free end left the table, minus infinity
+            where its path is unknown.
+        """
+        x_min, x_max, y_min, y_max = self.extent.T
+        corners = np.stack(
+            [np.stack([x_min, y_min], axis=-1), np.stack([x_max, y_max], axis=-1)], axis=1
+        )
+        margin = self.setup.workspace.edge_distance(corners).min(axis=1)
+        return np.where(np.isfinite(margin), margin, -np.inf)
+
+    @property
+    def _name(self) -> str:
+        return str(self.path or "the dataset")
+
+
+def settings_setup(info: Mapping[str, Any], owner: str) -> Setup:
+    """Return the set-up that stored settings describe.
+
+    Args:
+        info: Description of a dataset, with its settings.
+        owner: Name of the dataset or model, for errors.
+
+    Raises:
+        DatasetError: A section is missing, or was written by a version with other settings.
+    """
+    settings = info.get("settings", {})
+    if missing := [name for name in SECTIONS if name not in settings]:
+        raise DatasetError(f"the settings of {owner} lack {', '.join(missing)}")
+    try:
+        return Setup.from_dict({name: settings[name] for name in SECTIONS})
+    except CablecastError as error:
+        raise _other_version(info, "set-up", owner, error) from None
+
+
+def settings_object(
+    make: Callable[[dict[str, Any]], T], info: Mapping[str, Any], name: str, owner: str
+) -> T:
+    """Return an object that stored settings describe.
+
+    Args:
+        make: Function that makes it from the settings.
+        info: Description of a dataset, with its settings.
+        name: Key of the object in the settings.
+        owner: Name of the dataset or model, for errors.
+
+    Raises:
+        DatasetError: The key is missing, or was written by a version with other settings.
+    """
+    values = info.get("settings", {}).get(name)
+    if values is None:
+        raise DatasetError(f"the settings of {owner} lack {name}")
+    try:
+        return make(values)
+    except (TypeError, AttributeError, InputError) as error:
+        raise _other_version(info, name, owner, error) from None
+
+
+def settings_dynamics(info: Mapping[str, Any], owner: str) -> Dynamics:
+    """Return the dynamics of one cable that stored settings describe.
+
+    Args:
+        info: Description of a dataset, with its settings.
+        owner: Name of the dataset or model, for errors.
+
+    Raises:
+        DatasetError: There are no parameters, or another version wrote them.
+    """
+    settings = info.get("settings", {})
+    if settings.get("params") is None:
+        raise DatasetError(f"the settings of {owner} lack params")
+    try:
+        return Dynamics.from_dict(settings)
+    except (TypeError, AttributeError, InputError) as error:
+        raise _other_version(info, "dynamics", owner, error) from None
+
+
+def _other_version(
+    info: Mapping[str, Any], name: str, owner: str, error: Exception
+) -> DatasetError:
+    version = str(info.get("cablecast_version", "?"))[:20]
+    return DatasetError(
+        f"{owner} was made by cablecast {version}, whose {name} does not fit this version "
+        f"({error}): make it anew"
+    )
+
+
+def read_dataset(path: str | pathlib.Path) -> Dataset:
+    """Read a finished dataset.
+
+    Args:
+        path: Folder of the dataset.
+
+    Raises:
+        DatasetError: It is missing or unfinished, or a shard is damaged.
+        UnreadableFileError: The system refuses to read a file.
+    """
+    import pyarrow as pa
+
+    path = pathlib.Path(path)
+    info = read_info(path)
+    row_count, shard_rows = info["total_frames"], info["shard_rows"]
+    shards = range(info["shard_count"])
+    if not info["complete"]:
+        present = sum((path / shard_path(shard)).exists() for shard in shards)
+        raise DatasetError(
+            f"{path} is unfinished: {present} of {len(shards)} shards exist. Run the command that "
+            "made it again to complete it"
+        )
+    settings = fingerprint(info["settings"])
+    tables, digests = [], []
+    for shard in shards:
+        start = shard * shard_rows
+        rows = range(start, min(start + shard_rows, row_count))
+        known = info["shard_digests"][shard]
+        table, digest = read_shard(path / shard_path(shard), rows, settings, known)
+        tables.append(table)
+        digests.append(digest)
+    if content_fingerprint(settings, digests) != info["fingerprint"]:
+        raise DatasetError(
+            f"{path / INFO_PATH} is damaged: its fingerprint is not that of the rows"
+        )
+    try:
+        table = pa.concat_tables(tables)
+    except pa.ArrowException as error:
+        raise DatasetError(f"shards of {path} differ in their columns: {error}") from None
+
+    def stack(names: tuple[str, ...]) -> NDArray[np.float64]:
+        return np.stack([table[name].to_numpy() for name in names], axis=-1)
+
+    known = {column.name for column in COLUMNS}
+    status = np.array(table["status"].to_pylist(), dtype=str)
+    for code in np.unique(status):
+        try:
+            TrialStatus.from_code(str(code))
+        except InputError as error:
+            raise DatasetError(f"{path}: {error}") from None
+    return Dataset(
+        actions=stack(ACTION_COLUMNS),
+        endpoint_xy=stack(ENDPOINT_COLUMNS),
+        status=status,
+        duration=table["duration"].to_numpy(),
+        extent=stack(EXTENT_COLUMNS),
+        extra={name: table[name].to_pylist() for name in table.column_names if name not in known},
+        info=info,
+        path=path,
+    )
+
+
+def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
+    """Return the track that the rig reported for one trial.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Index of the trial.
+
+    Raises:
+        DatasetError: The dataset holds no tracks.
+    """
+    times, x, y = (_values(dataset, name, row) for name in ("times", "track_x", "track_y"))
+    if times is None or x is None or y is None:
+        raise DatasetError(f"{dataset.path or 'the dataset'} holds no track of trial {row}")
+    return EndpointTrack(
+        times=times,
+        endpoint_xy=np.stack([x, y], axis=-1),
+        status=TrialStatus.from_code(str(dataset.status[row])),
+        nodes=_nodes(dataset, row, len(times)),
+        joint_path=measured_joints(dataset, row),
+        controller_log=controller_log(dataset, row),
+    )
+
+
+def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
+    """Return the measured joints of one trial; None if the rig reported none.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Index of the trial.
+    """
+    return _joint_path(dataset, "actual_times", "actual_q", row)
+
+
+def controller_log(dataset: Dataset, row: int) -> ControllerLog | None:
+    """Return what the arm's controller reported of one trial; None where it was not recorded.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Index of the trial.
+    """
+    values = [_values(dataset, name, row) for name in CONTROLLER_COLUMNS]
+    times, target_q, speed_scaling, safety_bits = values
+    if times is None or target_q is None or speed_scaling is None or safety_bits is None:
+        return None
+    try:
+        return ControllerLog(
+            times=times,
+            target_q=target_q.reshape(-1, JOINT_COUNT),
+            speed_scaling=speed_scaling,
+            safety_bits=safety_bits,
+        )
+    except (ValueError, InputError) as error:
+        raise DatasetError(f"trial {row} of {dataset.path or 'the dataset'}: {error}") from None
+
+
+def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:
+    """Return the commanded joints of one trial; None if the motion had none.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Index of the trial.
+    """
+    return _joint_path(dataset, "joint_times", "joint_q", row)
+
+
+def measured_poses(
+    dataset: Dataset, row: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the tracked poses of the grip in one trial; None if it was not tracked.
+
+    Args:
+        dataset: Trials that were imported.
+        row: Index of the trial.
+
+    Returns:
+        Times [s], shape [sample], and x, y, z [m], yaw and pitch [rad], shape [sample, 5].
+    """
+    times, poses = (_values(dataset, name, row) for name in ("grip_times", "grip_pose"))
+    if times is None or poses is None or not len(times):
+        return None
+    if len(poses) != len(CHANNELS) * len(times):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has {len(poses)} grip coordinates for "
+            f"{len(times)} times: they must be five for each"
+        )
+    return times, poses.reshape(-1, len(CHANNELS))
+
+
+def trial_rig(dataset: Dataset, row: int) -> dict[str, Any]:
+    """Return the rig's description at one trial.
+
+    Args:
+        dataset: Trials on a rig.
+        row: Index of the trial.
+    """
+    texts = dataset.extra.get("rig")
+    return dict(dataset.info["settings"]["rig"]) if texts is None else json.loads(texts[row])
+
+
+def _values(dataset: Dataset, name: str, row: int):
+    column = dataset.extra.get(name)
+    if column is None or column[row] is None:
+        return None
+    return np.asarray(column[row], dtype=float)
+
+
+def _nodes(dataset: Dataset, row: int, sample_count: int):
+    """Return the cable's nodes at the samples of a track, where they were stored."""
+    nodes = _values(dataset, "nodes", row)
+    if nodes is None:
+        return None
+    if not sample_count or len(nodes) % (3 * sample_count):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has {len(nodes)} node coordinates "
+            f"for {sample_count} times: they must be three for each node"
+        )
+    return nodes.reshape(sample_count, -1, 3)
+
+
+def _joint_path(dataset: Dataset, times_name: str, q_name: str, row: int) -> JointPath | None:
+    times, q = _values(dataset, times_name, row), _values(dataset, q_name, row)
+    if times is None or q is None or not len(times):
+        return None
+    if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has joints that are not finite or "
+            "times that do not rise"
+        )
+    if len(q) != JOINT_COUNT * len(times):
+        raise DatasetError(
+            f"trial {row} of {dataset.path or 'the dataset'} has {len(q)} joint angles for "
+            f"{len(times)} times: they must be six for each"
+        )
+    q = q.reshape(-1, JOINT_COUNT)
+    # Rates are not stored; any reader can take differences of the angles.
+    qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
+    return JointPath(times=times, q=q, qd=qd)

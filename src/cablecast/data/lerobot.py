@@ -1,0 +1,318 @@
+"""LeRobot v3 data sets: one episode per cast, one frame per sample of the track.
+
+Layout and names follow version 3.0 of the format (huggingface/lerobot, `lerobot.datasets`): frames
+in `data/`, episodes in `meta/episodes/`, tasks in `meta/tasks.parquet`, films in `videos/`.
+"""
+
+import dataclasses
+import json
+import pathlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.ur import JOINT_COUNT, JOINT_NAMES
+from cablecast.cast import TrialStatus
+from cablecast.data.dataset import Dataset, commanded_joints, measured_joints, trial_track
+from cablecast.errors import DatasetError
+from cablecast.motion.action import ACTION_NAMES
+from cablecast.motion.trajectory import JointPath
+
+VERSION = "v3.0"
+VIDEO_KEY = "observation.images.top"
+DATA_FILE = "data/chunk-000/file-000.parquet"
+EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
+TASKS_FILE = "meta/tasks.parquet"
+VIDEO_FILE = f"videos/{VIDEO_KEY}/chunk-000/file-000.mp4"
+
+_QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+
+_TASKS_INDEX = {
+    "index_columns": ["task"],
+    "column_indexes": [],
+    "columns": [
+        {
+            "name": name,
+            "field_name": name,
+            "pandas_type": kind,
+            "numpy_type": array,
+            "metadata": None,
+        }
+        for name, kind, array in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+    ],
+    "pandas_version": "2.0.0",
+}
+
+_FEATURES: dict[str, dict[str, Any]] = {
+    "observation.state": {"dtype": "float32", "shape": [JOINT_COUNT], "names": list(JOINT_NAMES)},
+    "observation.endpoint": {"dtype": "float32", "shape": [2], "names": ["x", "y"]},
+    "observation.endpoint_seen": {"dtype": "bool", "shape": [1], "names": None},
+    "observation.cast": {"dtype": "float32", "shape": [4], "names": list(ACTION_NAMES)},
+    "action": {"dtype": "float32", "shape": [JOINT_COUNT], "names": list(JOINT_NAMES)},
+    "next.done": {"dtype": "bool", "shape": [1], "names": None},
+    "next.success": {"dtype": "bool", "shape": [1], "names": None},
+    "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+    "frame_index": {"dtype": "int64", "shape": [1], "names": None},
+    "episode_index": {"dtype": "int64", "shape": [1], "names": None},
+    "index": {"dtype": "int64", "shape": [1], "names": None},
+    "task_index": {"dtype": "int64", "shape": [1], "names": None},
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Episode:
+    """Frames of one cast.
+
+    Attributes:
+        number: Number of the cast in the dataset.
+        columns: Values of each feature, shape [frame, ...].
+    """
+
+    number: int
+    columns: dict[str, NDArray]
+
+    def __len__(self) -> int:
+        return len(self.columns["timestamp"])
+
+
+def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
+    """Return the casts of a dataset as episodes.
+
+    The track is sampled every 1/fps: interpolated between the samples of the rig, and kept where
+    the endpoint was not seen. The state is the reported joints, or the commanded ones where none
+    were reported; the action is the commanded set point of the next frame, or the reported one
+    where there is none. Joints keep still after the motion.
+
+    Args:
+        dataset: Casts on a rig.
+        fps: Frames per second.
+
+    Raises:
+        DatasetError: A cast has no track or no joints.
+    """
+    episodes = []
+    first = 0
+    for row in range(len(dataset)):
+        track = trial_track(dataset, row)
+        measured, commanded = measured_joints(dataset, row), commanded_joints(dataset, row)
+        state, target = measured or commanded, commanded or measured
+        if state is None or target is None:
+            raise DatasetError(
+                f"{dataset.path or 'the dataset'} holds no joints of trial {row}: a LeRobot "
+                "episode needs them"
+            )
+        count = int(np.floor((track.times[-1] - track.times[0]) * fps + 1e-6)) + 1
+        timestamps = np.arange(count) / fps
+        times = track.times[0] + timestamps
+        endpoint, seen = _resampled(track.times, track.endpoint_xy, times)
+        done = np.arange(count) == count - 1
+        columns = {
+            "observation.state": _joints_at(state, times),
+            "observation.endpoint": endpoint,
+            "observation.endpoint_seen": seen,
+            "observation.cast": np.tile(np.nan_to_num(dataset.actions[row]), (count, 1)),
+            "action": _joints_at(target, times + 1.0 / fps),
+            "next.done": done,
+            "next.success": done & (track.status is TrialStatus.OK),
+            "timestamp": timestamps,
+            "frame_index": np.arange(count),
+            "episode_index": np.full(count, row),
+            "index": first + np.arange(count),
+            "task_index": np.zeros(count, dtype=int),
+        }
+        first += count
+        typed = {
+            name: np.asarray(values, dtype=_FEATURES[name]["dtype"])
+            for name, values in columns.items()
+        }
+        episodes.append(Episode(number=row, columns=typed))
+    return episodes
+
+
+def task_of(dataset: Dataset) -> str:
+    """Return the task of all episodes, in words."""
+    return f"Cast the free end of {dataset.cable.name} onto the table."
+
+
+def write_tables(
+    folder: pathlib.Path,
+    dataset: Dataset,
+    episodes: list[Episode],
+    fps: int,
+    video: Mapping[str, Any] | None,
+) -> None:
+    """Write everything but the films.
+
+    Args:
+        folder: Empty folder.
+        dataset: Casts on a rig.
+        episodes: Its episodes.
+        fps: Frames per second.
+        video: Width and height of the films; None without.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for file in (DATA_FILE, EPISODES_FILE, TASKS_FILE):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+    joined = {
+        name: np.concatenate([episode.columns[name] for episode in episodes]) for name in _FEATURES
+    }
+    pq.write_table(_frames_table(joined), folder / DATA_FILE, compression="snappy")
+    task = task_of(dataset)
+    rows = [_episode_row(episode, task, fps, video is not None) for episode in episodes]
+    pq.write_table(pa.Table.from_pylist(rows), folder / EPISODES_FILE, compression="snappy")
+    # LeRobot reads the tasks with pandas, where they are the index of the table.
+    tasks = pa.table({"task_index": pa.array([0], pa.int64()), "task": [task]})
+    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(_TASKS_INDEX)})
+    pq.write_table(tasks, folder / TASKS_FILE)
+    features = {name: dict(feature) for name, feature in _FEATURES.items()}
+    if video is not None:
+        features[VIDEO_KEY] = {
+            "dtype": "video",
+            "shape": [video["height"], video["width"], 3],
+            "names": ["height", "width", "channels"],
+            "info": {
+                "video.fps": fps,
+                "video.height": video["height"],
+                "video.width": video["width"],
+                "video.channels": 3,
+                "video.codec": "mpeg4",
+                "video.pix_fmt": "yuv420p",
+                "video.is_depth_map": False,
+                "has_audio": False,
+            },
+        }
+    info = {
+        "codebase_version": VERSION,
+        "robot_type": dataset.setup.arm.model,
+        "total_episodes": len(episodes),
+        "total_frames": len(joined["index"]),
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": fps,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None
+        if video is None
+        else "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+        "features": features,
+    }
+    stats = {name: statistics(values) for name, values in joined.items()}
+    for name, values in (("info", info), ("stats", stats)):
+        (folder / f"meta/{name}.json").write_text(
+            json.dumps(values, indent=2) + "\n", encoding="utf-8"
+        )
+    (folder / "README.md").write_text(lerobot_card(dataset, info), encoding="utf-8")
+
+
+def statistics(values: NDArray) -> dict[str, list[float]]:
+    """Return what LeRobot keeps of a feature: range, mean, deviation, count and quantiles."""
+    numbers = np.asarray(values, dtype=float).reshape(len(values), -1)
+    stats = {
+        "min": numbers.min(axis=0),
+        "max": numbers.max(axis=0),
+        "mean": numbers.mean(axis=0),
+        "std": numbers.std(axis=0),
+        "count": np.array([len(numbers)]),
+        **{name: np.quantile(numbers, share, axis=0) for name, share in _QUANTILES.items()},
+    }
+    return {name: row.tolist() for name, row in stats.items()}
+
+
+def lerobot_card(dataset: Dataset, info: Mapping[str, Any]) -> str:
+    """Return the card of an exported data set."""
+    cable, source = dataset.cable, dataset.info
+    rig = source["settings"].get("rig", {}).get("rig", "unknown")
+    lines = [
+        "---",
+        "task_categories:",
+        "- robotics",
+        "tags:",
+        "- LeRobot",
+        "- cablecast",
+        "configs:",
+        "- config_name: default",
+        "  data_files: data/*/*.parquet",
+        "---",
+        "",
+        f"# Casts of {json.dumps(cable.name)[1:-1]}",
+        "",
+        f"{info['total_episodes']} casts of the free end of a cable of {cable.length:g} m, "
+        f"exported by cablecast from a dataset of kind `{source['kind']}` (fingerprint "
+        f"`{source['fingerprint']}`, rig `{rig}`), at {info['fps']} frames/s.",
+        "",
+        "No licence is stated: whoever recorded the casts decides it.",
+        "",
+        "| feature | unit | meaning |",
+        "|---|---|---|",
+        "| `observation.state` | rad | joints as the arm reported them, or as commanded |",
+        "| `observation.endpoint` | m | free end of the cable: x to the robot's right, y away |",
+        "| `observation.endpoint_seen` | - | whether it was seen; where not, the last place |",
+        "| `observation.cast` | rad, rad, m, rad | theta1, theta2, r2 and psi of the cast; 0 where "
+        "unknown |",
+        "| `action` | rad | commanded joints at the next frame |",
+        "| `next.success` | - | the free end came to rest on the table; at the last frame |",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _frames_table(joined: Mapping[str, NDArray]) -> Any:
+    import pyarrow as pa
+
+    arrays = {}
+    for name, values in joined.items():
+        size = _FEATURES[name]["shape"][0]
+        flat = pa.array(values.ravel())
+        arrays[name] = flat if size == 1 else pa.FixedSizeListArray.from_arrays(flat, size)
+    return pa.table(arrays)
+
+
+def _episode_row(episode: Episode, task: str, fps: int, has_video: bool) -> dict[str, Any]:
+    first = int(episode.columns["index"][0])
+    row: dict[str, Any] = {
+        "episode_index": episode.number,
+        "tasks": [task],
+        "length": len(episode),
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "dataset_from_index": first,
+        "dataset_to_index": first + len(episode),
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
+    }
+    if has_video:
+        # The films of all episodes lie one after the other in one file.
+        row |= {
+            f"videos/{VIDEO_KEY}/chunk_index": 0,
+            f"videos/{VIDEO_KEY}/file_index": 0,
+            f"videos/{VIDEO_KEY}/from_timestamp": first / fps,
+            f"videos/{VIDEO_KEY}/to_timestamp": (first + len(episode)) / fps,
+        }
+    for name, values in episode.columns.items():
+        row |= {f"stats/{name}/{key}": value for key, value in statistics(values).items()}
+    return row
+
+
+def _joints_at(path: JointPath, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([np.interp(times, path.times, joint) for joint in path.q.T], axis=-1)
+
+
+def _resampled(
+    known: NDArray[np.float64], xy: NDArray[np.float64], times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the endpoint at other times, and whether it was seen about then."""
+    finite = np.all(np.isfinite(xy), axis=1)
+    if not np.any(finite):
+        return np.zeros((len(times), 2)), np.zeros(len(times), dtype=bool)
+    # Between two samples the endpoint counts as seen if it was in both.
+    seen = np.interp(times, known, finite.astype(float)) > 1.0 - 1e-6
+    resampled = np.stack([np.interp(times, known[finite], axis) for axis in xy[finite].T], axis=-1)
+    last = np.maximum.accumulate(np.where(seen, np.arange(len(times)), -1))
+    kept = resampled[np.maximum(last, 0)]
+    return np.where(seen[:, None], resampled, kept), seen

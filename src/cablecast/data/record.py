@@ -1,0 +1,430 @@
+"""The loop that makes trials on a rig and stores them: D_tune, D_real, repeats, evaluations.
+
+A trial on a robot takes about 20 s, so no finished trial may be lost: each becomes a file of its
+own before the next one begins, and disk space for it is reserved beforehand.
+
+Collection of D_tune and D_real: choice of actions, and casts on a rig (section V-C).
+"""
+
+import contextlib
+import dataclasses
+import json
+import os
+import pathlib
+import typing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.data.schema import (
+    ACTION_COLUMNS,
+    CONTROLLER_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+    SCHEMA_VERSION,
+    track_extent,
+)
+from cablecast.data.simulate import actions_digest
+from cablecast.data.writer import DatasetWriter
+from cablecast.errors import DatasetError, InputError, RigError, check_count, check_seed
+from cablecast.files import core_count
+from cablecast.motion.action import Action, ActionRanges, check_action_values
+from cablecast.motion.feasibility import feasible_grid, feasible_uniform
+from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.rigs.base import Rig
+from cablecast.rigs.checked import (
+    ATTEMPT_COUNT,
+    CheckedRig,
+    TrialFailedError,
+    attempt_trial,
+    seek_trial,
+)
+from cablecast.runs.progress import CountCallback
+from cablecast.setup import Setup
+
+Kind = typing.Literal["tune", "real", "repeat", "evaluate"]
+
+# More than a row of a long trial takes: 5 s of six joints at 500 Hz are 140 kB.
+_ROW_BYTES_MAX = 2**20
+_RESERVE_NAME = ".reserve.tmp"
+
+# Casts per core that a rig makes at once: cores that wait for the last cast of a batch, against
+# what a kill can lose. Batches of 2 per core take a quarter more processor time.
+_CASTS_PER_CORE = 8
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrialPlan:
+    """Trials to make.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings.
+        kind: Purpose of the trials, which also selects the random numbers of the rig.
+        count: Number of motions.
+        motion: Function that returns the motion of an index from 0.
+        repeats: Consecutive trials of each motion.
+        attempts: Number of attempts at a trial before the work stops.
+        keep_nodes: True to store the cable's nodes, if the rig knows them.
+    """
+
+    setup: Setup
+    kind: Kind
+    count: int
+    motion: Callable[[int], Trajectory]
+    repeats: int = 1
+    attempts: int = ATTEMPT_COUNT
+    keep_nodes: bool = False
+
+    def __post_init__(self):
+        check_count("repeats", self.repeats, high=100_000)
+        check_count("attempts", self.attempts, high=1000)
+
+    @property
+    def trial_count(self) -> int:
+        """Number of trials."""
+        return self.count * self.repeats
+
+
+def record_trials(
+    path: str | pathlib.Path,
+    rig: Rig,
+    plan: TrialPlan,
+    settings: Mapping[str, Any],
+    progress: CountCallback | None = None,
+) -> Dataset:
+    """Make trials on a rig, or resume an earlier run of the same settings.
+
+    Each trial begins with a reset. A trial in which the rig raises, or which it reports as aborted,
+    is repeated. The rig is not closed.
+
+    Args:
+        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
+        rig: Rig that makes the trials; its description is one of the settings.
+        plan: Trials to make.
+        settings: Further plain values that decide the trials.
+        progress: Callback for the number of trials done and the total, at the start and after each.
+
+    Returns:
+        The finished dataset.
+
+    Raises:
+        RigError: A trial failed too often, or the rig's description cannot be stored.
+        DatasetError: The folder holds another dataset or other files, a shard is damaged, or the
+            disk is full. Trials that are finished are kept.
+    """
+    # Whoever made the rig, its answers are checked before they are stored.
+    rig = rig if isinstance(rig, CheckedRig) else CheckedRig(rig, plan.setup)
+    writer = DatasetWriter(
+        pathlib.Path(path),
+        kind=plan.kind,
+        settings={
+            "schema_version": SCHEMA_VERSION,
+            **plan.setup.to_settings(),
+            "rig": rig.description,
+            **settings,
+            "count": plan.count,
+            "repeats": plan.repeats,
+        },
+        row_count=plan.trial_count,
+        shard_rows=1,
+    )
+    with writer:
+        if not writer.was_complete:
+            _Recording(rig, writer, plan, progress).run()
+            writer.finish()
+        elif progress is not None:
+            progress(plan.trial_count, plan.trial_count)
+    return read_dataset(path)
+
+
+class _Recording:
+    """Trials that are still missing."""
+
+    def __init__(
+        self,
+        rig: CheckedRig,
+        writer: DatasetWriter,
+        plan: TrialPlan,
+        progress: CountCallback | None,
+    ):
+        self.rig = rig
+        self.writer = writer
+        self.plan = plan
+        self.progress = progress
+        self._planned: tuple[int, Trajectory] | None = None
+        # A rig that makes many trials at once returns no track before the last is done. A batch is
+        # small, because a kill loses it.
+        self.batch_size = _CASTS_PER_CORE * core_count() if hasattr(rig, "execute_many") else 1
+
+    def run(self) -> None:
+        """Make and store every trial that is missing."""
+        missing = self.writer.missing_shards()
+        done = self.writer.row_count - len(missing)
+        self._report(done)
+        with _reserved_space(self.writer.path, self.batch_size * _ROW_BYTES_MAX) as release:
+            for batch in _consecutive(missing, self.batch_size):
+                full: OSError | None = None
+                for index, columns in self._make(batch):
+                    try:
+                        self.writer.write_shard(index, columns)
+                    except OSError as error:
+                        # The trial is done and must not be lost: use the reserved space.
+                        full = error
+                        release()
+                        self.writer.write_shard(index, columns)
+                    done += 1
+                self._report(done)
+                if full is not None:
+                    raise DatasetError(
+                        f"{self.writer.path} takes no more trials ({full.strerror}): the last one "
+                        "is stored. Free some space, and the same command resumes"
+                    ) from full
+
+    def _report(self, done: int) -> None:
+        if self.progress is not None:
+            self.progress(done, self.writer.row_count)
+
+    def _make(self, batch: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Make the trials of consecutive indices, and yield the row of each."""
+        motions = [self._motion(index) for index in batch]
+        tracks: Sequence[EndpointTrack | None] = [None] * len(batch)
+        if len(batch) > 1:
+            seek_trial(self.rig, batch[0], self._purpose)
+            # If one trial of a batch fails, each is tried on its own, so that the others are kept.
+            with contextlib.suppress(Exception):
+                tracks = self.rig.execute_many(motions)
+        failed = []
+        for index, motion, track in zip(batch, motions, tracks, strict=True):
+            if track is not None and track.status is not TrialStatus.ABORTED:
+                yield index, self._row(index, motion, track, failures=0)
+            else:
+                failed.append((index, motion))
+        for index, motion in failed:
+            yield index, self._attempt(index, motion)
+
+    def _attempt(self, index: int, motion: Trajectory) -> dict[str, Any]:
+        """Return the row of one trial, repeated until it succeeds."""
+        try:
+            return attempt_trial(
+                self.rig,
+                motion,
+                index=index,
+                purpose=self._purpose,
+                keep=lambda track, failures: self._row(index, motion, track, failures),
+                count=self.plan.attempts,
+            )
+        except TrialFailedError as error:
+            kept = self.writer.row_count - len(self.writer.missing_shards())
+            raise RigError(
+                f"trial {index} {error}. {kept} of {self.writer.row_count} trials are kept in "
+                f"{self.writer.path}: clear the cause, and the same command resumes with this trial"
+            ) from error
+
+    @property
+    def _purpose(self) -> str:
+        # An evaluation uses the rig's own random numbers.
+        return "" if self.plan.kind == "evaluate" else self.plan.kind
+
+    def _motion(self, index: int) -> Trajectory:
+        number = index // self.plan.repeats
+        # Repeats of a motion are consecutive.
+        if self._planned is None or self._planned[0] != number:
+            self._planned = number, self.plan.motion(number)
+        return self._planned[1]
+
+    def _row(
+        self, index: int, motion: Trajectory, track: EndpointTrack, failures: int
+    ) -> dict[str, Any]:
+        values = {
+            "index": index,
+            **trial_values(motion, track),
+            "repeat": index % self.plan.repeats,
+            "attempt": failures,
+            "rig": json.dumps(self.rig.description, sort_keys=True, ensure_ascii=False),
+        }
+        if self.plan.keep_nodes:
+            values["nodes"] = None if track.nodes is None else track.nodes.ravel()
+        return {name: [value] for name, value in values.items()}
+
+
+def trial_values(motion: Trajectory, track: EndpointTrack) -> dict[str, Any]:
+    """Return what one trial adds to a dataset: a value for each column of motion and track.
+
+    Args:
+        motion: Motion as commanded.
+        track: What the rig reported.
+    """
+    commanded, actual, log = motion.joint_path, track.joint_path, track.controller_log
+    reported = {}
+    if log is not None:
+        lists = (log.times, log.target_q.ravel(), log.speed_scaling, log.safety_bits)
+        reported = dict(zip(CONTROLLER_COLUMNS, lists, strict=True))
+    action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
+    return {
+        **dict(zip(ACTION_COLUMNS, action, strict=True)),
+        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
+        "status": track.status.code,
+        "duration": motion.duration,
+        **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
+        "times": track.times,
+        "track_x": track.endpoint_xy[:, 0],
+        "track_y": track.endpoint_xy[:, 1],
+        "joint_times": None if commanded is None else commanded.times,
+        "joint_q": None if commanded is None else commanded.q.ravel(),
+        "actual_times": None if actual is None else actual.times,
+        "actual_q": None if actual is None else actual.q.ravel(),
+        **reported,
+    }
+
+
+def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
+    """Yield runs of consecutive indices, each of at most some size."""
+    run: list[int] = []
+    for index in indices:
+        if run and (index != run[-1] + 1 or len(run) == size):
+            yield run
+            run = []
+        run.append(index)
+    if run:
+        yield run
+
+
+@contextlib.contextmanager
+def _reserved_space(folder: pathlib.Path, size: int) -> Iterator[Callable[[], None]]:
+    """Reserve disk space, and yield the function that releases it.
+
+    Args:
+        folder: Folder on the disk.
+        size: Space [byte].
+
+    Raises:
+        DatasetError: There is not enough space.
+    """
+    file = folder / _RESERVE_NAME
+
+    def release() -> None:
+        file.unlink(missing_ok=True)
+
+    try:
+        try:
+            # Written, not only made long: a hole in a file takes no space.
+            with file.open("wb") as stream:
+                stream.write(bytes(size))
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise DatasetError(
+                f"{folder} has no room for another trial ({error.strerror}): free some space, and "
+                "the same command resumes"
+            ) from error
+        yield release
+    finally:
+        release()
+
+
+Purpose = typing.Literal["tune", "real", "repeat"]
+Sampling = typing.Literal["uniform", "grid"]
+
+TRIAL_COUNTS: dict[str, int] = {"tune": 80, "real": 200}
+"""Number of trials in the paper: 60 to tune and 20 to validate (section V-D), and D_real
+(section V-F)."""
+
+
+def collect_dataset(
+    path: str | pathlib.Path,
+    rig: Rig,
+    setup: Setup,
+    *,
+    purpose: Purpose,
+    count: int | None = None,
+    sampling: Sampling = "uniform",
+    actions: ArrayLike | None = None,
+    repeats: int = 1,
+    seed: int = 0,
+    ranges: ActionRanges | None = None,
+    attempts: int = ATTEMPT_COUNT,
+    progress: CountCallback | None = None,
+) -> Dataset:
+    """Make casts on a rig, or resume an earlier collection of the same settings.
+
+    See `record_trials`, which this calls with casting motions.
+
+    Args:
+        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
+        rig: Carries out the casts; its description is one of the settings.
+        setup: Cable, workspace, arm and motion settings.
+        purpose: Purpose of the casts: "tune" (D_tune), "real" (D_real) or "repeat".
+        count: Number of actions, where none are given; the paper's by default.
+        sampling: Choice of actions: "uniform" over the ranges, or on a "grid".
+        actions: Actions to make instead of sampled ones, shape [action, 4].
+        repeats: Casts of each action, one after the other.
+        seed: Seed of the actions and of their order.
+        ranges: Ranges of the actions; those that suit the set-up where None.
+        attempts: Number of attempts at a cast before the collection stops.
+        progress: Callback for the number of casts done and the total, at the start and after each.
+
+    Returns:
+        The finished dataset.
+
+    Raises:
+        RigError: A cast failed too often, or the rig's description cannot be stored.
+        DatasetError: The folder holds another dataset or other files, a shard is damaged, or the
+            disk is full. Casts that are finished are kept.
+        InputError: A count that is not positive, or a motion that the arm cannot make.
+    """
+    if actions is None:
+        count = TRIAL_COUNTS.get(purpose) if count is None else count
+        if count is None:
+            raise InputError(f"trials for the purpose {purpose!r} need actions or a count")
+        chosen = sample_actions(sampling, count, setup, seed, ranges)
+        origin = {
+            "sampling": sampling,
+            "seed": seed,
+            "ranges": dataclasses.asdict(ranges or ActionRanges.for_setup(setup)),
+        }
+    else:
+        chosen = check_action_values(actions)
+        origin = {"sampling": "given"}
+    plan = TrialPlan(
+        setup=setup,
+        kind=purpose,
+        count=len(chosen),
+        motion=lambda number: plan_trajectory(Action.from_array(chosen[number]), setup),
+        repeats=repeats,
+        attempts=attempts,
+    )
+    settings = {**origin, "actions_sha256": actions_digest(chosen)}
+    return record_trials(path, rig, plan, settings, progress)
+
+
+def sample_actions(
+    sampling: Sampling,
+    count: int,
+    setup: Setup,
+    seed: int = 0,
+    ranges: ActionRanges | None = None,
+) -> NDArray[np.float64]:
+    """Sample feasible actions, in the order in which a rig should make them.
+
+    Args:
+        sampling: "uniform" over the ranges, or on a "grid".
+        count: Number of actions.
+        setup: Cable, workspace, arm and motion settings.
+        seed: Seed of the choice and of the order.
+        ranges: Ranges of the actions; those that suit the set-up where None.
+
+    Returns:
+        Actions, shape [count, 4].
+    """
+    check_seed(seed)
+    if sampling == "uniform":
+        return feasible_uniform(count, setup, ranges, seed)
+    if sampling != "grid":
+        raise InputError(f"unknown sampling {sampling!r}: one of uniform, grid")
+    actions = feasible_grid(count, setup, ranges, seed)
+    # Shuffled, so that a rig that drifts does not make its drift look like an effect of an action.
+    return np.random.default_rng([seed, 1]).permutation(actions)

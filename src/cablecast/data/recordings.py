@@ -1,0 +1,247 @@
+"""Casts that others recorded: a table of samples, one cast after the other.
+
+A row is one moment of one cast. It may hold the endpoint, the joints, the grip, or some of them:
+cells are empty where something was not measured at that time.
+"""
+
+import dataclasses
+import hashlib
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.ur import JOINT_COUNT
+from cablecast.cast import TrialStatus
+from cablecast.errors import COUNT_MAX, InputError
+from cablecast.files import read_bytes, read_csv
+from cablecast.setup import Setup
+from cablecast.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+CAST_COLUMN, TIME_COLUMN = "cast", "time_s"
+TRACK_COLUMNS = ("x_m", "y_m")
+JOINT_COLUMNS = tuple(f"q{joint}_rad" for joint in range(1, JOINT_COUNT + 1))
+GRIP_COLUMNS = ("grip_x_m", "grip_y_m")
+GRIP_OPTIONS = ("grip_z_m", "grip_yaw_rad")
+ACTION_COLUMNS = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
+
+TABLE_SIZE_MAX = 2**31
+
+# An endpoint that moves by more than this in the last moments has not come to rest [m], [s].
+_REST_DISTANCE = 0.01
+_REST_TIME = 0.2
+_SAMPLES_MIN = 4
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Recording:
+    """One recorded cast.
+
+    Attributes:
+        name: Name of the cast in the table.
+        times: Times of the track [s], shape [sample].
+        endpoint_xy: Endpoint [m], NaN where it was not seen, shape [sample, 2].
+        status: End of the cast.
+        joint_times: Times of the joints [s]; None where the table has none.
+        q: Joint angles [rad], shape [tick, 6].
+        grip_times: Times of the grip [s]; None where the table has none.
+        grip_poses: x, y, z [m], yaw and pitch [rad], shape [tick, 5].
+        action: (theta1, theta2, r2, psi), NaN where unknown, shape [4].
+    """
+
+    name: str
+    times: Array
+    endpoint_xy: Array
+    status: TrialStatus
+    joint_times: Array | None = None
+    q: Array | None = None
+    grip_times: Array | None = None
+    grip_poses: Array | None = None
+    action: Array
+
+    @property
+    def duration(self) -> float:
+        """Last time at which the motion was recorded [s]; the track's where it was not."""
+        for times in (self.joint_times, self.grip_times):
+            if times is not None:
+                return float(times[-1])
+        return float(self.times[-1])
+
+
+def read_recordings(path: str | pathlib.Path, setup: Setup) -> list[Recording]:
+    """Read a table of recorded casts.
+
+    Args:
+        path: CSV or Parquet file with the columns `cast`, `time_s`, `x_m` and `y_m`, and with the
+            joints (`q1_rad` to `q6_rad`), the grip (`grip_x_m`, `grip_y_m`, and where it is known
+            `grip_z_m`, `grip_yaw_rad`) or the action (`theta1_rad`, `theta2_rad`, `r2_m`,
+            `psi_rad`).
+        setup: Set-up of the casts; gives the table, and the height of a grip without one.
+
+    Returns:
+        The casts in the order in which they first appear.
+
+    Raises:
+        InputError: There is no such file, a column is missing, a cell is no number, times do not
+            ascend, or a cast has no motion.
+    """
+    path = pathlib.Path(path)
+    names, columns = _read_table(path)
+    groups: dict[str, list[int]] = {}
+    for row, name in enumerate(names):
+        groups.setdefault(name, []).append(row)
+    if not groups:
+        raise InputError(f"{path} holds no casts")
+    return [
+        _recording(path, name, {c: values[rows] for c, values in columns.items()}, setup)
+        for name, rows in groups.items()
+    ]
+
+
+def file_digest(path: pathlib.Path) -> str:
+    """Return the checksum of a file."""
+    return hashlib.sha256(read_bytes(path, TABLE_SIZE_MAX)).hexdigest()[:16]
+
+
+def _read_table(path: pathlib.Path) -> tuple[list[str], dict[str, Array]]:
+    """Return the name of each row's cast, and the known columns; NaN where a cell is empty."""
+    required = (CAST_COLUMN, TIME_COLUMN, *TRACK_COLUMNS)
+    if path.suffix.lower() in (".parquet", ".pq"):
+        table = _read_parquet(path, required)
+    else:
+        rows = read_csv(path, required)
+        table = {name: [row[name] for row in rows] for name in (rows[0] if rows else required)}
+    count = len(table[CAST_COLUMN])
+    if count > COUNT_MAX:
+        raise InputError(f"{path} has {count} rows, more than {COUNT_MAX}")
+    known = (TIME_COLUMN, *TRACK_COLUMNS, *JOINT_COLUMNS, *GRIP_COLUMNS, *GRIP_OPTIONS)
+    columns = {
+        name: _numbers(path, name, table[name])
+        for name in (*known, *ACTION_COLUMNS)
+        if name in table
+    }
+    for group in (JOINT_COLUMNS, GRIP_COLUMNS, ACTION_COLUMNS):
+        missing = [name for name in group if name not in columns]
+        if missing and len(missing) < len(group):
+            raise InputError(f"{path} has {group[0]} or its like, but lacks {', '.join(missing)}")
+    return [str(value).strip() for value in table[CAST_COLUMN]], columns
+
+
+def _read_parquet(path: pathlib.Path, required: tuple[str, ...]) -> dict[str, list[Any]]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(pa.BufferReader(read_bytes(path, TABLE_SIZE_MAX)))
+    except FileNotFoundError as error:
+        raise InputError(str(error)) from None
+    except (pa.ArrowException, OSError) as error:
+        line = " ".join(str(error).split())[:200]
+        raise InputError(f"{path} is no Parquet file that can be read: {line}") from None
+    if missing := [name for name in required if name not in table.column_names]:
+        raise InputError(f"{path} lacks the columns {', '.join(missing)}")
+    return {name: table[name].to_pylist() for name in table.column_names}
+
+
+def _numbers(path: pathlib.Path, name: str, cells: list[Any]) -> Array:
+    """Return a column as numbers; NaN where a cell is empty."""
+    values = np.full(len(cells), np.nan)
+    for row, cell in enumerate(cells):
+        if cell is None or (isinstance(cell, str) and not cell.strip()):
+            continue
+        try:
+            values[row] = float(cell)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{path}: {name} = {str(cell)[:40]!r} in row {row + 1} is not a number"
+            ) from None
+    return values
+
+
+def _recording(path: pathlib.Path, name: str, columns: dict[str, Array], setup: Setup) -> Recording:
+    where = f"{path}, cast {name[:40]!r}"
+    times = columns[TIME_COLUMN]
+    if not np.all(np.isfinite(times)):
+        raise InputError(f"{where}: a row has no time")
+    if np.any(np.diff(times) <= 0):
+        at = int(np.argmax(np.diff(times) <= 0))
+        raise InputError(
+            f"{where}: the times must ascend, but {times[at + 1]:g} s follows {times[at]:g} s"
+        )
+    xy = np.stack([columns[column] for column in TRACK_COLUMNS], axis=-1)
+    seen = np.all(np.isfinite(xy), axis=1)
+    if seen.sum() < _SAMPLES_MIN:
+        raise InputError(f"{where}: the endpoint was seen {seen.sum()} times, not {_SAMPLES_MIN}")
+    # Rows of the joints alone, before the first and after the last look at the endpoint or between
+    # them, are no samples of the track; a look that failed is a row without joints.
+    motion = {
+        group: np.all([np.isfinite(columns[c]) for c in group], axis=0)
+        for group in (JOINT_COLUMNS, GRIP_COLUMNS)
+        if group[0] in columns
+    }
+    moved = np.any(list(motion.values()), axis=0) if motion else np.zeros(len(times), dtype=bool)
+    looks = seen | ~moved
+    # A tracker that lost the marker a moment before the end saw where it came to rest.
+    last_seen = times[seen][-1]
+    if times[looks][-1] <= last_seen + _REST_TIME:
+        looks &= times <= last_seen
+    joint_times, q = _group(columns, JOINT_COLUMNS, motion.get(JOINT_COLUMNS))
+    grip_times, grip_xy = _group(columns, GRIP_COLUMNS, motion.get(GRIP_COLUMNS))
+    poses = None
+    if grip_times is not None and grip_xy is not None:
+        poses = _poses(columns, grip_xy, motion[GRIP_COLUMNS], setup.workspace)
+    action = np.full(4, np.nan)
+    if ACTION_COLUMNS[0] in columns:
+        stated = np.stack([columns[column] for column in ACTION_COLUMNS], axis=-1)
+        stated = stated[np.all(np.isfinite(stated), axis=1)]
+        action = stated[0] if len(stated) else action
+    if q is None and poses is None and not np.all(np.isfinite(action)):
+        raise InputError(f"{where}: there are neither joints, nor a grip, nor an action")
+    return Recording(
+        name=name,
+        times=times[looks],
+        endpoint_xy=np.where(seen[looks, None], xy[looks], np.nan),
+        status=_status(times[looks], xy[looks], setup.workspace),
+        joint_times=joint_times,
+        q=q,
+        grip_times=grip_times,
+        grip_poses=poses,
+        action=action,
+    )
+
+
+def _group(
+    columns: dict[str, Array], names: tuple[str, ...], known: NDArray[np.bool_] | None
+) -> tuple[Array | None, Array | None]:
+    """Return times and values of the rows in which a group of columns is known."""
+    if known is None or not np.any(known):
+        return None, None
+    values = np.stack([columns[name][known] for name in names], axis=-1)
+    return columns[TIME_COLUMN][known], values
+
+
+def _poses(
+    columns: dict[str, Array], grip_xy: Array, known: NDArray[np.bool_], workspace: Workspace
+) -> Array:
+    """Return grip poses; a height or yaw that is missing is that of the reset."""
+    poses = np.zeros((len(grip_xy), 5))
+    poses[:, :2], poses[:, 2] = grip_xy, workspace.grip_height
+    for column, name in ((2, GRIP_OPTIONS[0]), (3, GRIP_OPTIONS[1])):
+        if name in columns:
+            values = columns[name][known]
+            poses[:, column] = np.where(np.isfinite(values), values, poses[:, column])
+    return poses
+
+
+def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:
+    """Return how a cast ended: off the table, at rest in sight, or unknown."""
+    seen = np.all(np.isfinite(xy), axis=1)
+    if not workspace.on_table(xy[seen][-1]):
+        return TrialStatus.OFF_TABLE
+    late = seen & (times >= times[-1] - _REST_TIME)
+    if not seen[-1] or np.ptp(xy[late], axis=0).max() > _REST_DISTANCE:
+        return TrialStatus.OCCLUDED
+    return TrialStatus.OK

@@ -1,0 +1,420 @@
+"""Schema of D_tune, D_sim and D_real: one row is one trial.
+
+Every dataset has the columns from `index` to `y_max`. Trials on a rig, and casts of many cables,
+add some of `OPTIONAL_COLUMNS`. Unknown columns are read as they are.
+
+meta/info.json: the description of a dataset, and the layout of its files.
+
+Shards: Parquet files of rows, checked when they are read.
+
+Parquet has checksums for its pages but none for its footer, in which a flipped bit may rename a
+column or change its type. Each shard therefore holds a digest of its rows.
+"""
+
+import dataclasses
+import hashlib
+import io
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import PARAM_UNITS
+from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError, InputError
+from cablecast.files import read_bytes, read_sealed
+from cablecast.runs.folder import fingerprint
+
+SCHEMA_VERSION = 2
+"""Version of the schema; datasets of other versions are refused."""
+
+CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_bits")
+"""Lists of what an arm's controller reported, in the order of `ControllerLog`."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Column:
+    """One column of a dataset.
+
+    Attributes:
+        name: Name of the column.
+        kind: Arrow type.
+        unit: Unit, "-" for none.
+        meaning: Phrase for the dataset card.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+
+
+COLUMNS = (
+    Column(name="index", kind="int64", unit="-", meaning="number of the trial, from 0"),
+    Column(
+        name="theta1", kind="float64", unit="rad", meaning="angle at which the motion turns back"
+    ),
+    Column(name="theta2", kind="float64", unit="rad", meaning="angle at which the motion ends"),
+    Column(name="r2", kind="float64", unit="m", meaning="radius at which the motion ends"),
+    Column(name="psi", kind="float64", unit="rad", meaning="heading of the gripper at the end"),
+    Column(
+        name="endpoint_x",
+        kind="float64",
+        unit="m",
+        meaning="resting point of the cable's free end, to the right of the robot",
+    ),
+    Column(
+        name="endpoint_y",
+        kind="float64",
+        unit="m",
+        meaning="resting point of the cable's free end, away from the robot",
+    ),
+    Column(name="status", kind="string", unit="-", meaning="end of the trial"),
+    Column(name="duration", kind="float64", unit="s", meaning="duration of the gripper's motion"),
+    Column(
+        name="x_min",
+        kind="float64",
+        unit="m",
+        meaning="smallest x of the free end during the trial",
+    ),
+    Column(
+        name="x_max", kind="float64", unit="m", meaning="largest x of the free end during the trial"
+    ),
+    Column(
+        name="y_min",
+        kind="float64",
+        unit="m",
+        meaning="smallest y of the free end during the trial",
+    ),
+    Column(
+        name="y_max", kind="float64", unit="m", meaning="largest y of the free end during the trial"
+    ),
+)
+
+OPTIONAL_COLUMNS = (
+    Column(name="repeat", kind="int64", unit="-", meaning="repeat of the same action, from 0"),
+    Column(name="times", kind="list", unit="s", meaning="times of the track"),
+    Column(name="track_x", kind="list", unit="m", meaning="x of the free end at these times"),
+    Column(name="track_y", kind="list", unit="m", meaning="y of the free end at these times"),
+    Column(name="joint_times", kind="list", unit="s", meaning="times of the commanded joints"),
+    Column(
+        name="joint_q",
+        kind="list",
+        unit="rad",
+        meaning="commanded joint angles, six after six, one group per time",
+    ),
+    Column(name="actual_times", kind="list", unit="s", meaning="times of the reported joints"),
+    Column(
+        name="actual_q",
+        kind="list",
+        unit="rad",
+        meaning="reported joint angles, six after six, one group per time",
+    ),
+    Column(
+        name="controller_times",
+        kind="list",
+        unit="s",
+        meaning="times of the reported joints by the clock of the arm's controller",
+    ),
+    Column(
+        name="target_q",
+        kind="list",
+        unit="rad",
+        meaning="joint angles that the controller followed at these times, six after six",
+    ),
+    Column(
+        name="speed_scaling",
+        kind="list",
+        unit="-",
+        meaning="speed scaling that the controller reported at these times",
+    ),
+    Column(
+        name="safety_bits",
+        kind="list",
+        unit="-",
+        meaning="safety status bits that the controller reported at these times",
+    ),
+    Column(
+        name="grip_times",
+        kind="list",
+        unit="s",
+        meaning="times of the tracked grip, where no arm moved it",
+    ),
+    Column(
+        name="grip_pose",
+        kind="list",
+        unit="m, rad",
+        meaning="x, y, z, yaw and pitch of the tracked grip, five after five, one group per time",
+    ),
+    Column(
+        name="nodes",
+        kind="list",
+        unit="m",
+        meaning="x, y and z of the cable's nodes from the grip to the free end, time by time",
+    ),
+    Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
+    Column(name="rig", kind="string", unit="-", meaning="description of the rig, as JSON"),
+    # Where every cast has its own cable.
+    *(
+        Column(
+            name=name,
+            kind="float64",
+            unit=unit,
+            meaning=f"{name.replace('_', ' ')} of the simulated cable",
+        )
+        for name, unit in PARAM_UNITS.items()
+    ),
+)
+
+ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")
+ENDPOINT_COLUMNS = ("endpoint_x", "endpoint_y")
+EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
+
+
+def arrow_schema(column_names: tuple[str, ...] = ()):
+    """Return the Arrow schema of a shard.
+
+    Args:
+        column_names: Names of the optional columns that the dataset has.
+    """
+    import pyarrow as pa
+
+    kinds = {
+        "int64": pa.int64(),
+        "float64": pa.float64(),
+        "string": pa.string(),
+        "list": pa.list_(pa.float64()),
+    }
+    optional = [column for column in OPTIONAL_COLUMNS if column.name in column_names]
+    return pa.schema(
+        [
+            pa.field(column.name, kinds[column.kind], metadata={"unit": column.unit})
+            for column in (*COLUMNS, *optional)
+        ]
+    )
+
+
+def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the bounding box of the free end's path.
+
+    Args:
+        endpoint_xy: Path of the free end [m], shape [row, step, 2]; NaN where it was not seen.
+
+    Returns:
+        Smallest x, largest x, smallest y and largest y [m], shape [row, 4]; NaN in rows where the
+        free end was never seen.
+    """
+    missing = ~np.isfinite(endpoint_xy)
+    low = np.where(missing, np.inf, endpoint_xy).min(axis=1)
+    high = np.where(missing, -np.inf, endpoint_xy).max(axis=1)
+    extent = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=-1)
+    return np.where(np.isfinite(extent), extent, np.nan)
+
+
+def check_columns(columns: Mapping[str, Any]) -> int:
+    """Return the number of rows of some columns.
+
+    Raises:
+        DatasetError: A column is missing, or two differ in length.
+    """
+    if missing := [column.name for column in COLUMNS if column.name not in columns]:
+        raise DatasetError(f"rows of a dataset lack the columns {missing}")
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise DatasetError(f"columns of a dataset differ in length: {lengths}")
+    return lengths["index"]
+
+
+CHUNK_SIZE = 1000
+"""Shards in one folder, as in LeRobot v3."""
+
+INFO_PATH = pathlib.Path("meta/info.json")
+
+_KINDS: dict[str, type] = {
+    "kind": str,
+    "complete": bool,
+    "total_frames": int,
+    "shard_rows": int,
+    "shard_count": int,
+    "fingerprint": str,
+    "shard_digests": list,
+    "settings": dict,
+}
+
+
+def shard_path(shard: int) -> str:
+    """Return the path of a shard within a dataset."""
+    return f"data/chunk-{shard // CHUNK_SIZE:03d}/file-{shard % CHUNK_SIZE:03d}.parquet"
+
+
+def read_info(path: pathlib.Path) -> dict[str, Any]:
+    """Return the description of a dataset, finished or not.
+
+    Raises:
+        DatasetError: There is none, or it is damaged or of another schema version.
+        UnreadableFileError: The system refuses to read it.
+    """
+    file = pathlib.Path(path) / INFO_PATH
+    try:
+        info = read_sealed(file)
+    except FileNotFoundError:
+        raise DatasetError(f"{path} is not a dataset: {file} is missing") from None
+    except DamagedFileError as error:
+        version = _version_without_checksum(file)
+        if version is not None and version != SCHEMA_VERSION:
+            raise DatasetError(_other_version(path, version)) from None
+        raise DatasetError(
+            f"{error}. It describes the dataset: restore it, or make the dataset anew"
+        ) from None
+    check_info(info, path)
+    return info
+
+
+def check_info(info: dict[str, Any], path: pathlib.Path) -> None:
+    """Refuse a description that this version cannot read.
+
+    Raises:
+        DatasetError: It is of another schema version, or its numbers contradict each other.
+    """
+    if info.get("schema_version") != SCHEMA_VERSION:
+        raise DatasetError(_other_version(path, info.get("schema_version")))
+    for name, kind in _KINDS.items():
+        value = info.get(name)
+        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+            raise DatasetError(f"{path / INFO_PATH} is damaged: {name} = {str(value)[:40]!r}")
+    rows, shard_rows = info["total_frames"], info["shard_rows"]
+    if not (1 <= rows <= COUNT_MAX and 1 <= shard_rows <= COUNT_MAX):
+        raise DatasetError(f"{path / INFO_PATH} is damaged: {rows} rows in shards of {shard_rows}")
+    if info["shard_count"] != -(-rows // shard_rows):
+        raise DatasetError(
+            f"{path / INFO_PATH} is damaged: {info['shard_count']} shards for {rows} rows"
+        )
+    if len(info["shard_digests"]) != (info["shard_count"] if info["complete"] else 0):
+        raise DatasetError(f"{path / INFO_PATH} is damaged: it lacks digests of shards")
+
+
+def _version_without_checksum(file: pathlib.Path) -> Any:
+    """Return the schema version of a description without a checksum, as older versions wrote it."""
+    from cablecast.files import read_json
+
+    try:
+        return read_json(file).get("schema_version")
+    except (InputError, OSError):
+        return None
+
+
+def _other_version(path: pathlib.Path, version: Any) -> str:
+    return (
+        f"{path} has schema version {str(version)[:20]}: this cablecast reads {SCHEMA_VERSION}, "
+        "make the dataset anew"
+    )
+
+
+SHARD_SIZE_MAX = 2**32
+"""Largest shard that is read [byte]."""
+
+
+def shard_bytes(table: Any, settings_fingerprint: str) -> bytes:
+    """Return the content of a shard's file.
+
+    Args:
+        table: Rows, a pyarrow table.
+        settings_fingerprint: Fingerprint of the settings that they come from.
+    """
+    import pyarrow.parquet as pq
+
+    metadata = {"settings": settings_fingerprint, "rows": _rows_digest(table)}
+    buffer = io.BytesIO()
+    table = table.replace_schema_metadata(metadata)
+    pq.write_table(table, buffer, compression="zstd", write_page_checksum=True)
+    return buffer.getvalue()
+
+
+def read_shard(
+    file: pathlib.Path, rows: range, settings_fingerprint: str, digest: str | None = None
+) -> tuple[Any, str]:
+    """Return the table of one shard, checked, and the digest of its bytes.
+
+    Args:
+        file: Parquet file.
+        rows: Indices that it must hold.
+        settings_fingerprint: Fingerprint of the settings that its rows must come from.
+        digest: Digest that its bytes must have; not checked where None.
+
+    Raises:
+        DatasetError: It is missing, damaged, of another dataset, or holds other rows.
+        UnreadableFileError: The system refuses to read it.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = read_bytes(file, SHARD_SIZE_MAX)
+    except FileNotFoundError:
+        raise DatasetError(
+            f"shard {file} is missing: run the command that made the dataset again, it makes the "
+            "shard again"
+        ) from None
+    try:
+        with pq.ParquetFile(io.BytesIO(content), page_checksum_verification=True) as parquet:
+            table = parquet.read()
+            metadata = parquet.schema_arrow.metadata or {}
+            rows_digest = _rows_digest(table)
+    except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
+        raise _damage(file, error) from None
+    if metadata.get(b"rows", b"").decode(errors="replace") != rows_digest:
+        raise _damage(file, "its rows do not match their checksum")
+    if missing := [column.name for column in COLUMNS if column.name not in table.column_names]:
+        raise DatasetError(f"shard {file} lacks the columns {missing}")
+    if not np.array_equal(table["index"].to_numpy(), np.arange(rows.start, rows.stop)):
+        raise DatasetError(f"shard {file} must hold the rows {rows.start} to {rows.stop - 1}")
+    if metadata.get(b"settings", b"").decode(errors="replace") != settings_fingerprint:
+        raise DatasetError(
+            f"shard {file} belongs to a dataset of other settings: delete it and run the command "
+            "that made the dataset again"
+        )
+    found = hashlib.sha256(content).hexdigest()[:16]
+    if digest not in (None, found):
+        raise DatasetError(
+            f"shard {file} is not the one that the dataset was finished with: restore it, or "
+            "delete it and run the command that made the dataset again"
+        )
+    return table, found
+
+
+def _damage(file: pathlib.Path, reason: object) -> DatasetError:
+    line = " ".join(str(reason).split())[:200] or type(reason).__name__
+    return DatasetError(
+        f"shard {file} is truncated or damaged ({line}): delete it and run the command that made "
+        "the dataset again, it makes the shard again"
+    )
+
+
+def _rows_digest(table: Any) -> str:
+    """Return a checksum over the names, types and values of all columns."""
+    import pyarrow as pa
+
+    digest = hashlib.sha256()
+    for name in table.column_names:
+        column = table[name].combine_chunks()
+        digest.update(f"{name} {len(column)} {column.null_count}".encode())
+        if pa.types.is_list(column.type):
+            digest.update(repr(column.value_lengths().to_pylist()).encode())
+            column = column.flatten()
+        digest.update(str(column.type).encode())
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            digest.update(column.to_numpy(zero_copy_only=False).tobytes())
+        else:
+            digest.update(repr(column.to_pylist()).encode("utf-8", "surrogatepass"))
+    return digest.hexdigest()[:32]
+
+
+def content_fingerprint(settings_fingerprint: str, digests: Sequence[str]) -> str:
+    """Return the fingerprint of a dataset's content: its settings and all its rows.
+
+    Args:
+        settings_fingerprint: Fingerprint of the settings.
+        digests: Digest of each shard, in order.
+    """
+    return fingerprint([settings_fingerprint, *digests])

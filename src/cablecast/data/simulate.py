@@ -1,0 +1,250 @@
+"""Simulation of D_sim: feasible actions of a grid and their landings (section V-F)."""
+
+import dataclasses
+import hashlib
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import CableParams
+from cablecast.cast import TrialStatus
+from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.data.schema import (
+    ACTION_COLUMNS,
+    ENDPOINT_COLUMNS,
+    EXTENT_COLUMNS,
+    SCHEMA_VERSION,
+    track_extent,
+)
+from cablecast.data.writer import DatasetWriter
+from cablecast.engines.base import SETTLE_TIME, Engine
+from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.spread import remade
+from cablecast.errors import InputError, check_count, check_seed
+from cablecast.motion.action import ActionRanges
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_uniform
+from cablecast.runs.progress import CountCallback
+from cablecast.runs.workers import LOCAL, check_workers, run_tasks
+from cablecast.setup import Setup
+
+SIMULATED_COUNT = 36_000
+"""Number of actions in D_sim (section V-F)."""
+
+SHARD_ROWS, CUDA_SHARD_ROWS = 3000, 36_000
+"""Number of rows of a shard, which is the unit of progress and what a kill loses: a few seconds on
+two cores, and on a graphics card, which takes about as long for a tenth of these rows."""
+
+# The free end moves at several metres a second and could swing over the table's edge and back
+# between samples, so the track is sampled five times as often as a camera would.
+SAMPLE_DT = 0.02
+
+# Settings of an engine that affect its use of the machine, not its results.
+_MACHINE_FIELDS = {"thread_count"}
+
+
+def simulate_dataset(
+    path: str | pathlib.Path,
+    setup: Setup,
+    dynamics: Dynamics | CableParams | None,
+    engine: Engine,
+    *,
+    count: int = SIMULATED_COUNT,
+    seed: int = 0,
+    ranges: ActionRanges | None = None,
+    shard_rows: int | None = None,
+    workers: str = LOCAL,
+    progress: CountCallback | None = None,
+) -> Dataset:
+    """Simulate a dataset, or resume an earlier run of the same settings.
+
+    Args:
+        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
+        setup: Cable, workspace, arm and motion settings.
+        dynamics: Cable and servo of the arm, or parameters of the cable alone, shared by all rows
+            or one value per row; the cable's own where None. Where they differ, the actions are
+            drawn at random and the rows hold the parameters.
+        engine: Simulator.
+        count: Number of actions.
+        seed: Seed of the choice of actions among the feasible ones.
+        ranges: Ranges of the actions; those that suit the set-up where None.
+        shard_rows: Rows of each shard; what takes the engine's device a few seconds where None.
+        workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
+            rows are equal to the bit on processors of one kind.
+        progress: Callback for the number of rows done and the total, at the start and after every
+            shard.
+
+    Returns:
+        The finished dataset.
+
+    Raises:
+        DatasetError: The folder holds another dataset or other files, or a shard is damaged.
+        InputError: A count that is not positive, or not that of the parameters; a curled cable.
+    """
+    check_count("count", count, high=ACTION_COUNT_MAX)
+    if shard_rows is None:
+        on_card = str(getattr(engine, "device", "cpu")).startswith("cuda")
+        shard_rows = CUDA_SHARD_ROWS if on_card else SHARD_ROWS
+    check_count("shard_rows", shard_rows)
+    check_seed(seed)
+    made = None if check_workers(workers) == LOCAL else remade(engine)
+    dynamics = Dynamics.of(dynamics, setup)
+    ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
+    _check_mirrored(setup, dynamics)
+    actions = _choose_actions(count, setup, dynamics.params, ranges, seed)
+    settings = {
+        **_settings(setup, dynamics, engine, ranges),
+        "count": count,
+        "seed": seed,
+        "actions_sha256": actions_digest(actions),
+    }
+    writer = DatasetWriter(
+        pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
+    )
+    with writer:
+        if not writer.was_complete:
+            missing = writer.missing_shards()
+            done = count - sum(len(writer.rows_of(shard)) for shard in missing)
+            if progress is not None:
+                progress(done, count)
+            tasks = [(shard, _part(actions, dynamics, writer.rows_of(shard))) for shard in missing]
+            function, shared = simulate_actions, (setup, engine)
+            if made is not None:
+                function, shared = _simulate_remotely, (setup, made)
+            for shard, columns in run_tasks(function, tasks, workers, shared):
+                rows = writer.rows_of(shard)
+                writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
+                done += len(rows)
+                if progress is not None:
+                    progress(done, count)
+            writer.finish()
+        elif progress is not None:
+            progress(count, count)
+    return read_dataset(path)
+
+
+def _settings(
+    setup: Setup, dynamics: Dynamics, engine: Engine, ranges: ActionRanges
+) -> dict[str, Any]:
+    """Return the plain values that decide how actions are chosen and simulated."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        **setup.to_settings(),
+        **_params_settings(dynamics.params),
+        **dynamics.beside_params(),
+        "engine": engine_settings(engine),
+        "ranges": dataclasses.asdict(ranges),
+        "sample_dt": SAMPLE_DT,
+        "settle_time": SETTLE_TIME,
+    }
+
+
+def _check_mirrored(setup: Setup, dynamics: Dynamics) -> None:
+    """Check that casts to the left are mirrored casts to the right, which planning takes them for.
+
+    Raises:
+        InputError: The cable is curled.
+    """
+    material = setup.cable.with_material(dynamics.material).material
+    curl = float(np.max(np.abs(material.rest_curvature)))
+    if curl > 0.0:
+        raise InputError(
+            "planning takes casts to the left for mirrored ones to the right, which those of a "
+            f"cable with rest_curvature = {curl:g} 1/m are not"
+        )
+
+
+def _choose_actions(
+    count: int, setup: Setup, params: CableParams, ranges: ActionRanges, seed: int
+) -> NDArray[np.float64]:
+    """Return feasible actions: of a grid for one cable, drawn at random for many."""
+    if params.world_count is None:
+        return feasible_grid(count, setup, ranges, seed)
+    if params.world_count != count:
+        raise InputError(f"{count} casts cannot have the parameters of {params.world_count} cables")
+    return feasible_uniform(count, setup, ranges, seed)
+
+
+def _params_settings(params: CableParams) -> dict[str, Any]:
+    if params.world_count is None:
+        return {"params": params.to_dict()}
+    # Significant digits, because stiffnesses are far below 1.
+    digits = "\n".join(f"{value:.9e}" for value in params.to_array().ravel())
+    return {"params_sha256": hashlib.sha256(digits.encode()).hexdigest()[:16]}
+
+
+def _part(
+    actions: NDArray[np.float64], dynamics: Dynamics, rows: range
+) -> tuple[NDArray[np.float64], Dynamics]:
+    part = slice(rows.start, rows.stop)
+    return actions[part], dynamics.rows(part)
+
+
+def _simulate_remotely(
+    actions: NDArray[np.float64],
+    dynamics: Dynamics,
+    setup: Setup,
+    made: tuple[type, dict[str, Any]],
+) -> dict[str, Any]:
+    """Simulate a shard on a worker, with an engine made there."""
+    kind, options = made
+    return simulate_actions(actions, dynamics, setup, kind(**options))
+
+
+def actions_digest(actions: NDArray[np.float64]) -> str:
+    """Return a fingerprint of actions, shape [action, 4]."""
+    # Rounded, so that the last bits of another machine's mathematics do not matter.
+    return hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16]
+
+
+def simulate_actions(
+    actions: NDArray[np.float64],
+    dynamics: Dynamics | CableParams,
+    setup: Setup,
+    engine: Engine,
+) -> dict[str, Any]:
+    """Simulate actions, and return all columns of a dataset but `index`.
+
+    Args:
+        actions: Feasible actions, shape [row, 4].
+        dynamics: Cable and servo of the arm, or parameters of the cable alone, shared by all rows
+            or one value per row.
+        setup: Cable, workspace, arm and motion settings.
+        engine: Simulator.
+    """
+    dynamics = Dynamics.of(dynamics, setup)
+    params, grip_paths = dynamics.params, cast_grip_paths(actions, setup)
+    rollout = dynamics.rollout(engine, setup, grip_paths, sample_dt=SAMPLE_DT)
+    track = rollout.endpoint_xy
+    finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
+    endpoint_xy = np.where(finite[:, None], track[:, -1], np.nan)
+    landed = setup.workspace.on_table(track[:, -1])
+    codes = np.where(landed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
+    status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
+    extent = np.where(finite[:, None], track_extent(track), np.nan)
+    own = {} if params.world_count is None else {n: getattr(params, n) for n in params.names()}
+    return (
+        dict(zip(ACTION_COLUMNS, actions.T, strict=True))
+        | dict(zip(ENDPOINT_COLUMNS, endpoint_xy.T, strict=True))
+        | {"status": status.tolist(), "duration": grip_paths.duration}
+        | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))
+        | own
+    )
+
+
+def engine_settings(engine: Engine) -> dict[str, Any]:
+    """Return the settings of an engine that decide its results: its class and public attributes.
+
+    Only plain values are included, and the device by its name.
+    """
+    settings: dict[str, Any] = {"class": type(engine).__name__}
+    for name, value in vars(engine).items():
+        if name.startswith("_") or name in _MACHINE_FIELDS:
+            continue
+        if name == "device" or (isinstance(value, float) and not np.isfinite(value)):
+            value = str(value)
+        if isinstance(value, (bool, int, float, str)):
+            settings[name] = value
+    return settings

@@ -1,1 +1,0 @@
-"""Live camera: frames from a device, a file or a stream, its clock, and the track of a cast."""

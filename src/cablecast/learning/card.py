@@ -1,0 +1,210 @@
+"""Text of MODELCARD.md: description of a model, its training data, and its prediction errors."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from cablecast.learning.gaussian_process import GaussianProcessModel
+from cablecast.learning.landing import LandingModel
+from cablecast.learning.network import ForwardModel, ManyCablesModel
+from cablecast.runs.folder import flat_settings
+
+_KINDS = {
+    ForwardModel.FORMAT: "A neural network from an action to the resting point of the free end "
+    "(f_forw, arXiv 2405.09581, section V-F).",
+    GaussianProcessModel.FORMAT: "A Gaussian process from an action to the resting point of the "
+    "free end, the learned baseline of arXiv 2405.09581, section VI-A.",
+}
+
+_INPUT_LINE = (
+    "(theta1, theta2, r2, psi) in radians and metres, its output x and y on the table in metres. "
+    "The robot's base is at (0, 0), y points away from it, and x to its right. The model holds for "
+    "theta2 > 0; other actions are mirrored."
+)
+
+_ADAPTATIONS = {
+    "correction": "A Gaussian process over the action and the predicted landing corrects the "
+    "network by real casts, and estimates how far real landings scatter about the prediction.",
+    "fine-tuning": "The training of the network continued on real casts, as in the paper.",
+    "real only": "The network was trained on real casts alone.",
+}
+
+# Prefix of the metrics, key of the number of casts, and words for the casts.
+_ERROR_ROWS = (
+    ("held_out", "held_out_count", "held-out casts of its own dataset"),
+    ("real_before", "real_used_count", "real casts, before it learned from them"),
+    ("real", "real_used_count", "real casts, cross-validated"),
+)
+
+
+def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None) -> str:
+    """Return the card of a trained model in Markdown.
+
+    Args:
+        model: Trained model.
+        policy_info: Description of the search policy that was built with it.
+    """
+    info = model.info
+    lines = [
+        f"# Landing model of {model.cable.name}",
+        "",
+        _KINDS[model.FORMAT],
+        "",
+        f"Its input is {_INPUT_LINE}",
+        "",
+        "## Training data",
+        "",
+        *_data_lines(info),
+        "",
+        "## Prediction errors",
+        "",
+        *_error_lines(info["metrics"], model.cable.length),
+        "",
+        "## Limits",
+        "",
+        *_limit_lines(model),
+        "",
+        "## Settings",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *_setting_rows(_settings(info, policy_info)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def many_cables_card(model: ManyCablesModel) -> str:
+    """Return the card of a model of many cables in Markdown.
+
+    Args:
+        model: Trained model.
+    """
+    info, cable, config = model.info, model.setup.cable, model.setup.motion
+    settings = info["dataset"]["settings"]
+    engine = settings.get("engine", {})
+    lines = [
+        "---",
+        "license: apache-2.0",
+        "library_name: cablecast",
+        "tags:",
+        "- robotics",
+        "- deformable-objects",
+        "---",
+        "",
+        "# Landing model of many cables",
+        "",
+        "A neural network from an action and the ten parameters of a cable to the resting point of "
+        "the free end. `ManyCablesModel.load(folder).for_cable(params)` gives the model of one "
+        "cable at once; `cablecast aim --model` starts from it.",
+        "",
+        f"Its input is an action, {_INPUT_LINE} The parameters are those of `CableParams`, in SI "
+        "units.",
+        "",
+        "## Training data",
+        "",
+        f"- {_dataset_line(info['dataset'])}: every cast has its own cable",
+        f"- cables drawn uniformly from the ranges that `cablecast tune` searches around "
+        f"{cable.name}; simulated with {engine.get('segment_count', '?')} segments and steps of "
+        f"{engine.get('dt', '?')} s",
+        "",
+        "## Prediction errors",
+        "",
+        *_error_lines(info["metrics"], cable.length),
+        "",
+        "The held-out casts are those of cables that it never saw, drawn from all of the ranges.",
+        "",
+        "## Limits",
+        "",
+        f"- It holds for cables of {cable.length:g} m with a diameter of {cable.diameter:g} m, "
+        f"whose parameters lie within the ranges above, for v_max = {config.v_max:g} m/s and "
+        f"r0 = {config.r0:g} m.",
+        f"- The arm of its casts {'lags as' if settings.get('servo') else 'has no lag, unlike'} "
+        "the one that `tune` measured.",
+        "- It has seen no real casts, so its error on a rig is not known.",
+        "",
+        "## Settings",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *_setting_rows(_settings(info, None)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _setting_rows(settings: Mapping[str, Any]) -> list[str]:
+    rows = flat_settings(settings)
+    return [f"| {name} | {value} |" for name, value in rows if value is not None]
+
+
+def _data_lines(info: Mapping[str, Any]) -> list[str]:
+    lines = [f"- {_dataset_line(info['dataset'])}"]
+    if many := info.get("many_cables"):
+        start = f"the model of many cables `{many['fingerprint']}` at the parameters of this cable"
+        is_refined = "params_sha256" not in info["dataset"]["settings"]
+        lines += [
+            "",
+            f"The training began with {start}."
+            if is_refined
+            else f"These are casts of many cables, none of them this one: the network is that of "
+            f"{start}, and the errors below are those over all cables.",
+        ]
+    if adaptation := info.get("adaptation"):
+        if adaptation["method"] != "real only":
+            lines.append(f"- {_dataset_line(adaptation['dataset'])}")
+        lines += ["", _ADAPTATIONS[adaptation["method"]]]
+    return lines
+
+
+def _dataset_line(dataset: Mapping[str, Any]) -> str:
+    rig = dataset["settings"].get("rig", {}).get("rig")
+    words = {
+        "sim": "simulated casts (D_sim)",
+        "real": f"casts on {f'the {rig}' if rig else 'a'} rig (D_real)",
+    }
+    what = words.get(dataset["kind"], "casts")
+    return f"{dataset['row_count']} {what}, fingerprint `{dataset['fingerprint']}`"
+
+
+def _error_lines(metrics: Mapping[str, Any], cable_length: float) -> list[str]:
+    lines = ["| casts | median | 90th percentile |", "|---|---|---|"]
+    for name, count, words in _ERROR_ROWS:
+        if f"{name}_median_pct" in metrics:
+            median, p90 = metrics[f"{name}_median_pct"], metrics[f"{name}_p90_pct"]
+            lines.append(f"| {metrics[count]} {words} | {median:.2f} | {p90:.2f} |")
+    if "spread_calibration" in metrics:
+        lines += [
+            "",
+            f"The errors on these real casts are {metrics['spread_calibration']:.2f} times as "
+            "large as the spread that it predicted (root mean square; 1 is right).",
+        ]
+    lines += [
+        "",
+        f"These are errors of prediction, in % of cable length ({cable_length:g} m). "
+        "`cablecast evaluate` measures how near casts come to targets.",
+    ]
+    return lines
+
+
+def _limit_lines(model: LandingModel) -> list[str]:
+    config, info = model.setup.motion, model.info
+    lines = [
+        f"- It holds for this cable, for v_max = {config.v_max:g} m/s and r0 = {config.r0:g} m, "
+        "and for actions within the ranges of its casts.",
+        "- It predicts endpoints only. Whether a cast keeps the cable on the table is interpolated "
+        "from the casts of its dataset.",
+    ]
+    if not (info.get("adaptation") or info["dataset"].get("kind") == "real"):
+        lines.append("- It has seen no real casts, so its error on a rig is not known.")
+    return lines
+
+
+def _settings(info: Mapping[str, Any], policy_info: Mapping[str, Any] | None) -> dict[str, Any]:
+    adaptation = info.get("adaptation")
+    return {
+        "seed": info.get("seed"),
+        "training": info.get("config"),
+        "kernel": info.get("kernel"),
+        "adaptation": adaptation
+        and {"method": adaptation["method"], "seed": adaptation["seed"]} | adaptation["config"],
+        "policy": policy_info,
+        "versions": info.get("versions"),
+    }

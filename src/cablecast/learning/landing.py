@@ -1,0 +1,430 @@
+"""Features of actions, their normalisation, and the perturbations used for sensitivity.
+
+Rows of a dataset that a model learns from, their table margins, and error statistics.
+
+LandingModel: base class of the models that predict the landing of a cast.
+
+Prediction needs only NumPy; torch is needed only for training, so planning starts at once.
+"""
+
+import dataclasses
+import functools
+import json
+import pathlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable
+from cablecast.data.dataset import Dataset, settings_object, settings_setup
+from cablecast.errors import CheckpointError, InputError
+from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
+from cablecast.setup import Setup
+
+if TYPE_CHECKING:
+    from cablecast.motion.action import ActionRanges
+
+FEATURE_COUNT = 4
+
+DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0)])
+"""Execution error assumed in (theta1, theta2, r2, psi): 1 degree and 1 cm."""
+
+# A spread below this is rounding; dividing by it would blow the rounding up.
+_SCALE_MIN = 1e-9
+_ENDPOINT_SCALE_MIN = 1e-6
+
+
+def action_features(actions: ArrayLike) -> NDArray[np.float64]:
+    """Return the features of actions.
+
+    psi is replaced by the turn of the wrist relative to the arm, psi - theta2. This turn swings the
+    cable after the arm has stopped and, unlike psi, does not vary along with theta2.
+
+    Args:
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+
+    Returns:
+        (theta1, theta2, r2, psi - theta2), shape [action, 4].
+
+    Raises:
+        InputError: The array has another shape.
+    """
+    features = np.array(actions, dtype=float)
+    if features.ndim != 2 or features.shape[1] != FEATURE_COUNT:
+        raise InputError(f"actions have shape {features.shape}: it must be [action, 4]")
+    features[:, 3] -= features[:, 1]
+    return features
+
+
+def deviations(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the perturbations by which the sensitivity of an action is measured.
+
+    There is one for each variable. In an action set without psi, psi always equals theta2, so a
+    perturbation of theta2 includes psi and there is none of psi alone.
+
+    Args:
+        actions: All actions of the set, shape [action, 4].
+
+    Returns:
+        Changes of (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [change, 4].
+    """
+    changes = np.diag(DEVIATION)
+    if np.allclose(actions[:, 3], actions[:, 1], rtol=0.0, atol=1e-9):
+        changes[1] += changes[3]
+        changes = changes[:3]
+    return changes
+
+
+def normalization(actions: NDArray[np.float64], endpoint_xy: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the means and scales of training rows, as arguments of a `LandingModel`.
+
+    A feature that does not vary has the scale 1: psi - theta2 in an action set without psi.
+
+    Args:
+        actions: Training actions, shape [row, 4].
+        endpoint_xy: Their endpoints [m], shape [row, 2].
+    """
+    features = action_features(actions)
+    scale = features.std(axis=0)
+    return {
+        "feature_mean": features.mean(axis=0),
+        "feature_scale": np.where(scale > _SCALE_MIN, scale, 1.0),
+        "endpoint_mean": endpoint_xy.mean(axis=0),
+        "endpoint_scale": max(float(endpoint_xy.std(axis=0).mean()), _ENDPOINT_SCALE_MIN),
+    }
+
+
+MIN_ROWS = 50
+"""Minimum number of simulated casts; fewer cannot be split into training and held-out rows."""
+
+MIN_REAL_ROWS = 15
+"""Minimum number of real casts; with fewer, trend and scatter cannot be separated."""
+
+LEFT_TABLE_MARGIN = -0.05
+"""Margin assigned to a cast that left the table outside the camera's view [m]."""
+
+
+def known_endpoint_rows(dataset: Dataset) -> NDArray[np.intp]:
+    """Return the indices of the rows with a known endpoint.
+
+    Args:
+        dataset: Simulated casts.
+
+    Raises:
+        InputError: There are fewer than `MIN_ROWS`.
+    """
+    rows = np.flatnonzero(dataset.finite)
+    if len(rows) < MIN_ROWS:
+        raise InputError(
+            f"{len(rows)} of {len(dataset)} rows have a known endpoint: training needs {MIN_ROWS}"
+        )
+    return rows
+
+
+def known_margins(dataset: Dataset) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the rows with a known table margin, and the margins.
+
+    A camera loses an endpoint that leaves the table, so the recorded part of such a cast may lie
+    within the edges. Its margin is then `LEFT_TABLE_MARGIN`.
+
+    Args:
+        dataset: Simulated or real casts.
+
+    Returns:
+        Indices, and margins [m], negative where the free end left the table; both of shape [row].
+    """
+    margins = dataset.table_margin()
+    unseen = (dataset.status == "off_table") & ~((margins < 0) & np.isfinite(margins))
+    margins = np.where(unseen, LEFT_TABLE_MARGIN, margins)
+    rows = np.flatnonzero(np.isfinite(margins))
+    return rows, margins[rows]
+
+
+def dataset_summary(dataset: Dataset) -> dict[str, Any]:
+    """Return the description of a dataset that is stored with a model."""
+    return {
+        "fingerprint": dataset.fingerprint,
+        "kind": dataset.info.get("kind", ""),
+        "row_count": len(dataset),
+        "settings": dataset.info["settings"],
+    }
+
+
+def error_metrics(
+    name: str,
+    predicted_xy: NDArray[np.float64],
+    endpoint_xy: NDArray[np.float64],
+    cable_length: float,
+) -> dict[str, float]:
+    """Return the median, 90th percentile and mean of prediction errors [% of cable length].
+
+    Args:
+        name: Prefix of the keys, such as "held_out".
+        predicted_xy: Predicted endpoints [m], shape [row, 2].
+        endpoint_xy: Actual endpoints [m], shape [row, 2].
+        cable_length: Length of the cable [m].
+    """
+    errors_pct = np.linalg.norm(predicted_xy - endpoint_xy, axis=1) / cable_length * 100
+    return {
+        f"{name}_median_pct": float(np.median(errors_pct)),
+        f"{name}_p90_pct": float(np.percentile(errors_pct, 90)),
+        f"{name}_mean_pct": float(np.mean(errors_pct)),
+    }
+
+
+MARGIN_NEIGHBORS = 8
+"""Number of nearest training actions from which the table margin is interpolated."""
+
+_SHARED = ("feature_mean", "feature_scale", "endpoint_mean", "margin_features", "margins")
+
+
+def central_shifts(
+    predict: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    actions: NDArray[np.float64],
+    changes: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the change of a predicted endpoint for each change of an action.
+
+    Args:
+        predict: Predicts endpoints [m], shape [row, 2], of actions, shape [row, 4].
+        actions: Actions, shape [action, 4].
+        changes: Perturbations of an action, see `deviations`, shape [change, 4].
+
+    Returns:
+        Shift of the endpoint by central differences [m], shape [action, 2, change].
+    """
+    # One call for all of them: a network takes hardly longer for many rows than for a few.
+    rows = (actions + np.stack([changes, -changes])[:, :, None]).reshape(-1, actions.shape[1])
+    ahead, back = predict(rows).reshape(2, len(changes), len(actions), 2)
+    return np.asarray(np.moveaxis(ahead - back, 0, -1) / 2)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LandingModel:
+    """Predict the endpoint of a cast from its action.
+
+    Attributes:
+        feature_mean: Mean of each feature over the training rows, shape [4].
+        feature_scale: Standard deviation of each feature, shape [4].
+        endpoint_mean: Mean endpoint [m], shape [2].
+        endpoint_scale: Scale of the endpoint [m], the same for x and y to preserve distances.
+        margin_features: Normalised features of the rows with a known table margin, shape [row, 4].
+        margins: Least distance of the free end from the table's edges during these casts, negative
+            where it left the table [m], shape [row].
+        info: Configuration, metrics, learning curve, versions, and the settings and fingerprint of
+            the dataset.
+    """
+
+    feature_mean: NDArray[np.float64]
+    feature_scale: NDArray[np.float64]
+    endpoint_mean: NDArray[np.float64]
+    endpoint_scale: float
+    margin_features: NDArray[np.float32] = dataclasses.field(
+        default_factory=lambda: np.empty((0, FEATURE_COUNT), dtype=np.float32)
+    )
+    margins: NDArray[np.float32] = dataclasses.field(
+        default_factory=lambda: np.empty(0, dtype=np.float32)
+    )
+    info: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    FORMAT: ClassVar[str]
+
+    def predict(self, actions: ArrayLike) -> NDArray[np.float64]:
+        """Predict where the free end comes to rest.
+
+        Args:
+            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+
+        Returns:
+            Endpoints [m], shape [action, 2].
+        """
+        raise NotImplementedError
+
+    def predict_spread(self, actions: ArrayLike) -> NDArray[np.float64] | None:
+        """Predict how far real landings scatter about the predicted endpoints.
+
+        Args:
+            actions: Actions, shape [action, 4].
+
+        Returns:
+            Standard deviation along each of x and y [m], shape [action]; None for a model that has
+            no estimate of it.
+        """
+        del actions
+        return None
+
+    def landing_shifts(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the change of the predicted endpoint for each change of an action.
+
+        Args:
+            actions: Actions, shape [action, 4].
+            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+
+        Returns:
+            Shift of the endpoint by central differences [m], shape [action, 2, change].
+        """
+        return central_shifts(self.predict, actions, changes)
+
+    def sensitivity(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the root of the summed squared endpoint shifts of each action.
+
+        Args:
+            actions: Actions, shape [action, 4].
+            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+
+        Returns:
+            Sensitivity [m], shape [action].
+        """
+        return np.linalg.norm(self.landing_shifts(actions, changes), axis=(1, 2))
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """Prediction errors, row counts and training time."""
+        return self.info["metrics"]
+
+    @property
+    def cable(self) -> Cable:
+        """Cable of the training casts."""
+        return settings_object(Cable.from_dict, self.info["dataset"], "cable", "the model")
+
+    @functools.cached_property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings of the training casts."""
+        return settings_setup(self.info["dataset"], "the model")
+
+    @property
+    def action_ranges(self) -> "ActionRanges":
+        """Ranges from which the training actions were chosen.
+
+        For a dataset of given actions, the default ranges of its motion parameters.
+        """
+        from cablecast.motion.action import ActionRanges
+
+        known = self.info["dataset"]["settings"].get("ranges")
+        if known is None:
+            return ActionRanges.for_setup(self.setup)
+        return settings_object(
+            lambda values: ActionRanges(**{k: tuple(v) for k, v in values.items()}),
+            self.info["dataset"],
+            "ranges",
+            "the model",
+        )
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Short name of this model: the start of the SHA-256 of all its arrays."""
+        return digest(self.tensors())
+
+    def normalize(self, actions: ArrayLike) -> NDArray[np.float32]:
+        """Return the normalised features of actions, shape [action, 4]."""
+        features = (action_features(actions) - self.feature_mean) / self.feature_scale
+        return features.astype(np.float32)
+
+    def normalize_endpoints(self, endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return normalised endpoints, shape [action, 2]."""
+        return (endpoint_xy - self.endpoint_mean) / self.endpoint_scale
+
+    def predict_margin(self, actions: ArrayLike) -> NDArray[np.float64]:
+        """Predict the least distance of the free end from the table's edges during a cast.
+
+        The margin is interpolated between the nearest training actions by inverse distance. It has
+        kinks where another edge becomes the nearest, which a small network would round off.
+
+        Args:
+            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+
+        Returns:
+            Margins [m], negative where the free end leaves the table, shape [action].
+        """
+        neighbor_count = min(MARGIN_NEIGHBORS, len(self.margins))
+        distance, index = self._margin_tree.query(
+            self.normalize(actions), k=neighbor_count, workers=-1
+        )
+        distance, index = (np.reshape(a, (-1, neighbor_count)) for a in (distance, index))
+        weight = 1.0 / np.maximum(distance, 1e-9)
+        return np.sum(weight * self.margins[index], axis=1) / weight.sum(axis=1)
+
+    @functools.cached_property
+    def _margin_tree(self):
+        from scipy.spatial import KDTree
+
+        return KDTree(self.margin_features)
+
+    def with_margins(self, dataset: Dataset) -> Self:
+        """Return this model with the table margins of a dataset.
+
+        Args:
+            dataset: Simulated or real casts.
+        """
+        rows, margins = known_margins(dataset)
+        return dataclasses.replace(
+            self,
+            margin_features=self.normalize(dataset.actions[rows]),
+            margins=margins.astype(np.float32),
+        )
+
+    def save(self, folder: str | pathlib.Path) -> None:
+        """Write the checkpoint.
+
+        Args:
+            folder: Folder for `model.safetensors` and `model.json`.
+        """
+        write_checkpoint(folder, self.FORMAT, self.tensors(), self.info)
+
+    @classmethod
+    def load(cls, folder: str | pathlib.Path) -> Self:
+        """Read a checkpoint of this kind of model; see `load_model` for any kind.
+
+        Args:
+            folder: Folder given to `save`.
+
+        Raises:
+            CheckpointError: The file is missing, truncated, damaged, or of another kind.
+        """
+        return cls.from_checkpoint(read_checkpoint(folder))
+
+    @classmethod
+    def from_checkpoint(cls, checkpoint: Checkpoint) -> Self:
+        """Verify a checkpoint and build the model from it.
+
+        Args:
+            checkpoint: Contents of the file.
+
+        Raises:
+            CheckpointError: The file is damaged, incomplete, or of another kind.
+        """
+        checkpoint.check(cls.FORMAT)
+        tensors = checkpoint.tensors
+        try:
+            shared: dict[str, Any] = {name: tensors[name] for name in _SHARED}
+            return cls(
+                **shared,
+                endpoint_scale=float(tensors["endpoint_scale"][0]),
+                info=json.loads(checkpoint.header["info"]),
+                **cls._own_fields(tensors),
+            )
+        except (KeyError, ValueError, InputError) as error:
+            raise CheckpointError(f"{checkpoint.file} is incomplete: {error}") from None
+
+    def tensors(self) -> dict[str, NDArray]:
+        """Return all arrays by name, as stored in the checkpoint."""
+        tensors: dict[str, NDArray] = {name: getattr(self, name) for name in _SHARED}
+        tensors["endpoint_scale"] = np.array([self.endpoint_scale])
+        tensors |= self._own_tensors()
+        # safetensors writes the bytes in memory order, which would scramble a transposed view.
+        return {name: np.ascontiguousarray(value) for name, value in tensors.items()}
+
+    def _own_tensors(self) -> dict[str, NDArray]:
+        """Return the arrays of this kind of model beyond the shared ones."""
+        raise NotImplementedError
+
+    @classmethod
+    def _own_fields(cls, tensors: dict[str, NDArray]) -> dict[str, Any]:
+        """Return the fields stored by `_own_tensors`, as arguments of the class."""
+        raise NotImplementedError

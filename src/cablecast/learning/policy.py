@@ -1,0 +1,767 @@
+"""Policy and Plan: interface from targets to motions.
+
+policy.npz: file with the candidates of a forward search.
+
+Refinement: small changes of actions that move their predicted landings onto the targets.
+
+ForwardSearchPolicy: feasible action whose predicted landing is nearest (equation 1).
+
+The predicted landings of the candidates do not depend on the target, so they are computed once. A
+k-d tree then answers a thousand targets in milliseconds.
+
+PolarCastingPolicy: the paper's baseline, a swing in the vertical plane and a slow pull.
+"""
+
+import dataclasses
+import functools
+import io
+import json
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.conventions import mirror_xy, polar_to_xy
+from cablecast.errors import (
+    CablecastError,
+    CheckpointError,
+    InputError,
+    TargetError,
+    UnreadableFileError,
+    check_keys,
+    check_number,
+)
+from cablecast.files import read_bytes, write_bytes
+from cablecast.learning.landing import LandingModel, deviations
+from cablecast.learning.load import load_model
+from cablecast.motion.action import (
+    PSI_MAX,
+    THETA_MAX,
+    THETA_MIN,
+    Action,
+    ActionRanges,
+    played,
+    rightward,
+    side_hands,
+    to_right,
+)
+from cablecast.motion.feasibility import check_actions, feasible_grid
+from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
+from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.setup import Setup
+
+
+def _unknown() -> NDArray[np.float64]:
+    return np.array(np.nan)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """One motion per target, with its predicted landing.
+
+    Attributes:
+        setup: Set-up that the motions are planned for.
+        target_xy: Targets [m], shape [target, 2].
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [target, 4]; NaN for motions
+            without an action.
+        predicted_xy: Predicted landings [m], shape [target, 2].
+        inside_coverage: Whether the target lies inside the policy's coverage, shape [target].
+        spread: Predicted standard deviation of the landing about `predicted_xy`, along each axis
+            [m], shape [target]; NaN if unknown.
+        sensitivity: Shift of the predicted landing for action errors of 1 degree and 1 cm [m],
+            shape [target]; NaN if unknown.
+        motions: Planned motions, one per target. If None, `trajectories` plans them from the
+            actions.
+    """
+
+    setup: Setup
+    target_xy: NDArray[np.float64]
+    actions: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
+    predicted_xy: NDArray[np.float64]
+    inside_coverage: NDArray[np.bool_]
+    spread: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
+    sensitivity: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
+    motions: tuple[Trajectory, ...] | None = None
+
+    def __post_init__(self):
+        count = len(np.atleast_2d(self.target_xy))
+        for name, shape, kind in (
+            ("target_xy", (count, 2), float),
+            ("actions", (count, 4), float),
+            ("predicted_xy", (count, 2), float),
+            ("inside_coverage", (count,), bool),
+            ("spread", (count,), float),
+            ("sensitivity", (count,), float),
+        ):
+            values = np.asarray(getattr(self, name), dtype=kind)
+            # A single NaN stands for unknown everywhere.
+            values = np.full(shape, values) if values.ndim == 0 else values
+            if values.shape != shape:
+                raise InputError(f"plan {name} has shape {values.shape}: it must be {shape}")
+            object.__setattr__(self, name, values)
+        if self.motions is None:
+            if np.any(bad := ~np.all(np.isfinite(self.actions), axis=1)):
+                row = int(np.argmax(bad))
+                raise InputError(f"the plan has neither an action nor a motion for target {row}")
+        elif len(self.motions) != count:
+            raise InputError(f"the plan has {len(self.motions)} motions for {count} targets")
+
+    def __len__(self) -> int:
+        return len(self.target_xy)
+
+    @functools.cached_property
+    def trajectories(self) -> tuple[Trajectory, ...]:
+        """Motions with joint set points, one per target.
+
+        Raises:
+            JointLimitError: A motion violates limits of the arm.
+        """
+        if self.motions is not None:
+            return tuple(self.motions)
+        return tuple(
+            plan_trajectory(Action.from_array(action), self.setup) for action in self.actions
+        )
+
+
+class Policy(Protocol):
+    """Interface of policies, which turn targets into motions; implement it to evaluate your own."""
+
+    @property
+    def setup(self) -> Setup:
+        """Set-up that the policy plans for."""
+        ...
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Description of the policy as plain values, for the settings of a run."""
+        ...
+
+    def plan(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: ArrayLike | None = None,
+        theta_deg: ArrayLike | None = None,
+    ) -> Plan:
+        """Plan a motion for each target; see `check_targets` for the arguments."""
+        ...
+
+
+def check_targets(
+    setup: Setup,
+    target_xy: ArrayLike | None = None,
+    *,
+    r: ArrayLike | None = None,
+    theta_deg: ArrayLike | None = None,
+) -> NDArray[np.float64]:
+    """Check the target arguments of `Policy.plan` and return the targets.
+
+    Args:
+        setup: Set-up with the table, the reach and the cable.
+        target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
+        r: Distances from the robot's base [m], a number or shape [target].
+        theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
+            shape [target].
+
+    Returns:
+        Targets [m], shape [target, 2].
+
+    Raises:
+        InputError: Both forms are given, or neither, or values of the wrong kind or shape.
+        TargetError: A target is not finite, has a negative radius, is out of reach, or off the
+            table.
+    """
+    if (target_xy is None) == (r is None and theta_deg is None):
+        raise InputError("a plan takes either target_xy or r and theta_deg")
+    if target_xy is None:
+        target_xy = _from_polar(r, theta_deg)
+    targets = np.atleast_2d(_numbers("target_xy", target_xy))
+    if targets.ndim != 2 or targets.shape[1] != 2:
+        raise InputError(
+            f"target_xy has shape {np.shape(target_xy)}: it must be [2] or [target, 2]"
+        )
+    return setup.workspace.check_target(targets, setup.cable.length)
+
+
+def _from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDArray[np.float64]:
+    """Return targets [m] from radii [m] and angles [deg], shape [target, 2]."""
+    if r is None or theta_deg is None:
+        raise InputError("a plan needs both r and theta_deg")
+    radius, angle = _numbers("r", r), _numbers("theta_deg", theta_deg)
+    try:
+        radius, angle = np.broadcast_arrays(np.atleast_1d(radius), np.atleast_1d(angle))
+    except ValueError:
+        shapes = f"{radius.shape} and {angle.shape}"
+        raise InputError(f"r and theta_deg have shapes {shapes}, which do not match") from None
+    if radius.ndim != 1:
+        raise InputError(f"r and theta_deg have shape {radius.shape}: it must be [target]")
+    for one_r, one_theta in zip(radius, angle, strict=True):
+        if not (np.isfinite(one_r) and np.isfinite(one_theta)):
+            raise TargetError(
+                f"target r = {one_r:g} m, theta = {one_theta:g} deg must be finite numbers"
+            )
+        if one_r < 0:
+            raise TargetError(f"target r = {one_r:g} m must not be negative")
+    return polar_to_xy(np.stack([radius, np.radians(angle)], axis=-1))
+
+
+def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {str(values)[:80]!r} must be numbers") from None
+
+
+FORMAT = "cablecast.forward_search"
+FORMAT_VERSION = 3
+POLICY_NAME = "policy.npz"
+
+ARRAY_SHAPES: dict[str, tuple[int, ...]] = {
+    "actions": (4,),
+    "predicted_xy": (2,),
+    "sensitivity": (),
+    "spread": (),
+    "margin": (),
+}
+"""Arrays of the file, and the shape of each after the candidate axis."""
+
+# The spread is NaN if the model has seen no real casts.
+_MAY_BE_NAN = {"spread"}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StoredPolicy:
+    """Content of a policy.npz.
+
+    Attributes:
+        arrays: Arrays by name; see `ARRAY_SHAPES`.
+        setup: Set-up that the candidates were planned for.
+        info: Description of the policy.
+    """
+
+    arrays: dict[str, NDArray[np.float64]]
+    setup: Setup
+    info: dict[str, Any]
+
+
+def write_policy(folder: str | pathlib.Path, stored: StoredPolicy) -> None:
+    """Write `policy.npz` atomically and without pickled objects."""
+    meta = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "setup": stored.setup.to_dict(),
+        "info": stored.info,
+    }
+    text = json.dumps(meta, ensure_ascii=False, allow_nan=False)
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, meta=np.array(text), **stored.arrays)
+    write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
+
+
+def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
+    """Read `policy.npz`.
+
+    Raises:
+        CheckpointError: The file is missing, damaged, of another kind, or of another version.
+        UnreadableFileError: The system refuses to read it.
+    """
+    file = pathlib.Path(folder) / POLICY_NAME
+    try:
+        content = read_bytes(file)
+    except UnreadableFileError:
+        raise
+    except FileNotFoundError:
+        raise CheckpointError(
+            f"there is no policy at {file}: make it with `cablecast train`"
+        ) from None
+    except InputError as error:
+        raise CheckpointError(str(error)) from None
+    # Damaged bytes make zipfile, zlib and NumPy raise a dozen types of errors.
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            meta = json.loads(str(archive["meta"]))
+            kind, version = meta["format"], meta["format_version"]
+            known = (kind, version) == (FORMAT, FORMAT_VERSION)
+            arrays = {name: archive[name] for name in ARRAY_SHAPES} if known else {}
+    except Exception as error:
+        raise CheckpointError(
+            f"{file} is damaged or not a policy ({_line(error)}): train again"
+        ) from None
+    if not known:
+        raise CheckpointError(
+            f"{file} holds {_line(kind)} of version {_line(version)}: it must be {FORMAT} of "
+            f"version {FORMAT_VERSION}, train again"
+        )
+    try:
+        check_keys(meta, {"format", "format_version", "setup", "info"}, "it", required={"setup"})
+        info = meta.get("info")
+        if not isinstance(info, Mapping):
+            raise InputError("info must be a mapping")
+        setup = Setup.from_dict(meta["setup"])
+        return StoredPolicy(arrays=_checked(arrays), setup=setup, info=dict(info))
+    except (CablecastError, TypeError) as error:
+        raise CheckpointError(
+            f"{file} does not match this version of cablecast ({_line(error)}): train again"
+        ) from None
+
+
+def _checked(arrays: dict[str, NDArray]) -> dict[str, NDArray[np.float64]]:
+    """Check that the arrays have consistent shapes and types, and return them."""
+    count = len(arrays["actions"]) if arrays["actions"].ndim else 0
+    if count == 0:
+        raise InputError("it holds no candidates")
+    for name, shape in ARRAY_SHAPES.items():
+        values = arrays[name]
+        if values.dtype != np.float64 or values.shape != (count, *shape):
+            raise InputError(f"{name} has shape {values.shape} and type {values.dtype}")
+        if name not in _MAY_BE_NAN and not np.all(np.isfinite(values)):
+            raise InputError(f"{name} is not finite")
+    return arrays
+
+
+def _line(value: Any) -> str:
+    return " ".join(str(value).split())[:120] or type(value).__name__
+
+
+ITERATION_COUNT = 2
+"""Number of Newton steps; the second lands within 0.1 % of the cable's length of the target."""
+
+# Longest step in units of DEVIATION. Beyond it the landing is not linear in the action. Longer
+# steps are not needed: neighbouring candidates of the grid are about 5 degrees and 3 cm apart.
+_STEP_MAX = 2.0
+
+
+class Landings(Protocol):
+    """Interface of models for refinement; see `LandingModel`."""
+
+    setup: Any
+
+    def predict(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Predict landings [m], shape [action, 2]."""
+        ...
+
+    def landing_shifts(
+        self, actions: NDArray[np.float64], changes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the shift of the landing for each change of an action, [action, 2, change]."""
+        ...
+
+    def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Predict the distance that the free end keeps from the table's edges [m]."""
+        ...
+
+
+def refine_actions(
+    actions: NDArray[np.float64],
+    target_xy: NDArray[np.float64],
+    changes: NDArray[np.float64],
+    *,
+    model: Landings,
+    table_margin: float,
+    iterations: int = ITERATION_COUNT,
+    fractions: Sequence[float] = (1.0,),
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Move the predicted landings onto the targets by the smallest changes of the actions.
+
+    Many changes of the four variables move the landing to the same point of the plane. Each Newton
+    step takes the smallest of them, in units of `DEVIATION`. If the arm could not follow the
+    refined action, or the free end would leave the table, the action is left unchanged.
+
+    Args:
+        actions: Feasible actions for either side, shape [target, 4].
+        target_xy: Targets [m], shape [target, 2].
+        changes: Perturbations of an action, see `deviations`, shape [change, 4].
+        model: Model of landings, valid for theta2 > 0.
+        table_margin: Distance that the free end must keep within the table's edges [m].
+        iterations: Number of Newton steps.
+        fractions: Parts of the way that are tried in turn until the arm can follow.
+
+    Returns:
+        Actions and their predicted landings [m], shapes [target, 4] and [target, 2].
+    """
+    start, hands = rightward(actions)
+    targets = to_right(target_xy, hands)
+    start_xy = model.predict(start)
+    moved, moved_xy = start.copy(), start_xy
+    for _ in range(iterations):
+        shifts = model.landing_shifts(moved, changes)
+        step = (np.linalg.pinv(shifts, rcond=1e-3) @ (targets - moved_xy)[..., None])[..., 0]
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        step *= np.minimum(1.0, _STEP_MAX / np.maximum(length, 1e-12))
+        moved += step @ changes
+        moved = within_ranges(moved)
+        moved_xy = model.predict(moved)
+    final, final_xy = start.copy(), start_xy.copy()
+    left_over = np.ones(len(start), dtype=bool)
+    start_miss = np.linalg.norm(start_xy - targets, axis=1)
+    for fraction in fractions:
+        tried = moved if fraction == 1.0 else within_ranges(start + fraction * (moved - start))
+        tried_xy = moved_xy if fraction == 1.0 else model.predict(tried)
+        taken = left_over & (np.linalg.norm(tried_xy - targets, axis=1) < start_miss)
+        if np.any(taken):
+            rows = np.flatnonzero(taken)
+            stays = model.predict_margin(tried[rows]) >= table_margin
+            taken[rows] = stays & check_actions(tried[rows], model.setup).mask
+        final[taken], final_xy[taken] = tried[taken], tried_xy[taken]
+        left_over &= ~taken
+    return played(final, hands), to_right(final_xy, hands)
+
+
+def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return actions to the right whose angles are clipped to their bounds."""
+    clipped = actions.copy()
+    clipped[:, 0] = np.clip(actions[:, 0], -THETA_MAX, -THETA_MIN)
+    clipped[:, 1] = np.clip(actions[:, 1], THETA_MIN, THETA_MAX)
+    clipped[:, 3] = np.clip(actions[:, 3], clipped[:, 1], PSI_MAX)
+    return clipped
+
+
+NAME = "forward search"
+
+CANDIDATE_COUNT = 50_000
+"""Number of candidate actions (section V-F)."""
+
+TIE_PCT = 0.5
+"""Candidates up to this much farther than the nearest are equally near [% of cable length]."""
+
+COVERAGE_PCT = 2.0
+"""Distance within which a candidate's predicted landing covers a target [% of cable length]."""
+
+TABLE_MARGIN = 0.0
+"""Distance that the free end must keep within the table's edges on its way [m]."""
+
+TABLE_MARGIN_MAX = 5.0
+
+REACH_PCT = 6.0
+"""Distance from the target within which candidates are compared by their expected miss, if the
+model predicts a spread [% of cable length]. The best one is moved onto the target."""
+
+_NEIGHBOR_COUNT = 16
+_REACH_COUNT = 512
+_SHORTLIST_COUNT = 8
+
+# The spread is known at the candidate, not at the action moved onto the target. Each metre of the
+# move counts as this many metres of spread.
+_MOVE_COST = 0.15
+
+_Chosen = tuple[
+    NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None
+]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class ForwardSearchPolicy:
+    """Policy that searches candidates by the landings that a model predicts.
+
+    The candidates cover the right half of the table. A target on the left is planned as its mirror
+    image, and the action is mirrored back (section V-B). A candidate predicted to land left of the
+    axis is stored as its mirror image, which lands on the right.
+
+    Among candidates that are equally near up to `TIE_PCT`, the policy takes the one whose landing
+    is least sensitive to errors of the action. A rig's motion and cable never quite match the
+    model; this candidate is the most likely to land where predicted.
+
+    The chosen action is then refined so that its predicted landing is on the target; see
+    `refine_actions`. That takes a third of a millisecond per target, mostly to check feasibility.
+
+    A model that has learned from real casts also predicts their spread. The policy then takes, of
+    all candidates within `REACH_PCT`, the one with the least expected miss: the remaining distance
+    to the target and the spread combined (docs/learning.md).
+
+    Attributes:
+        model: Model that predicts the landings and refines the plans.
+        actions: Candidates that stay on the table, shape [candidate, 4].
+        predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
+        sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
+            theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
+        spread: Standard deviation along each axis of real landings about the predicted ones [m],
+            shape [candidate]; NaN if the model has seen no real casts.
+        margin: Predicted distance that the free end keeps within the table's edges [m], shape
+            [candidate].
+        info: Fingerprint of the model, numbers of candidates, seed, table margin.
+    """
+
+    model: LandingModel
+    actions: NDArray[np.float64]
+    predicted_xy: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    margin: NDArray[np.float64]
+    info: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def build(
+        cls,
+        model: LandingModel,
+        candidate_count: int = CANDIDATE_COUNT,
+        seed: int = 0,
+        *,
+        ranges: ActionRanges | None = None,
+        table_margin: float = TABLE_MARGIN,
+    ) -> "ForwardSearchPolicy":
+        """Choose candidates and predict their landings.
+
+        Args:
+            model: Model of landings, with its set-up.
+            candidate_count: Number of feasible candidates.
+            seed: Seed for choosing candidates from the grid.
+            ranges: Ranges of the actions; `ActionRanges.for_setup` if None.
+            table_margin: Distance that the free end must keep within the table's edges [m];
+                candidates predicted to come nearer are left out.
+
+        Raises:
+            InputError: No candidate stays on the table.
+        """
+        ranges = ActionRanges.for_setup(model.setup) if ranges is None else ranges
+        actions = feasible_grid(candidate_count, model.setup, ranges, seed)
+        return cls.from_candidates(actions, model, table_margin, {"seed": seed})
+
+    @classmethod
+    def from_candidates(
+        cls,
+        actions: NDArray[np.float64],
+        model: LandingModel,
+        table_margin: float = TABLE_MARGIN,
+        info: dict[str, Any] | None = None,
+    ) -> "ForwardSearchPolicy":
+        """Predict the landings of given candidates; see `build`.
+
+        Args:
+            actions: Candidates, shape [candidate, 4].
+            model: Model of landings, with its set-up.
+            table_margin: Distance that the free end must keep within the table's edges [m].
+            info: Additional entries of `info`.
+        """
+        check_number("table_margin", table_margin, -TABLE_MARGIN_MAX, TABLE_MARGIN_MAX, "m")
+        predicted_xy, margin = model.predict(actions), model.predict_margin(actions)
+        kept = (margin >= table_margin) & model.setup.workspace.on_table(predicted_xy)
+        if not np.any(kept):
+            raise InputError(
+                f"none of {len(actions)} candidates is predicted to keep {table_margin:g} m within "
+                "the table's edges"
+            )
+        facts = {
+            "name": NAME,
+            "candidate_count": len(actions),
+            "kept_count": int(kept.sum()),
+            "table_margin": table_margin,
+            "model_fingerprint": model.fingerprint,
+            "dataset_fingerprint": model.info.get("dataset", {}).get("fingerprint", ""),
+        }
+        actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
+        spread = model.predict_spread(actions)
+        sensitivity = model.sensitivity(actions, deviations(actions))
+        hands = side_hands(predicted_xy)
+        return cls(
+            model=model,
+            actions=played(actions, hands),
+            predicted_xy=to_right(predicted_xy, hands),
+            sensitivity=sensitivity,
+            spread=np.full(len(actions), np.nan) if spread is None else spread,
+            margin=margin,
+            info=facts | (info or {}),
+        )
+
+    @property
+    def setup(self) -> Setup:
+        """Set-up that the policy plans for: the model's."""
+        return self.model.setup
+
+    def plan(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: ArrayLike | None = None,
+        theta_deg: ArrayLike | None = None,
+    ) -> Plan:
+        """Choose an action for each target.
+
+        Args:
+            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
+            r: Distances from the robot's base [m], a number or shape [target].
+            theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
+                shape [target].
+
+        Raises:
+            InputError: Both forms of targets are given, or neither.
+            TargetError: A target is not finite, out of reach, or off the table.
+        """
+        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        hands = side_hands(targets)
+        choose = self._least_sensitive if np.isnan(self.spread[0]) else self._least_risky
+        chosen, actions, predicted_xy, spread = choose(to_right(targets, hands))
+        return Plan(
+            setup=self.setup,
+            target_xy=targets,
+            actions=played(actions, hands),
+            predicted_xy=to_right(predicted_xy, hands),
+            inside_coverage=self.inside_coverage(targets),
+            spread=np.array(np.nan) if spread is None else spread,
+            sensitivity=self.sensitivity[chosen],
+        )
+
+    def _least_sensitive(self, targets: NDArray[np.float64]) -> _Chosen:
+        """Choose the least sensitive of equally near candidates.
+
+        Args:
+            targets: Targets on the right half [m], shape [target, 2].
+
+        Returns:
+            Indices of the chosen candidates, their refined actions, the landings of these, and None
+            for the unknown spread.
+        """
+        distance, index = self._neighbors(targets, _NEIGHBOR_COUNT)
+        tied = distance <= distance[:, :1] + TIE_PCT / 100 * self.setup.cable.length
+        best = np.argmin(np.where(tied, self.sensitivity[index], np.inf), axis=1)
+        chosen = index[np.arange(len(targets)), best]
+        return chosen, *self._refined(chosen, targets), None
+
+    def _least_risky(self, targets: NDArray[np.float64]) -> _Chosen:
+        """Choose the candidate within `REACH_PCT` that has the least expected miss.
+
+        Args:
+            targets: Targets on the right half [m], shape [target, 2].
+
+        Returns:
+            As `_least_sensitive`, with the spread of the refined actions [m].
+        """
+        distance, index = self._neighbors(targets, _REACH_COUNT)
+        reach = np.maximum(REACH_PCT / 100 * self.setup.cable.length, distance[:, :1])
+        risk = (_MOVE_COST * distance) ** 2 + 2.0 * self.spread[index] ** 2
+        risk[distance > reach] = np.inf
+        short = np.argsort(risk, axis=1)[:, : min(_SHORTLIST_COUNT, risk.shape[1])]
+        rows = np.arange(len(targets))
+        # Recompute the spread of the shortlist after its actions have been moved.
+        candidates = np.take_along_axis(index, short, axis=1).ravel()
+        goals = np.repeat(targets, short.shape[1], axis=0)
+        actions, predicted_xy = self._refined(candidates, goals)
+        spread = self.model.predict_spread(rightward(actions)[0])
+        if spread is None:
+            raise InputError("the policy's candidates have a spread, but its model predicts none")
+        miss = np.sum((predicted_xy - goals) ** 2, axis=1) + 2.0 * spread**2
+        # Candidates out of reach are on the shortlist only if there are too few within reach.
+        miss[np.isinf(np.take_along_axis(risk, short, axis=1)).ravel()] = np.inf
+        best = rows * short.shape[1] + np.argmin(miss.reshape(short.shape), axis=1)
+        return candidates[best], actions[best], predicted_xy[best], spread[best]
+
+    def _neighbors(self, targets: NDArray[np.float64], count: int):
+        """Return distances and indices of the nearest candidates, shapes [target, candidate]."""
+        count = min(count, len(self.actions))
+        distance, index = self.tree.query(targets, k=count)
+        return np.reshape(distance, (-1, count)), np.reshape(index, (-1, count))
+
+    def _refined(self, chosen: NDArray[np.intp], targets: NDArray[np.float64]):
+        """Return candidates moved onto targets, and their predicted landings."""
+        return refine_actions(
+            self.actions[chosen],
+            targets,
+            self._changes,
+            model=self.model,
+            table_margin=self.info.get("table_margin", TABLE_MARGIN),
+        )
+
+    def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
+        """Return which targets lie within the simulated coverage, on either half of the table.
+
+        A target is inside if the predicted landing of at least one candidate that stays on the
+        table is within `COVERAGE_PCT` of it.
+
+        Args:
+            target_xy: Targets [m], shape [..., 2].
+        """
+        targets = np.asarray(target_xy, dtype=float)
+        folded = np.where(targets[..., :1] < 0, mirror_xy(targets), targets)
+        distance, _ = self.tree.query(folded)
+        return np.asarray(distance <= COVERAGE_PCT / 100 * self.setup.cable.length)
+
+    def save(self, folder: str | pathlib.Path) -> None:
+        """Write the model and the candidates, for `load` to read."""
+        self.model.save(folder)
+        arrays = {name: getattr(self, name) for name in ARRAY_SHAPES}
+        write_policy(folder, StoredPolicy(arrays=arrays, setup=self.setup, info=self.info))
+
+    @classmethod
+    def load(cls, folder: str | pathlib.Path) -> "ForwardSearchPolicy":
+        """Read the model and the candidates from a folder.
+
+        Args:
+            folder: Folder that `save` or `cablecast train` wrote.
+
+        Raises:
+            CheckpointError: Either is missing, damaged, or of another kind or version, or the
+                policy was built with another model.
+        """
+        model, stored = load_model(folder), read_policy(folder)
+        built_with = stored.info.get("model_fingerprint")
+        if built_with != model.fingerprint or stored.setup != model.setup:
+            raise CheckpointError(
+                f"the policy in {folder} was built with another model ({str(built_with)[:40]}, not "
+                f"{model.fingerprint}): train again"
+            )
+        return cls(model=model, info=stored.info, **stored.arrays)
+
+    @functools.cached_property
+    def _changes(self) -> NDArray[np.float64]:
+        return deviations(self.actions)
+
+    @functools.cached_property
+    def tree(self):
+        """Tree of the predicted landings, for nearest neighbours."""
+        from scipy.spatial import KDTree
+
+        return KDTree(self.predicted_xy)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolarCastingPolicy:
+    """Policy that plans by geometry alone: nothing is learned or simulated.
+
+    Attributes:
+        setup: Cable, table and arm.
+        cast: Settings of the lift, the swing and the pull.
+    """
+
+    setup: Setup
+    cast: PolarCastConfig = dataclasses.field(default_factory=PolarCastConfig)
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Name and settings of the policy."""
+        return {"name": "polar casting"} | dataclasses.asdict(self.cast)
+
+    @functools.cached_property
+    def reach(self) -> PolarReach:
+        """Region in which the endpoint can be laid down."""
+        return PolarReach.of(self.setup, self.cast)
+
+    def plan(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: ArrayLike | None = None,
+        theta_deg: ArrayLike | None = None,
+    ) -> Plan:
+        """Plan a motion for each target; outside `reach`, it ends as near as possible.
+
+        Args:
+            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
+            r: Distances from the robot's base [m], a number or shape [target].
+            theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
+                shape [target].
+
+        Raises:
+            InputError: Both forms of targets are given, or neither.
+            TargetError: A target is not finite, out of reach of arm and cable, or off the table.
+            JointLimitError: The arm cannot follow the motion.
+        """
+        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        nearest = self.reach.nearest(targets)
+        return Plan(
+            setup=self.setup,
+            target_xy=targets,
+            predicted_xy=nearest,
+            inside_coverage=self.reach.contains(targets),
+            motions=tuple(plan_polar_cast(xy, self.setup, self.cast) for xy in nearest),
+        )

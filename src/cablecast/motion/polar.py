@@ -1,0 +1,508 @@
+"""Settings of polar casting: the lift, the swing in the vertical plane, and the slow pull.
+
+PolarReach: the region in which polar casting can lay down the endpoint of a cable.
+
+Polar casting: swing the hanging cable out in a vertical plane, then pull it back slowly.
+
+This is the paper's baseline (section VI-A) and the last step of its reset (section V-A). From any
+pose, the gripper lifts the cable until the free end hangs clear of the table, and waits until it is
+at rest. A swing forward lays the cable out straight along the azimuth of the target. The gripper
+then drags it towards the robot until the endpoint is as far from the base as the target.
+
+The paper's reset (section V-A): lift, hang for three seconds, swing forward, drag back slowly.
+
+It brings the cable from wherever a cast left it to the initial state of every cast: straight in
+front of the robot, at rest, without torsion.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable
+from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
+from cablecast.errors import InputError, check_ranges
+from cablecast.motion.grip_path import GripPath, PlanePath
+from cablecast.motion.trajectory import Trajectory, follow
+from cablecast.setup import Setup
+from cablecast.workspace import Workspace
+
+_SAME_REACH = 1.05
+"""Reach as a multiple of the paper's up to which the paper's radii serve."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Swing:
+    """Fixed casting motion in the vertical plane, given by three via points.
+
+    The gripper draws back, moves fast forward and up, tips up, follows the flying cable downwards,
+    and comes down. Heights run from 0 where it comes down to 1 where the cable hangs; radii run
+    from 0 at the hanging cable to 1 where it comes down. One swing thus serves every cable and
+    every landing.
+
+    The via points were optimised with the fast engine for the cable to land taut and straight. The
+    search covered the three presets, perturbed masses, stiffnesses and frictions, lagging servos,
+    swings up to 4 % faster or slower, and the slight swinging that a lift leaves behind. A cable
+    that lands slack folds to one side and amplifies its earlier sideways swing.
+
+    Attributes:
+        durations: Durations between the points [s]: from the hanging cable to the first point, to
+            the second, to the third, and to rest.
+        draw_back: Distance that the gripper is drawn back at the first point [m].
+        radii: Share of the way out at the second and the third point [-].
+        heights: Share of the hanging height at the three points [-].
+        pitches: Pitch of the gripper at the three points [rad]; it is level at both ends.
+    """
+
+    durations: tuple[float, float, float, float] = (0.809, 0.213, 0.497, 0.569)
+    draw_back: float = 0.072
+    radii: tuple[float, float] = (0.371, 1.129)
+    heights: tuple[float, float, float] = (1.207, 0.996, 0.929)
+    pitches: tuple[float, float, float] = (0.560, 0.511, 0.996)
+
+    @property
+    def duration(self) -> float:
+        """Time from the hanging cable to the gripper's rest [s]."""
+        return sum(self.durations)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolarCastConfig:
+    """Settings of the lift, the swing and the pull.
+
+    The lift keeps the free end on the table as long as possible (section V-A). A cable that leaves
+    the table at an angle swings like a pendulum, and three seconds do not damp it out. The gripper
+    drags the cable near the base and rises until the free end is below the hanging point. It then
+    follows an arc about the free end, slightly smaller than the cable's length, and goes straight
+    up. The last rise is slow where the free end leaves the table: at a lower speed, the end has
+    slid closer to the plumb line by then. The defaults were optimised with the fast engine after 10
+    casts, with perturbed masses, stiffnesses and frictions, for the least swing of the hanging
+    cable.
+
+    Attributes:
+        hang_radius: Distance of the hanging cable from the base axis [m].
+        clearance: Height of the lowest point above the table for a cable that hangs straight [m];
+            the bend at the gripper adds about 10 mm.
+        hang_height_max: Largest height of the lift [m]; a longer cable keeps its end on the table.
+            The swing rises a fifth higher, where the arm can follow it up to 0.71 m.
+        carry_height: Height at which the cable is carried in front of the base [m].
+        carry_radius: Radius to which it is carried [m].
+        carry_speed: Mean speed of the carry [m/s].
+        carry_time_min: Shortest duration of the carry and of the rise before it [s]; a faster rise
+            near the base demands too much of the wrist.
+        draw_radius: Radius to which the cable is dragged at that height [m].
+        rise_radius: Radius of the gripper while it rises [m].
+        arc_share: Final radius of the arc about the free end, as a share of the cable's length [-].
+        bend_out_share, bend_up_share: Shares of `bend_offsets` by which the place of the free end
+            and the cable's length are corrected [-].
+        draw_time, rise_time, arc_time, lift_time: Durations of these moves and of the final,
+            straight lift [s].
+        cast_rise_time: Duration of the rise of a polar cast [s], in place of `rise_time`. The cable
+            was dragged aside and lies askew of the plane; with a faster rise its free end swings in
+            over the base.
+        hang_time: Time for the hanging cable to come to rest [s] (section V-A).
+        swing: Casting motion.
+        cast_radius: Largest radius at which the gripper comes down [m]. It leaves room below r_max
+            for the gripper to swing out beyond it and for the elbow to stay bent.
+        reach_margin: Distance of the swing's outermost point within r_max [m]; the spline
+            overshoots this point by slightly less.
+        table_margin: Smallest distance of the landed endpoint from the table's edges [m].
+        settle_time: Pause between the swing and the pull [s].
+        pull_speed: Mean speed of the slow pull [m/s].
+        pull_time_min: Shortest duration of the pull [s].
+    """
+
+    hang_radius: float = 0.483
+    clearance: float = 0.005
+    hang_height_max: float = 0.70
+    carry_height: float = 0.19
+    carry_radius: float = 0.784
+    carry_speed: float = 0.50
+    carry_time_min: float = 0.7
+    draw_radius: float = 0.359
+    rise_radius: float = 0.265
+    arc_share: float = 0.981
+    bend_out_share: float = 0.379
+    bend_up_share: float = 0.593
+    draw_time: float = 0.919
+    rise_time: float = 1.293
+    cast_rise_time: float = 3.0
+    arc_time: float = 1.505
+    lift_time: float = 3.727
+    hang_time: float = 3.0
+    swing: Swing = dataclasses.field(default_factory=Swing)
+    cast_radius: float = 0.88
+    reach_margin: float = 0.01
+    table_margin: float = 0.01
+    settle_time: float = 0.5
+    pull_speed: float = 0.12
+    pull_time_min: float = 0.5
+
+    def __post_init__(self):
+        check_ranges(
+            self,
+            {
+                "hang_radius": (0.2, 1.7, "m"),
+                "carry_radius": (0.2, 1.7, "m"),
+                "draw_radius": (0.2, 1.7, "m"),
+                "rise_radius": (0.1, 1.7, "m"),
+                "arc_share": (0.5, 1.0, ""),
+                "bend_out_share": (0.0, 2.0, ""),
+                "bend_up_share": (0.0, 2.0, ""),
+                "draw_time": (0.2, 30.0, "s"),
+                "rise_time": (0.2, 30.0, "s"),
+                "cast_rise_time": (0.2, 30.0, "s"),
+                "arc_time": (0.2, 30.0, "s"),
+                "clearance": (0.0, 0.3, "m"),
+                "hang_height_max": (0.1, 2.0, "m"),
+                "carry_height": (0.02, 0.5, "m"),
+                "carry_speed": (0.01, 1.0, "m/s"),
+                "carry_time_min": (0.1, 10.0, "s"),
+                "lift_time": (0.2, 30.0, "s"),
+                "hang_time": (0.1, 30.0, "s"),
+                "cast_radius": (0.3, 1.9, "m"),
+                "reach_margin": (0.0, 0.3, "m"),
+                "table_margin": (0.0, 0.5, "m"),
+                "settle_time": (0.0, 10.0, "s"),
+                "pull_speed": (0.01, 1.0, "m/s"),
+                "pull_time_min": (0.1, 10.0, "s"),
+            },
+            "polar casting",
+        )
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> "PolarCastConfig":
+        """Return the settings for an arm's reach.
+
+        The radii of an arm that reaches farther grow with its reach: so near to its base as the
+        paper's its joints would have to turn faster than they can.
+
+        Args:
+            workspace: Gives the reach r_max.
+        """
+        config, share = cls(), workspace.r_max / Workspace().r_max
+        if share <= _SAME_REACH:
+            return config
+        names = ("hang_radius", "carry_radius", "draw_radius", "rise_radius", "cast_radius")
+        return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
+
+    def hang_height(self, cable: Cable) -> float:
+        """Height of the gripper above the table while the cable hangs [m]."""
+        height = cable.length + cable.attachment_length + self.clearance
+        return min(height, self.hang_height_max)
+
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolarReach:
+    """Region in which polar casting can lay the endpoint of a cable.
+
+    The cast lays the endpoint at most cast_radius + r_c from the base, and inside the table. The
+    pull ends where the gripper would run into the robot's own table, at y = 0.466 m. Straight
+    ahead, y of the endpoint is therefore at least 0.466 m + r_c, the limit that the paper states.
+    To the side the cable lies at an angle, and the endpoint may be nearer. The paper's errors of
+    polar casting (median 43 %, third quartile 76 %, largest 106 % of the cable's length) match the
+    distances of its targets from this region (44, 76, 105 %), not from the half plane beyond
+    0.466 m + r_c (63, 97, 118 %).
+
+    Attributes:
+        cable_length: Cable length r_c [m].
+        cast_radius: Largest radius at which the gripper comes down [m].
+        grip_y_min: Smallest y of the gripper, at the robot's own table [m].
+        half_width: Largest |x| of an endpoint [m].
+        y_max: Largest y of an endpoint [m].
+    """
+
+    cable_length: float
+    cast_radius: float
+    grip_y_min: float
+    half_width: float
+    y_max: float
+
+    @classmethod
+    def of(cls, setup: Setup, config: PolarCastConfig | None = None) -> "PolarReach":
+        """Return the region for the cable and table of a set-up.
+
+        Raises:
+            InputError: The region is empty: the cable is too long for the table.
+        """
+        cable, workspace = setup.cable, setup.workspace
+        config = config or PolarCastConfig.of(workspace)
+        reach = cls(
+            cable_length=cable.length,
+            cast_radius=min(config.cast_radius, workspace.r_max),
+            grip_y_min=workspace.support_depth,
+            half_width=workspace.half_width - config.table_margin,
+            y_max=workspace.y_max - config.table_margin,
+        )
+        if reach.landing_radius(0.0) <= reach.pulled_radius(0.0):
+            raise InputError(
+                f"polar casting reaches nothing with a cable of {cable.length} m: straight ahead "
+                f"its endpoint lands at {reach.landing_radius(0.0):.3f} m and can be pulled no "
+                f"nearer than {reach.pulled_radius(0.0):.3f} m"
+            )
+        return reach
+
+    @property
+    def radius(self) -> float:
+        """Largest distance of an endpoint from the base, table edges ignored [m]."""
+        return self.cast_radius + self.cable_length
+
+    @property
+    def area(self) -> float:
+        """Area of the region [m²]."""
+        x, y = self.outline(2000).T
+        return float(0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))))
+
+    def contains(self, xy: ArrayLike) -> NDArray[np.bool_]:
+        """Return which points lie in the region.
+
+        Args:
+            xy: Points [m], shape [..., 2].
+        """
+        xy = np.asarray(xy, dtype=float)
+        r, theta = np.moveaxis(xy_to_polar(xy), -1, 0)
+        inside = (r <= self.radius) & (np.abs(xy[..., 0]) <= self.half_width)
+        inside &= (xy[..., 1] <= self.y_max) & (np.abs(theta) < np.pi / 2)
+        return inside & ((r - self.cable_length) * np.cos(theta) >= self.grip_y_min)
+
+    def landing_radius(self, theta: float) -> float:
+        """Return the distance from the base at which the endpoint lands, before the pull [m].
+
+        Args:
+            theta: Azimuth [rad].
+        """
+        sin, cos = abs(np.sin(theta)), np.cos(theta)
+        edges = [self.half_width / sin if sin > 0 else np.inf, self.y_max / cos]
+        return float(min(self.radius, *edges))
+
+    def pulled_radius(self, theta: float) -> float:
+        """Return the smallest distance from the base to which the endpoint can be pulled [m].
+
+        Args:
+            theta: Azimuth [rad].
+        """
+        return float(self.grip_y_min / np.cos(theta) + self.cable_length)
+
+    @property
+    def theta_max(self) -> float:
+        """Largest azimuth at which the cable can be cast and pulled [rad]."""
+        low, high = 0.0, float(np.pi / 2)
+        for _ in range(60):
+            middle = (low + high) / 2
+            reached = self.landing_radius(middle) > self.pulled_radius(middle)
+            low, high = (middle, high) if reached else (low, middle)
+        return low
+
+    def outline(self, count: int = 200) -> Array:
+        """Return points around the region, from the right end along the far bound and back.
+
+        Args:
+            count: Number of points on each bound.
+
+        Returns:
+            x, y [m], shape [2 count, 2].
+        """
+        theta = np.linspace(self.theta_max, -self.theta_max, count)
+        bounds = [
+            polar_to_xy(np.stack([[radius(t) for t in angles], angles], axis=-1))
+            for radius, angles in (
+                (self.landing_radius, theta),
+                (self.pulled_radius, theta[::-1]),
+            )
+        ]
+        return np.concatenate(bounds)
+
+    def nearest(self, xy: ArrayLike) -> Array:
+        """Return the points of the region nearest to given points.
+
+        Args:
+            xy: Points [m], shape [..., 2].
+        """
+        xy = np.asarray(xy, dtype=float)
+        near = xy.reshape(-1, 2).copy()
+        # Project onto every edge of a fine outline; its chords are within 1 um of the curves.
+        start = self.outline(1000)
+        edge = np.roll(start, -1, axis=0) - start
+        length2 = np.maximum(np.sum(edge**2, axis=1), 1e-30)
+        for row in np.flatnonzero(~self.contains(near)):
+            share = np.clip(np.sum((near[row] - start) * edge, axis=1) / length2, 0.0, 1.0)
+            places = start + share[:, None] * edge
+            near[row] = places[np.argmin(np.sum((places - near[row]) ** 2, axis=1))]
+        return near.reshape(xy.shape)
+
+
+def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float = 0.0) -> PlanePath:
+    """Append the lift, from any low pose to the cable hanging in the plane at an azimuth [rad].
+
+    Args:
+        path: Path to append to.
+        cable: Cable with its nominal parameters.
+        config: Settings of the lift; `rise_time` is that of its rise.
+        azimuth: Azimuth of the plane, positive to the right [rad].
+    """
+    place = path.place
+    rise = abs(config.carry_height - place["height"])
+    path.move(max(config.carry_time_min, rise / config.carry_speed), height=config.carry_height)
+    turned = config.carry_radius * (abs(azimuth - place["azimuth"]) + abs(place["turn"]) / 2)
+    way = float(np.hypot(config.carry_radius - place["radius"], turned))
+    path.move(
+        max(config.carry_time_min, way / config.carry_speed),
+        azimuth=azimuth,
+        radius=config.carry_radius,
+        turn=0.0,
+    )
+    path.move(config.draw_time, radius=config.draw_radius)
+    hang_height = config.hang_height(cable)
+    # The free end is dragged to the point below which it will hang, and stays there.
+    bend_out, bend_up = bend_offsets(cable)
+    end_radius = config.hang_radius + config.bend_out_share * bend_out
+    length = cable.length + cable.attachment_length - config.bend_up_share * bend_up
+    length = min(length, hang_height / config.arc_share)
+    aside = end_radius - config.rise_radius
+    path.move(
+        config.rise_time,
+        radius=config.rise_radius,
+        height=float(np.sqrt(max(length**2 - aside**2, config.carry_height**2))),
+    )
+    share = np.linspace(0.0, 1.0, 7)[1:]
+    first, last = (
+        float(np.arcsin(min(way / length, 1.0))) for way in (aside, end_radius - config.hang_radius)
+    )
+    angle = first + (last - first) * share
+    reach = length * (1.0 - (1.0 - config.arc_share) * share)
+    path.through(
+        (config.arc_time * share).tolist(),
+        radius=(end_radius - reach * np.sin(angle)).tolist(),
+        height=(reach * np.cos(angle)).tolist(),
+    )
+    return path.move(config.lift_time, radius=config.hang_radius, height=hang_height)
+
+
+def bend_offsets(cable: Cable) -> tuple[float, float]:
+    """Return the forward and upward shift of the free end due to the bend at the gripper.
+
+    The gripper clamps the cable level. The cable is an elastica that turns from level to straight
+    down under a tension T, the weight of the cable and its attachment. With b = sqrt(E I / T), its
+    end hangs sqrt(2) b in front of the clamp and (2 - sqrt(2)) b higher than without a bend.
+
+    Args:
+        cable: Cable with its nominal parameters.
+
+    Returns:
+        Forward and upward shift [m].
+    """
+    params = cable.params
+    tension = GRAVITY * (float(params.mass) + float(params.endpoint_mass))
+    bend = float(np.sqrt(float(params.bend_stiffness) / tension))
+    return float(np.sqrt(2.0)) * bend, (2.0 - float(np.sqrt(2.0))) * bend
+
+
+def swing_out(
+    path: PlanePath, radius: float, workspace: Workspace, config: PolarCastConfig
+) -> PlanePath:
+    """Append the swing: the gripper comes down at a radius [m], then the cable settles."""
+    swing, place = config.swing, path.place
+    low, near = workspace.grip_height, place["radius"]
+    # For the cable to land taut, the gripper swings out beyond the radius where it comes down, but
+    # stays within the arm's reach.
+    farthest = max(radius, workspace.r_max - config.reach_margin)
+    outer = [min(near + share * (radius - near), farthest) for share in swing.radii]
+    path.through(
+        np.cumsum(swing.durations).tolist(),
+        radius=[near - swing.draw_back, *outer, radius],
+        height=[low + s * (place["height"] - low) for s in (*swing.heights, 0.0)],
+        pitch=[*swing.pitches, 0.0],
+    )
+    return path.hold(config.settle_time) if config.settle_time > 0 else path
+
+
+def pull_back(path: PlanePath, radius: float, config: PolarCastConfig) -> PlanePath:
+    """Append the slow pull along the table until the gripper is at a radius [m]."""
+    way = abs(radius - path.place["radius"])
+    if way < 1e-6:
+        return path
+    return path.move(max(config.pull_time_min, way / config.pull_speed), radius=radius)
+
+
+def polar_cast_path(
+    endpoint_xy: ArrayLike,
+    setup: Setup,
+    config: PolarCastConfig | None = None,
+    start: ArrayLike | None = None,
+) -> GripPath:
+    """Return the whole motion that brings the endpoint to a point within `PolarReach`.
+
+    Args:
+        endpoint_xy: Resting point of the endpoint [m], shape [2].
+        setup: Set-up with the cable, the table and the arm.
+        config: Settings of the lift, the swing and the pull.
+        start: Start pose: x, y, z [m], yaw, pitch [rad], shape [5]; the reset pose if None.
+
+    Raises:
+        InputError: The point lies outside the region.
+    """
+    cable, workspace = setup.cable, setup.workspace
+    config = config or PolarCastConfig.of(workspace)
+    reach = PolarReach.of(setup, config)
+    endpoint_xy = np.asarray(endpoint_xy, dtype=float)
+    # Rounding may put a point of the outline outside.
+    if np.max(np.abs(reach.nearest(endpoint_xy) - endpoint_xy)) > 1e-6:
+        x, y = endpoint_xy.tolist()
+        raise InputError(
+            f"polar casting does not reach ({x:.3f}, {y:.3f}) m: r must be at most "
+            f"{reach.radius:.3f} m, and the gripper's y at least {reach.grip_y_min:.3f} m, on the "
+            "table"
+        )
+    r, theta = xy_to_polar(endpoint_xy).tolist()
+    path = PlanePath(reset_pose(workspace) if start is None else start)
+    slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
+    lift(path, cable, slow, theta).hold(config.hang_time)
+    swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
+    return pull_back(path, r - cable.length, config).grip_path()
+
+
+def reset_pose(workspace: Workspace) -> Array:
+    """Return x, y, z [m], yaw, pitch [rad] of the gripper after a reset, shape [5]."""
+    return np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
+
+
+def plan_polar_cast(
+    endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
+) -> Trajectory:
+    """Plan a polar cast down to joint set points; see `polar_cast_path`.
+
+    Raises:
+        InputError: The point lies outside the region.
+        JointLimitError: The arm cannot follow; the message names each limit with its value.
+    """
+    return follow(polar_cast_path(endpoint_xy, setup, config), setup, "this polar cast")
+
+
+def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
+    """Return the gripper path of one reset.
+
+    Args:
+        start: Start pose of the gripper: x, y, z [m], yaw, pitch [rad], shape [5].
+        setup: Set-up with the cable and the reset pose, at which the path ends.
+        config: Settings of the lift, the swing and the pull.
+    """
+    config, cable = config or PolarCastConfig.of(setup.workspace), setup.cable
+    path = PlanePath(np.asarray(start, dtype=float))
+    lift(path, cable, config).hold(config.hang_time)
+    radius = PolarReach.of(setup, config).landing_radius(0.0) - cable.length
+    # A cable that is long for the table is laid no nearer than the reset pose.
+    swing_out(path, max(radius, setup.workspace.reset_y), setup.workspace, config)
+    return pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
+
+
+def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> Trajectory:
+    """Plan one reset down to joint set points; see `reset_path`.
+
+    Raises:
+        JointLimitError: The arm cannot follow; the message names each limit with its value.
+    """
+    return follow(reset_path(start, setup, config), setup, "this reset")

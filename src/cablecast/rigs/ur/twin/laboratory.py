@@ -1,0 +1,703 @@
+"""The twin's main loop: one controller, one arm, one cable, and everybody who is connected.
+
+TwinConfig: where the twin listens, and how it behaves.
+
+Faults that the twin makes on command, and the phases of a trial in which they may come.
+
+A twin in a process of its own, and the client that tests and people command it with.
+
+ur-rtde keeps Python's lock while it connects, so a controller in the same process would never
+answer it.
+"""
+
+import atexit
+import collections
+import dataclasses
+import json
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.kinematics import ARM_MODELS
+from cablecast.conventions import tangent
+from cablecast.errors import (
+    CablecastError,
+    InputError,
+    RigError,
+    check_count,
+    check_keys,
+    check_number,
+    check_seed,
+)
+from cablecast.motion.polar import reset_pose
+from cablecast.rigs.ur.twin import controller as dashboard
+from cablecast.rigs.ur.twin.controller import (
+    MODE_POWER_OFF,
+    Client,
+    Controller,
+    Reporter,
+    RtdeServer,
+    Servers,
+)
+from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.rigs.virtual.config import VirtualConfig
+from cablecast.rigs.virtual.live import LiveCable
+from cablecast.setup import Setup
+
+CAMERA_DT = 0.008
+"""Time between two instants that the camera is shown [s]."""
+RESET_GLANCE, RESET_GLANCE_PERIOD = 0.06, 0.5
+"""While the arm carries the cable back, the camera is shown this much of every period [s]: nobody
+looks then, and drawing whole resets would take minutes."""
+PHASE_REGISTER = 20
+"""Input register in which a rig says what it is doing: the index in `RIG_PHASES`."""
+RIG_PHASES = ("idle", "reset", "cast", "settle", "readout")
+STATE_REGISTER = 12
+MOVING = 2
+
+_HISTORY_TIME = 120.0
+_LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
+_CROOKED = np.radians(15.0)
+_PROGRAM_IDLE_TIME = 0.05
+_STICK_NODE_COUNT = 12
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TwinConfig:
+    """Settings of a twin.
+
+    Attributes:
+        address: Loopback address. ur-rtde has fixed ports, so that two twins at a time need two
+            addresses: on Linux, 127.0.0.1 to 127.255.255.254 are all of this computer.
+        rtde_port: Port of the Real-Time Data Exchange.
+        dashboard_port: Port of the dashboard server.
+        program_port: Port that takes programs, the secondary client interface.
+        realtime_port: Another port that takes programs, the real-time client interface.
+        camera_port: Port of the camera's stream, on 127.0.0.1.
+        admin_port: Port that takes faults, and tells the truth to tests.
+        rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
+            runs slower where the simulation cannot keep up, and no faster than the world where no
+            client of RTDE is connected.
+        patience: Longest time for which the clock waits for a silent client while a program runs
+            [s], so that the watchdog does not bark at a busy computer. A real controller waits for
+            nobody.
+        seed: Seed of what differs from trial to trial.
+        lab_seed: Seed of the laboratory.
+        segment_count: Segments of the simulated cable.
+        has_cable: False for an arm that holds a stick as long as the cable, which is quicker.
+        has_camera: False for no camera, whatever the lab file says.
+    """
+
+    address: str = "127.0.0.1"
+    rtde_port: int = 30004
+    dashboard_port: int = 29999
+    program_port: int = 30002
+    realtime_port: int = 30003
+    camera_port: int = 30100
+    admin_port: int = 30101
+    rate: float = 1.0
+    patience: float = 0.0
+    seed: int = 0
+    lab_seed: int = 0
+    segment_count: int = 30
+    has_cable: bool = True
+    has_camera: bool = True
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            if field.name.endswith("_port"):
+                check_count(f"twin {field.name}", getattr(self, field.name), 0, 65535)
+        check_number("twin rate", self.rate, 0.01, 100.0)
+        check_number("twin patience", self.patience, 0.0, 60.0)
+        check_seed(self.seed)
+        check_seed(self.lab_seed)
+        check_count("twin segment_count", self.segment_count, 4, 200)
+
+    @property
+    def ports(self) -> dict[str, int]:
+        """Port of each server."""
+        return {
+            "rtde": self.rtde_port,
+            "dashboard": self.dashboard_port,
+            "program": self.program_port,
+            "program_realtime": self.realtime_port,
+            "admin": self.admin_port,
+        }
+
+
+class TwinLaboratory:
+    """A controller and the world around it.
+
+    Args:
+        setup: Lab file of the twin, with a robot section.
+        config: Where it listens, and how it behaves.
+
+    Raises:
+        InputError: A port is not free, or the set-up has no robot.
+    """
+
+    def __init__(self, setup: Setup, config: TwinConfig):
+        self.setup = setup
+        self.config = config
+        home = np.asarray(reset_pose(setup.workspace), dtype=float)
+        self.controller = Controller(
+            setup, setup.arm.inverse(home), is_e_series(setup.arm.model), config.lab_seed
+        )
+        self.cable: LiveCable | None = None
+        if config.has_cable:
+            self.cable = LiveCable(
+                setup,
+                VirtualConfig(lab_seed=config.lab_seed, segment_count=config.segment_count),
+                config.seed,
+            )
+        # Phases that were said since the last tick: a slow tick may miss a short one.
+        self._said: set[str] = set()
+        self.rtde = RtdeServer(
+            self.controller,
+            Reporter(self.controller, config.seed).state,
+            heard=lambda: self._said.add(self.phase),
+        )
+        self.faults: list[Fault] = []
+        self.stopping = False
+        self.servers = Servers(config.address, config.ports)
+        self._phase = ("idle", self.controller.time)
+        self._held: list[tuple[Client, bytes]] = []
+        self._senders: list[Client] = []
+        self._silent_until = -1.0
+        self._restart_at: float | None = None
+        self._next_picture = 0.0
+        self._heard_at = time.monotonic()
+        self.camera = self._make_camera()
+        self._grip = setup.arm.grip_pose(self.controller.arm.q)
+        self._history: collections.deque[tuple[float, NDArray[np.float64], float]] = (
+            collections.deque(maxlen=round(_HISTORY_TIME / self.controller.dt))
+        )
+
+    def run(self, is_wanted: Callable[[], bool] = lambda: True) -> None:
+        """Run until told to stop.
+
+        Args:
+            is_wanted: Asked every control cycle whether to go on.
+        """
+        due = time.monotonic()
+        while not self.stopping and is_wanted():
+            # A twin that is late does not hurry: its clock just runs slower.
+            due = max(due + self.controller.dt / self._rate(), time.monotonic() - 0.1)
+            while True:
+                left = due - time.monotonic()
+                self.servers.poll(left, self._accepted, self._received)
+                if time.monotonic() >= due:
+                    break
+                if self.stopping:
+                    return
+            if not self._is_waiting():
+                self.tick()
+
+    def _rate(self) -> float:
+        """Return the speed of the clock: no more than that of the world where nobody is there."""
+        return self.config.rate if self.servers.of("rtde") else min(self.config.rate, 1.0)
+
+    def _is_waiting(self) -> bool:
+        """Return whether the clock waits for a client that is silent."""
+        controller = self.controller
+        silence = controller.time - controller.inputs.get("written at", controller.time)
+        if not controller.is_running_program or silence < controller.robot.watchdog / 4:
+            self._heard_at = time.monotonic()
+            return False
+        return time.monotonic() - self._heard_at < self.config.patience
+
+    def tick(self) -> None:
+        """Advance the world by one control cycle."""
+        controller = self.controller
+        self._read_programs()
+        self._make_faults()
+        poses = controller.tick()
+        self._grip = poses[-1]
+        if self.cable is not None:
+            is_reset = self._phase[0] == "reset"
+            trial = self.cable.update(poses, controller.arm.dt, controller.at_rest, is_reset)
+            if trial is not None:
+                controller.arm.prepare(trial)
+                controller.log("cable laid down", number=self.cable.trial_count)
+        speed = float(np.abs(controller.arm.qd).max())
+        self._history.append((controller.time, self._tip(), speed))
+        if controller.time >= self._silent_until:
+            self.servers.muted = False
+            for client, data in self._held:
+                self._serve(client, data)
+            self._held.clear()
+            self.rtde.publish(self.servers.of("rtde"))
+        self._show_camera()
+
+    def close(self) -> None:
+        """Close all sockets, and stop the camera."""
+        self.servers.close()
+        if self.camera is not None:
+            self.camera.close()
+
+    def _nodes(self) -> NDArray[np.float64]:
+        """Return the cable, or the stick in its place, from grip to endpoint, shape [node, 3]."""
+        if self.cable is not None:
+            return self.cable.nodes
+        pose = self._grip
+        arc = np.linspace(0.0, self.setup.cable.length, _STICK_NODE_COUNT)
+        return pose[:3] + arc[:, None] * tangent(pose[3], pose[4])
+
+    def _tip(self) -> NDArray[np.float64]:
+        return self._nodes()[-1].copy()
+
+    def _accepted(self, client: Client) -> None:
+        if client.kind == "rtde":
+            self.rtde.accept(client)
+        elif client.kind == "dashboard":
+            client.send(f"{dashboard.GREETING}\n".encode())
+        elif client.kind in ("program", "program_realtime"):
+            self._senders.append(client)
+        client.state.update(text=b"", at=0.0)
+
+    def _received(self, client: Client, data: bytes) -> None:
+        if client.kind in ROBOT_SERVERS and self.controller.time < self._silent_until:
+            self._held.append((client, data))
+        else:
+            self._serve(client, data)
+
+    def _serve(self, client: Client, data: bytes) -> None:
+        if client.kind == "rtde":
+            self.rtde.receive(client, data, self.servers.of("rtde"))
+            return
+        client.state["text"] += data
+        if client.kind in ("program", "program_realtime"):
+            client.state["at"] = time.monotonic()
+            return
+        *lines, client.state["text"] = client.state["text"].split(b"\n")
+        for line in lines:
+            text = line.decode("utf-8", "replace")
+            if client.kind == "dashboard":
+                client.send(f"{dashboard.answer(self.controller, text)}\n".encode())
+            else:
+                client.send(json.dumps(self._administer(text)).encode() + b"\n")
+
+    def _read_programs(self) -> None:
+        """Run each program that has arrived whole, that is, up to its last `end`."""
+        for client in list(self._senders):
+            text = client.state["text"]
+            if time.monotonic() - client.state["at"] < _PROGRAM_IDLE_TIME:
+                continue
+            # A sender may close its connection as soon as it has sent all.
+            if text.rstrip(b"\r\n").endswith(b"\nend"):
+                client.state["text"] = b""
+                self.controller.load(text.decode("utf-8", "replace"))
+            elif not client.open:
+                self._senders.remove(client)
+
+    def _administer(self, text: str) -> dict[str, Any]:
+        """Answer one command of a test or a person, as plain values."""
+        try:
+            command = json.loads(text)
+            do = command.pop("do")
+            if do == "fault":
+                self.faults.append(Fault.from_dict(command))
+                return {"ok": True}
+            if do == "clear":
+                self._clear()
+                return {"ok": True}
+            if do == "state":
+                return self._state()
+            if do == "events":
+                return {"events": list(self.controller.events)}
+            if do == "truth":
+                return self._truth(float(command["since"]), float(command["until"]))
+            if do == "quit":
+                self.stopping = True
+                return {"ok": True}
+            return {"error": f"there is no command {str(do)[:40]!r}"}
+        except (CablecastError, ValueError, KeyError, TypeError, AttributeError) as error:
+            return {"error": f"{type(error).__name__}: {error}"}
+
+    def _clear(self) -> None:
+        """Do what a person does to go on after a fault."""
+        self.faults.clear()
+        self._silent_until = -1.0
+        self.rtde.late_until = self.rtde.lost_until = -1.0
+        if self.camera is not None:
+            self.camera.fault(None)
+        if self.cable is not None:
+            self.cable.lies_aside = 0.0
+            self.cable.grip_anew()
+        if self.controller.robot_mode == MODE_POWER_OFF:
+            self._power_up()
+        self.controller.clear()
+
+    def _state(self) -> dict[str, Any]:
+        controller, cable = self.controller, self.cable
+        return {
+            "time": controller.time,
+            "phase": self.phase,
+            "program": controller.program_name,
+            "at_rest": controller.at_rest,
+            "safety_mode": controller.safety_mode,
+            "robot_mode": controller.robot_mode,
+            "q": controller.arm.q.tolist(),
+            "trial_count": 0 if cable is None else cable.trial_count,
+            "cable_at_rest": cable is None or not cable.is_simulated,
+            "tip": [None if np.isnan(value) else float(value) for value in self._tip()],
+            "messages": list(controller.messages),
+            "faults": len(self.faults),
+        }
+
+    def _truth(self, since: float, until: float) -> dict[str, Any]:
+        """Return the true way of the endpoint, and the speed of the fastest joint."""
+        rows = [row for row in self._history if since <= row[0] <= until]
+        return {
+            "times": [row[0] for row in rows],
+            "tip": [[None if np.isnan(x) else float(x) for x in row[1]] for row in rows],
+            "joint_speed": [row[2] for row in rows],
+        }
+
+    @property
+    def phase(self) -> str:
+        """Name of what the rig is doing, for faults that wait for it."""
+        controller = self.controller
+        index = int(controller.inputs[f"input_int_register_{PHASE_REGISTER}"])
+        phase = RIG_PHASES[index] if 0 <= index < len(RIG_PHASES) else "idle"
+        if phase == "cast" and not self._is_casting():
+            return "approach"
+        return phase
+
+    def _is_casting(self) -> bool:
+        """Return whether a program moves the arm along its path."""
+        controller = self.controller
+        if controller.program_name == "rtde_control":
+            return not controller.at_rest
+        moving = controller.int_registers[STATE_REGISTER] == MOVING
+        return controller.is_running_program and moving
+
+    def _make_faults(self) -> None:
+        controller = self.controller
+        if self._restart_at is not None and controller.time >= self._restart_at:
+            self._power_up()
+            controller.clear()
+        phase = self.phase
+        if phase != self._phase[0]:
+            self._phase = (phase, controller.time)
+        said, self._said = self._said, set()
+        for fault in list(self.faults):
+            is_on = fault.phase in ("now", phase)
+            is_due = is_on and controller.time - self._phase[1] >= fault.after
+            if is_due or (fault.phase in said and fault.after == 0.0):
+                self.faults.remove(fault)
+                controller.log("fault", name=fault.name, phase=phase)
+                self._make(fault.name)
+
+    def _make(self, name: str) -> None:
+        controller, now = self.controller, self.controller.time
+        if name == "protective_stop":
+            controller.protective_stop("told to by the twin")
+        elif name == "emergency_stop":
+            controller.emergency_stop()
+        elif name == "speed_slider":
+            controller.speed_slider = 0.5
+        elif name == "wrong_payload":
+            controller.payload = 0.0
+        elif name == "lost_packets":
+            self.rtde.lost_until = now + _LOST_TIME
+        elif name == "late_packets":
+            self.rtde.late_until = now + _LATE_TIME
+        elif name == "network_lost":
+            self._silent_until = now + _SILENT_TIME
+        elif name in ("controller_dies", "controller_restarts"):
+            controller.stop_program("no power")
+            controller.robot_mode = MODE_POWER_OFF
+            self.servers.drop(set(ROBOT_SERVERS))
+            self._held.clear()
+            if name == "controller_restarts":
+                self._restart_at = now + _RESTART_TIME
+        elif name.startswith("camera_"):
+            if self.camera is not None:
+                self.camera.fault(name.removeprefix("camera_"))
+        elif self.cable is not None and name == "cable_slips":
+            self.cable.slip()
+        elif self.cable is not None:
+            self.cable.lies_aside = _CROOKED
+
+    def _power_up(self) -> None:
+        """Start a controller that had no power, by its clock's going on."""
+        now, self._restart_at = self.controller.time, None
+        self.controller.boot()
+        self.controller.time = now
+        for name in ROBOT_SERVERS:
+            self.servers.drop({name})
+            self.servers.listen(name)
+        self.controller.log("powered up")
+
+    def _make_camera(self) -> CameraStream | None:
+        settings = self.setup.camera
+        if settings is None or not self.config.has_camera:
+            return None
+        config = dataclasses.replace(
+            CameraConfig.over(self.setup.workspace).resized(settings.width),
+            frame_rate=settings.rate,
+            exposure=settings.exposure,
+            row_time=settings.row_time,
+        )
+        return CameraStream(
+            self.setup, config, seed=self.config.lab_seed, port=self.config.camera_port
+        )
+
+    def _show_camera(self) -> None:
+        """Let the camera see this instant; it waits where the camera draws more slowly."""
+        now = self.controller.time
+        if self.camera is None or now < self._next_picture:
+            return
+        self._next_picture = now + CAMERA_DT - 1e-9
+        if self.phase != "reset" or now % RESET_GLANCE_PERIOD < RESET_GLANCE:
+            self.camera.show(now, self.controller.arm.q, self._nodes())
+
+
+ROBOT_SERVERS = frozenset({"rtde", "dashboard", "program", "program_realtime"})
+"""Servers of the controller itself; the rest belong to the laboratory around it."""
+
+
+def is_e_series(model: str) -> bool:
+    """Return whether an arm belongs to the e-Series.
+
+    Raises:
+        InputError: There is no such model.
+    """
+    if model not in ARM_MODELS:
+        raise InputError(f"unknown arm model {model[:40]!r}")
+    return model.endswith("e")
+
+
+FAULTS: dict[str, str] = {
+    "protective_stop": "protective stop, as after a collision",
+    "emergency_stop": "emergency stop button pressed",
+    "speed_slider": "speed slider at 50 %",
+    "wrong_payload": "payload set to 0 kg on the controller",
+    "lost_packets": "reports of the controller are lost for 1 s",
+    "late_packets": "reports of the controller come 0.3 s late",
+    "network_lost": "nothing passes between computer and controller for 5 s",
+    "controller_dies": "controller without power",
+    "controller_restarts": "controller without power for 3 s, then up again",
+    "cable_slips": "the cable slips in the jaws",
+    "crooked_reset": "the reset leaves the cable 15 deg aside",
+    "camera_frozen": "the camera sends the same picture again and again",
+    "camera_black": "the camera sees nothing",
+    "camera_unplugged": "the camera's stream ends",
+    "camera_exposed": "something changes the camera's exposure",
+    "camera_moved_tag": "somebody moves a tag",
+}
+"""Faults of the twin, each in words."""
+
+PHASES = ("idle", "reset", "approach", "cast", "settle", "readout", "now")
+"""Phases that a fault may wait for: the arm stands, the reset's motion, the hold at the start of a
+cast, the cast's motion, the time in which the cable comes to rest, and the end of the film. "now"
+waits for nothing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """One fault that waits for its moment.
+
+    Attributes:
+        name: One of `FAULTS`.
+        phase: One of `PHASES`.
+        after: Time from the begin of the phase to the fault [s].
+    """
+
+    name: str
+    phase: str = "now"
+    after: float = 0.0
+
+    def __post_init__(self):
+        if self.name not in FAULTS:
+            raise InputError(f"unknown fault {self.name[:40]!r}: one of {', '.join(FAULTS)}")
+        if self.phase not in PHASES:
+            raise InputError(f"unknown phase {self.phase[:40]!r}: one of {', '.join(PHASES)}")
+        check_number("fault after", self.after, 0.0, 600.0, "s")
+
+    @classmethod
+    def from_dict(cls, values: Any) -> "Fault":
+        """Return the fault that plain values describe.
+
+        Raises:
+            InputError: A key or a value is unknown.
+        """
+        values = check_keys(values, {"name", "phase", "after"}, "fault", required={"name"})
+        for name in ("name", "phase"):
+            if name in values and not isinstance(values[name], str):
+                raise InputError(f"fault {name} must be text")
+        return cls(**values)
+
+
+_START_TIME_MAX = 180.0
+_STOP_TIME_MAX = 5.0
+_ANSWER_TIME_MAX = 30.0
+
+
+class TwinProcess:
+    """A running twin; as a context manager it stops at the end.
+
+    Args:
+        setup: Lab file of the twin, with a robot section.
+        config: Where it listens, and how it behaves.
+
+    Attributes:
+        ports: Port of each server.
+        camera_url: Address of the camera's stream; None without a camera.
+        admin: Client that commands the twin.
+
+    Raises:
+        InputError: A port is not free, or the set-up has no robot.
+        RigError: The process did not start.
+    """
+
+    def __init__(self, setup: Setup, config: TwinConfig | None = None):
+        config = config or TwinConfig()
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe(duplex=False)
+        # No daemon: it has a process of its own for the camera.
+        self._process = context.Process(target=_serve, args=(setup, config, there))
+        self._process.start()
+        there.close()
+        try:
+            if not here.poll(_START_TIME_MAX):
+                raise RigError(f"the twin did not start within {_START_TIME_MAX:g} s")
+            answer = here.recv()
+        except EOFError:
+            raise RigError("the twin's process ended while it started") from None
+        finally:
+            here.close()
+        if "error" in answer:
+            self._process.join(_STOP_TIME_MAX)
+            raise InputError(answer["error"])
+        self.ports: dict[str, int] = answer["ports"]
+        self.camera_url: str | None = answer["camera"]
+        self.admin = TwinClient(config.address, self.ports["admin"])
+        atexit.register(self.close)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @property
+    def is_alive(self) -> bool:
+        """True while the process runs."""
+        return self._process.is_alive()
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Wait until the process ends."""
+        self._process.join(timeout)
+
+    def close(self) -> None:
+        """Stop the process; it may be called twice."""
+        atexit.unregister(self.close)
+        self.admin.close()
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join(_STOP_TIME_MAX)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join(_STOP_TIME_MAX)
+
+
+class TwinClient:
+    """Commands a twin: makes faults, clears them, and asks what is true.
+
+    Args:
+        address: Address of the twin.
+        port: Its admin port.
+
+    Raises:
+        RigError: No twin answers.
+    """
+
+    def __init__(self, address: str = "127.0.0.1", port: int = 30101):
+        try:
+            self._socket = socket.create_connection((address, port), timeout=_ANSWER_TIME_MAX)
+        except OSError as error:
+            raise RigError(
+                f"no twin answers at {address}:{port} ({error.strerror}): start `cablecast twin`"
+            ) from None
+        self._buffer = b""
+
+    def close(self) -> None:
+        """Close the connection; it may be called twice."""
+        self._socket.close()
+
+    def fault(self, name: str, phase: str = "now", after: float = 0.0) -> None:
+        """Let a fault come; see `twin.faults`."""
+        self._ask("fault", name=name, phase=phase, after=after)
+
+    def clear(self) -> None:
+        """Do what a person does after a stop, and forget faults that still wait."""
+        self._ask("clear")
+
+    def state(self) -> dict[str, Any]:
+        """Return what the twin does now."""
+        return self._ask("state")
+
+    def events(self) -> list[dict[str, Any]]:
+        """Return what happened, each with its time by the twin's clock."""
+        return self._ask("events")["events"]
+
+    def truth(self, since: float, until: float) -> dict[str, Any]:
+        """Return the true way of the endpoint [m], and the speed of the fastest joint [rad/s].
+
+        Args:
+            since: Begin by the twin's clock [s].
+            until: End by the twin's clock [s].
+        """
+        return self._ask("truth", since=since, until=until)
+
+    def _ask(self, do: str, **values: Any) -> dict[str, Any]:
+        try:
+            self._socket.sendall(json.dumps({"do": do, **values}).encode() + b"\n")
+            while b"\n" not in self._buffer:
+                data = self._socket.recv(1 << 16)
+                if not data:
+                    raise OSError("it closed the connection")
+                self._buffer += data
+        except OSError as error:
+            raise RigError(f"the twin does not answer: {error}") from None
+        line, self._buffer = self._buffer.split(b"\n", 1)
+        answer = json.loads(line)
+        if "error" in answer:
+            raise InputError(f"the twin refuses {do}: {answer['error']}")
+        return answer
+
+
+def _serve(setup: Setup, config: TwinConfig, there: multiprocessing.connection.Connection) -> None:
+    """Run a twin in this process until it is told to stop."""
+    try:
+        laboratory = TwinLaboratory(setup, config)
+    except CablecastError as error:
+        there.send({"error": str(error)})
+        return
+    # Ctrl-C reaches all processes of a terminal: the twin stops with the one that started it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def stop(*_: object) -> None:
+        laboratory.stopping = True
+
+    signal.signal(signal.SIGTERM, stop)
+    url = None if laboratory.camera is None else laboratory.camera.url
+    there.send({"ports": laboratory.servers.ports, "camera": url})
+    there.close()
+    parent = os.getppid()
+    try:
+        # A twin whose starter was killed would hold its ports for ever.
+        laboratory.run(lambda: os.getppid() == parent)
+    finally:
+        laboratory.close()

@@ -1,0 +1,104 @@
+"""A camera that is told the truth by the twin: for tests of the arm alone.
+
+It sees what no camera can. Results that were made with it say so in the description of their rig.
+"""
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.errors import RigError
+from cablecast.rigs.ur.rig import RigUR
+from cablecast.rigs.ur.twin.laboratory import TwinClient
+from cablecast.setup import Setup
+from cablecast.vision.tracker import TrialTiming
+
+_SAMPLE_DT = 0.1
+_FALLEN_Z = -0.005
+_WAIT_MAX = 60.0
+
+
+class TruthCamera:
+    """Asks a twin where the endpoint is, instead of looking.
+
+    Args:
+        setup: Gives the table.
+        address: Address of the twin.
+        port: Its admin port.
+    """
+
+    def __init__(self, setup: Setup, address: str = "127.0.0.1", port: int = 30101):
+        self.setup = setup
+        self._address, self._port = address, port
+        self._client: TwinClient | None = None
+        self.description: dict[str, Any] = {"camera": "truth of the twin"}
+
+    def check(self, after: float | None = None) -> None:
+        """Refuse a twin that does not answer."""
+        self._twin.state()
+
+    def start(self) -> None:
+        """Do nothing: the twin remembers all."""
+        self.check()
+
+    def stop(self, timing: TrialTiming) -> EndpointTrack:
+        """Return the true track; see `TrialCamera`."""
+        deadline = time.monotonic() + _WAIT_MAX
+        while self._twin.state()["time"] < timing.end_time:
+            if time.monotonic() > deadline:
+                raise RigError("the clock of the twin stands still")
+            time.sleep(0.01)
+        truth = self._twin.truth(timing.start_time - 0.1, timing.end_time + 0.1)
+        seen = np.array(truth["times"]) - timing.start_time
+        tip = np.array(truth["tip"], dtype=float)
+        count = int((timing.end_time - timing.start_time) / _SAMPLE_DT + 1e-9) + 1
+        times = _SAMPLE_DT * np.arange(count, dtype=np.float64)
+        points = np.stack([np.interp(times, seen, tip[:, axis]) for axis in range(3)], axis=1)
+        fell = ~self.setup.workspace.on_table(points[:, :2]) | (points[:, 2] < _FALLEN_Z)
+        return EndpointTrack(
+            times=times,
+            endpoint_xy=points[:, :2],
+            status=TrialStatus.OFF_TABLE if fell.any() else TrialStatus.OK,
+            joint_path=timing.joint_path,
+        )
+
+    def cancel(self) -> None:
+        """Do nothing: nothing was begun."""
+
+    def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
+        """Return where the endpoint is now [m], shape [2]."""
+        return np.array(self._twin.state()["tip"][:2], dtype=float)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    @property
+    def _twin(self) -> TwinClient:
+        if self._client is None:
+            self._client = TwinClient(self._address, self._port)
+        return self._client
+
+
+def make_rig(setup: Setup, seed: int) -> RigUR:
+    """Return the real rig's code with a camera that is told the truth, for a twin.
+
+    `--rig cablecast.rigs.ur.twin.truth:make_rig` names it on the command line.
+
+    Args:
+        setup: Lab file of a twin.
+        seed: Not used: the twin draws by its own.
+
+    Raises:
+        RigError: The lab file's robot is no twin.
+    """
+    del seed
+    robot = setup.robot
+    if robot is None or not robot.is_loopback:
+        raise RigError("only a twin tells the truth: this lab file's robot is none")
+    return RigUR(setup, TruthCamera(setup, robot.address))

@@ -1,0 +1,326 @@
+"""Calibration: from pictures of a board and of the tags on the table to a CameraView.
+
+A board held at several angles tells the lens (`calibrate_lens`), tags at known places tell where
+the camera is (`calibrate_view`). Without a board, the tags alone tell the distortion too, given the
+angle of view from the camera's data sheet. Seen from straight above, a wrong focal length is then
+made up for by a wrong height, and only points above the table's plane notice.
+"""
+
+import dataclasses
+import pathlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.camera.lens import CameraView, Lens
+from cablecast.camera.tags import TagLayout
+from cablecast.errors import InputError
+from cablecast.files import read_json, write_json
+from cablecast.vision.tags import detect_tags, load_cv2
+
+TAG_COUNT_MIN = 4
+"""Fewest tags that tell the lens and the camera's place well."""
+VIEW_COUNT_MIN = 5
+"""Fewest pictures of a board that tell the lens well."""
+_OUTLIER_PX = 3.0
+"""Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
+_BOARD_SPREAD_MIN = 0.35
+"""Smallest share of the image's width over which all pictures together must show the board."""
+BOARD_CORNERS_MIN = 12
+"""Fewest corners of a board by which a picture counts."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Board:
+    """A ChArUco board for calibrating a lens, the squares' corners between tags 4x4.
+
+    Attributes:
+        column_count: Number of squares across.
+        row_count: Number of squares down.
+        square: Side of a square [m].
+        tag: Side of a tag in it [m].
+        legacy: True for the pattern of OpenCV before 4.6, which begins with a white square where
+            the number of rows is even.
+    """
+
+    column_count: int = 11
+    row_count: int = 8
+    square: float = 0.06
+    tag: float = 0.045
+    legacy: bool = False
+
+    def to_opencv(self) -> Any:
+        """Return the board as OpenCV knows it."""
+        cv2 = load_cv2()
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
+        size = (self.column_count, self.row_count)
+        board = cv2.aruco.CharucoBoard(size, self.square, self.tag, dictionary)
+        board.setLegacyPattern(self.legacy)
+        return board
+
+    def picture(self, square_px: int = 60) -> NDArray[np.uint8]:
+        """Draw the board to print or to render, without a rim.
+
+        Args:
+            square_px: Side of a square [px].
+        """
+        size = (self.column_count * square_px, self.row_count * square_px)
+        return self.to_opencv().generateImage(size, marginSize=0, borderBits=1)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LensFit:
+    """A lens, and the quality of its calibration.
+
+    Attributes:
+        lens: Lens.
+        rms_px: Root mean square distance of the board's corners from where the lens puts them [px].
+        picture_count: Number of pictures that show enough of the board.
+        board: Board that they show; `legacy` tells the older pattern.
+    """
+
+    lens: Lens
+    rms_px: float
+    picture_count: int
+    board: Board
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """A calibrated camera, and the quality of its calibration.
+
+    Attributes:
+        view: Lens and place of the camera.
+        rms_px: Root mean square distance between where tags' corners were seen and where this
+            calibration puts them [px].
+        rms: Root mean square of that distance on the table [m].
+        tag_ids: Numbers of the tags that were used.
+        rejected_ids: Numbers of tags that were seen where the layout does not have them.
+    """
+
+    view: CameraView
+    rms_px: float
+    rms: float
+    tag_ids: tuple[int, ...]
+    rejected_ids: tuple[int, ...] = ()
+
+    def save(self, path: pathlib.Path) -> None:
+        """Write the calibration as JSON."""
+        write_json(path, dataclasses.asdict(self))
+
+    @classmethod
+    def load(cls, path: pathlib.Path) -> "Calibration":
+        """Read a calibration.
+
+        Raises:
+            InputError: There is no such file, or it is no calibration.
+        """
+        try:
+            values = read_json(path)
+            view = values.pop("view")
+            lens = view.pop("lens")
+            lens |= {name: tuple(lens[name]) for name in ("focal", "centre", "distortion")}
+            return cls(
+                view=CameraView(
+                    lens=Lens(**lens),
+                    rotation=tuple(tuple(row) for row in view["rotation"]),
+                    position=tuple(view["position"]),
+                ),
+                rms_px=values["rms_px"],
+                rms=values["rms"],
+                tag_ids=tuple(values["tag_ids"]),
+                rejected_ids=tuple(values["rejected_ids"]),
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            reason = repr(error) if isinstance(error, (KeyError, AttributeError)) else error
+            raise InputError(f"{path} is no calibration of a camera: {reason}") from None
+
+
+def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit:
+    """Fit a lens to pictures of a board at several places and angles.
+
+    Boards printed by OpenCV before 4.6 have another pattern. Whichever of the two the pictures show
+    is used.
+
+    Args:
+        images: Pictures, grey or BGR, all of one size.
+        board: Board that they show, in either pattern.
+
+    Raises:
+        InputError: Too few pictures show the board, or always in the same part of the image.
+    """
+    cv2 = load_cv2()
+    height, width = images[0].shape[:2] if images else (0, 0)
+    for image in images:
+        if image.shape[:2] != (height, width):
+            raise InputError(f"pictures of a board differ in size: {image.shape}, {height, width}")
+    patterns = [dataclasses.replace(board, legacy=legacy) for legacy in (False, True)]
+    # The wrong pattern puts corners where there are none: none is found, or a few by chance.
+    found = [[find_board(image, pattern) for image in images] for pattern in patterns]
+    counts = [sum(len(ids) for _, ids in pictures) for pictures in found]
+    board, pictures = (patterns[i := int(counts[1] > counts[0])], found[i])
+    charuco = board.to_opencv()
+    objects, pixels = [], []
+    for corners, ids in pictures:
+        if len(ids) >= BOARD_CORNERS_MIN:
+            object_points, image_points = charuco.matchImagePoints(corners, ids)
+            objects.append(object_points)
+            pixels.append(image_points)
+    if len(objects) < VIEW_COUNT_MIN:
+        raise InputError(
+            f"{len(objects)} of {len(images)} pictures show the board: "
+            f"at least {VIEW_COUNT_MIN} are needed"
+        )
+    spread = np.ptp(np.concatenate(pixels).reshape(-1, 2)[:, 0]) / width
+    if spread < _BOARD_SPREAD_MIN:
+        raise InputError(
+            f"the board was seen over {100 * spread:.0f} % of the image's width only: "
+            f"show it in all corners, over at least {100 * _BOARD_SPREAD_MIN:.0f} %"
+        )
+    rms, K, distortion, _, _ = cv2.calibrateCamera(objects, pixels, (width, height), None, None)
+    lens = _lens_from_opencv(width, height, K, distortion)
+    return LensFit(lens=lens, rms_px=float(rms), picture_count=len(objects), board=board)
+
+
+def find_board(image: NDArray[np.uint8], board: Board) -> tuple[Any, Any]:
+    """Return the corners of a board in a picture.
+
+    Args:
+        image: Grey or BGR.
+        board: Board to find.
+
+    Returns:
+        Corners [px], shape [corner, 1, 2], and their numbers, shape [corner, 1]; empty where the
+        board is not seen.
+    """
+    cv2 = load_cv2()
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv()).detectBoard(grey)
+    if ids is None:
+        return np.empty((0, 1, 2), np.float32), np.empty((0, 1), np.int32)
+    return corners, ids
+
+
+def calibrate_view(
+    images: Sequence[NDArray[np.uint8]],
+    layout: TagLayout,
+    *,
+    lens: Lens | None = None,
+    diagonal_view: float = np.radians(78.0),
+) -> Calibration:
+    """Fit the camera's place, and its lens too if that is not known, to tags on the table.
+
+    Args:
+        images: Pictures of the table from the unmoved camera; corners are averaged over them.
+        layout: Places of the tags.
+        lens: Lens from `calibrate_lens`; None to find the distortion from the tags.
+        diagonal_view: Angle of view over the diagonal, used without a lens [rad]. The default is
+            that of the paper's camera.
+
+    Raises:
+        InputError: Too few tags were seen, or they do not lie where the layout says.
+    """
+    if not images:
+        raise InputError("a calibration needs at least one picture")
+    seen = _average_tags(images, layout)
+    height, width = images[0].shape[:2]
+    if lens is not None and (lens.width, lens.height) != (width, height):
+        raise InputError(
+            f"the lens was calibrated for {lens.width} x {lens.height} px, "
+            f"but the pictures have {width} x {height}"
+        )
+    rejected: list[int] = []
+    while True:
+        if len(seen) < TAG_COUNT_MIN:
+            extra = f", and tags {sorted(rejected)} lie elsewhere" if rejected else ""
+            raise InputError(
+                f"{len(seen)} of the layout's {len(layout.tags)} tags can be used{extra}: "
+                f"at least {TAG_COUNT_MIN} are needed"
+            )
+        ids = sorted(seen)
+        points = np.concatenate([layout.corners_of(i) for i in ids])  # pyright: ignore
+        corners = np.concatenate([seen[i] for i in ids])
+        guess = Lens.from_view(width, height, diagonal_view) if lens is None else lens
+        view = _fit_view(points, corners, guess, lens_known=lens is not None)
+        miss = np.linalg.norm(view.to_image(points) - corners, axis=1).reshape(-1, 4)
+        worst = int(np.argmax(miss.max(axis=1)))
+        if miss[worst].max() <= _OUTLIER_PX:
+            break
+        rejected.append(ids[worst])
+        del seen[ids[worst]]
+    on_table = view.to_table(corners) - points[:, :2]
+    return Calibration(
+        view=view,
+        rms_px=float(np.sqrt(np.mean(miss**2))),
+        rms=float(np.sqrt(np.mean(np.sum(on_table**2, axis=1)))),
+        tag_ids=tuple(ids),
+        rejected_ids=tuple(sorted(rejected)),
+    )
+
+
+def _fit_view(
+    points: NDArray[np.float64], corners: NDArray[np.float64], guess: Lens, *, lens_known: bool
+) -> CameraView:
+    """Fit a camera to points of the table and where they appear.
+
+    Args:
+        points: Corners of tags [m], shape [corner, 3].
+        corners: Pixels at which they appear [px], shape [corner, 2].
+        guess: Lens, as it is or without its distortion.
+        lens_known: Whether the lens is known; else its distortion is fitted, too.
+    """
+    cv2 = load_cv2()
+    if lens_known:
+        _, rvec, tvec = cv2.solvePnP(points, corners, guess.matrix, np.array(guess.distortion))
+        return _view(guess, rvec, tvec)
+    # Tags do not tell focal length from height, nor the axis from a tilt: hold these.
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH
+    flags |= cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST
+    flags |= cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    _, K, distortion, rvecs, tvecs = cv2.calibrateCamera(
+        [points.astype(np.float32)],
+        [corners.astype(np.float32)],
+        (guess.width, guess.height),
+        guess.matrix,
+        np.zeros(5),
+        flags=flags,
+    )
+    fitted = _lens_from_opencv(guess.width, guess.height, K, distortion)
+    return _view(fitted, rvecs[0], tvecs[0])
+
+
+def _average_tags(
+    images: Sequence[NDArray[np.uint8]], layout: TagLayout
+) -> dict[int, NDArray[np.float64]]:
+    """Return median corners of each tag of the layout over the pictures that show it [px]."""
+    quads: dict[int, list[NDArray[np.float64]]] = {}
+    for image in images:
+        for tag_id, quad in detect_tags(image).items():
+            if layout.corners_of(tag_id) is not None:
+                quads.setdefault(tag_id, []).append(quad)
+    # The median: an arm that passes over a tag's rim spoils some pictures, not most.
+    return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items()}
+
+
+def _lens_from_opencv(width: int, height: int, K: Any, distortion: Any) -> Lens:
+    """Return the lens of OpenCV's camera matrix and distortion."""
+    k = [float(value) for value in np.ravel(distortion)[:5]]
+    return Lens(
+        width=width,
+        height=height,
+        focal=(float(K[0, 0]), float(K[1, 1])),
+        centre=(float(K[0, 2]), float(K[1, 2])),
+        distortion=(k[0], k[1], k[2], k[3], k[4]),
+    )
+
+
+def _view(lens: Lens, rvec: Any, tvec: Any) -> CameraView:
+    """Return the camera of a lens and OpenCV's pose of the table before it."""
+    cv2 = load_cv2()
+    R = cv2.Rodrigues(np.asarray(rvec, dtype=float))[0]
+    position = (-R.T @ np.ravel(tvec)).tolist()
+    return CameraView(
+        lens=lens, rotation=tuple(tuple(row) for row in R.tolist()), position=tuple(position)
+    )

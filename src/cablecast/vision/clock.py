@@ -1,0 +1,446 @@
+"""Clocks: the offset between the robot's and the camera's, from what both saw of one motion.
+
+The camera sees something move (the gripper) or shine (a lamp on a digital output); the robot
+reports the same with its own times. The offset is the shift at which the one explains the other
+best.
+
+SeenMotion: how the arm moves in the picture, for comparing the camera's clock with the robot's.
+
+Nothing needs to be stuck on the gripper. Dense optical flow (Kroeger et al., DIS, ECCV 2016) tells
+how far each pixel went from one frame to the next. Whatever moves is the arm, or hangs on it: its
+mean velocity tells the offset roughly, since a cable moves as well, and later than the arm. The
+flow at the points where the arm must be, and nowhere else, then tells it exactly.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.shape import arm_shape
+from cablecast.arm.ur import ArmUR
+from cablecast.camera.lens import CameraView
+from cablecast.errors import InputError
+from cablecast.motion.trajectory import JointPath
+from cablecast.vision.tags import load_cv2
+
+Array = NDArray[np.float64]
+
+FRAME_COUNT_MIN = 30
+"""Fewest frames that tell an offset."""
+
+PART_COUNT = 8
+"""Parts of the record that are left out in turn, which tells how sure the offset is."""
+RUN_LENGTH = 3
+"""Frames in a row that are left out together, since errors of neighbours resemble one another."""
+_EXPLAINED_MIN = 0.5
+"""Smallest share of what the camera saw that the robot's report must explain."""
+_REFINE_COUNT = 3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ClockOffset:
+    """Offset between two clocks.
+
+    Attributes:
+        offset: Time of the robot's clock when the camera's shows zero [s].
+        sd: Standard deviation of the offset [s].
+        explained: Share of the variance of what the camera saw that the robot's report explains.
+        frame_count: Frames that it was found from.
+    """
+
+    offset: float
+    sd: float
+    explained: float
+    frame_count: int
+
+
+def controller_shift(clock_pairs: Array) -> float:
+    """Return the time of this computer's clock when the controller's shows zero [s].
+
+    The report that travelled fastest tells it best.
+
+    Args:
+        clock_pairs: Times of reports by the controller's clock, and of their arrival by that of
+            this computer [s], shape [report, 2].
+
+    Raises:
+        InputError: There are no reports.
+    """
+    pairs = np.asarray(clock_pairs, dtype=float).reshape(-1, 2)
+    if not len(pairs):
+        raise InputError("the controller reported no times, which a camera without a clock needs")
+    return float(np.min(pairs[:, 1] - pairs[:, 0]))
+
+
+def fit_offset(
+    times: Array,
+    seen: Array,
+    reported: Callable[[Array], Array],
+    low: float,
+    high: float,
+    step: float = 0.004,
+) -> ClockOffset:
+    """Return the offset at which a report explains best what the camera saw.
+
+    The camera's signal may be any multiple of the reported one, plus a constant: its scale depends
+    on what part of the gripper was seen.
+
+    Args:
+        times: Times of the frames by the camera's clock [s], shape [frame].
+        seen: Signal in the frames, NaN where there is none, shape [frame].
+        reported: Signal at given times by the robot's clock; NaN outside its record.
+        low: Smallest offset [s].
+        high: Largest offset [s].
+        step: Step of the first search [s]; a fraction of the time in which the signal changes.
+
+    Raises:
+        InputError: There are too few frames, or the two have nothing in common.
+    """
+    keep = np.isfinite(seen)
+    times, seen = times[keep], seen[keep]
+    if len(times) < FRAME_COUNT_MIN:
+        raise InputError(
+            f"{len(times)} frames show the motion: at least {FRAME_COUNT_MIN} are needed"
+        )
+    parts = np.arange(len(times)) // RUN_LENGTH % PART_COUNT
+    offset, explained = _best(times, seen, reported, np.arange(low, high + step, step))
+    if explained < _EXPLAINED_MIN:
+        raise InputError(
+            f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw: "
+            "is the gripper in sight, and nothing else in motion?"
+        )
+    near = offset + np.arange(-10, 11) * step / 2
+    left_out = [
+        _best(times[parts != part], seen[parts != part], reported, near)[0]
+        for part in range(PART_COUNT)
+    ]
+    sd = jackknife_sd(np.array(left_out))
+    return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=len(times))
+
+
+def jackknife_sd(left_out: Array) -> float:
+    """Return the standard deviation of an estimate, from those with each part left out in turn."""
+    count = len(left_out)
+    return float(np.sqrt((count - 1) / count * np.sum((left_out - np.mean(left_out)) ** 2)))
+
+
+def parabola_minimum(places: Array, values: Array) -> float:
+    """Return the place of a minimum, between the places about the least of some values.
+
+    Args:
+        places: Even places, shape [place].
+        values: Values there, shape [place].
+    """
+    least = int(np.clip(np.argmin(values), 1, len(values) - 2))
+    left, middle, right = values[least - 1 : least + 2]
+    bend, step = left - 2 * middle + right, places[1] - places[0]
+    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(places[least] + step * np.clip(shift, -1.0, 1.0))
+
+
+def _best(
+    times: Array, seen: Array, reported: Callable[[Array], Array], offsets: Array
+) -> tuple[float, float]:
+    """Return the offset that explains most, refined by a parabola, and how much it explains."""
+    best, step = float(offsets[0]), float(offsets[1] - offsets[0])
+    for _ in range(_REFINE_COUNT):
+        shares = np.array([_explained(seen, reported(times + offset)) for offset in offsets])
+        if not np.isfinite(shares).any():
+            return best, 0.0
+        best, step = float(offsets[int(np.nanargmax(shares))]), float(offsets[1] - offsets[0])
+        offsets = best + np.linspace(-step, step, 9)
+    left, middle, right = (
+        _explained(seen, reported(times + best + shift)) for shift in (-step, 0.0, step)
+    )
+    bend = left - 2 * middle + right
+    if np.isfinite(bend) and bend < 0:
+        best += float(np.clip(0.5 * step * (left - right) / bend, -step, step))
+    return best, float(np.nan_to_num(_explained(seen, reported(times + best))))
+
+
+def _explained(seen: Array, reported: Array) -> float:
+    """Return the share of the variance of one signal that a line of the other explains."""
+    both = np.isfinite(reported)
+    if both.sum() < FRAME_COUNT_MIN / 2 or both.sum() < 0.5 * len(seen):
+        return np.nan
+    a, b = seen[both] - seen[both].mean(), reported[both] - reported[both].mean()
+    scale = float(a @ a) * float(b @ b)
+    # A motion seen backwards is another motion.
+    return float(max(a @ b, 0.0) ** 2 / scale) if scale > 0 else np.nan
+
+
+def lamp_signal(
+    switch_times: Array, exposure: float, first_on: bool = True
+) -> Callable[[Array], Array]:
+    """Return the brightness of a lamp in frames, as a share of full.
+
+    Args:
+        switch_times: Times at which it was switched, by the robot's clock, rising [s].
+        exposure: Exposure of a frame [s]; the lamp may be switched within it.
+        first_on: Whether the first time switches it on.
+
+    Returns:
+        Function from times of frames to brightness from 0 to 1.
+    """
+    edges = np.asarray(switch_times, dtype=float)
+    signs = np.where(np.arange(len(edges)) % 2 == 0, 1.0, -1.0) * (1.0 if first_on else -1.0)
+
+    def brightness(times: Array) -> Array:
+        passed = (times[:, None] - edges) / exposure + 0.5
+        level = np.clip(passed, 0.0, 1.0) @ signs
+        return level + (0.0 if first_on else 1.0)
+
+    return brightness
+
+
+WIDTH = 480
+"""Width of the pictures in which the flow is found [px]: the arm is large and moves as a whole."""
+_PRESET, _BLUR = 0, 1.5
+"""The quickest of OpenCV's presets, which holds still areas still, and a blur against noise [px].
+Of those that were tried on two rendered casts at 30 frames/s these were off least: 1.9 ms."""
+_FLOW_MIN = 0.6
+"""Way of a pixel between two frames below which it stands still [px of the small picture]."""
+_AREA_MIN = 0.002
+"""Share of the picture that must move for the motion to be the arm's."""
+_REST_SHARE = 0.05
+"""Share of its largest speed below which the arm stands still."""
+_POINT_DISTANCE = 0.05
+"""Distance between points of the arm whose mean stands for what is seen of it [m]."""
+_STILL_ROD_COUNT = 2
+"""Rods of the arm's base, which stand still and come first."""
+_TRAVEL_MIN = 0.15
+"""Shortest way of the gripper in a record that tells an offset [m]."""
+_KEPT_STRIDE = 3
+"""Distance of the pixels whose flow is kept [px of the small picture]: flow is smooth."""
+_FLOW_ERROR = 1.0
+"""Difference of two ways above which it hardly matters how far off they are, for something else is
+seen there: a link that hides another, or the cable [px of the small picture]."""
+_EXPLAINED_MIN__gripper = 0.7
+"""Smallest share of what was seen where the arm is that its report must explain: casts of the
+virtual laboratory reach nine tenths."""
+_SEARCHES = ((0.08, 0.004), (0.006, 0.0005))
+"""Half widths and steps of the searches about the rough offset [s]."""
+
+
+class SeenMotion:
+    """Follows what moves from frame to frame.
+
+    Args:
+        row_time: Time by which each row is exposed later than the one above it [s].
+    """
+
+    def __init__(self, row_time: float = 0.0):
+        self.row_time = row_time
+        self._flow = load_cv2().DISOpticalFlow_create(_PRESET)
+        self._last: NDArray[np.uint8] | None = None
+        self._last_time = 0.0
+        self.times: list[float] = []
+        self.ends: list[tuple[float, float]] = []
+        self.frame_dts: list[float] = []
+        self.velocities: list[Array] = []
+        self.flows: list[NDArray[np.float16]] = []
+        self.scale = 1.0
+
+    def look(self, image: NDArray[np.uint8], time: float) -> None:
+        """Look at the next frame.
+
+        Args:
+            image: Frame, BGR, shape [v, u, 3].
+            time: Time of its middle row [s].
+        """
+        cv2 = load_cv2()
+        self.scale = scale = WIDTH / image.shape[1]
+        size = (WIDTH, round(scale * image.shape[0]))
+        grey = cv2.resize(
+            cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA
+        )
+        grey = cv2.GaussianBlur(grey, (0, 0), _BLUR)
+        if self._last is not None:
+            flow = self._flow.calc(self._last, grey, None)
+            moves = np.linalg.norm(flow, axis=-1) > _FLOW_MIN
+            dt, rows = time - self._last_time, np.flatnonzero(moves.any(axis=1))
+            middle = time - dt / 2
+            velocity = np.zeros(2)
+            if moves.sum() > _AREA_MIN * moves.size:
+                velocity = flow[moves].mean(axis=0).astype(float) / scale / dt
+                row = float(np.mean(rows)) - (size[1] - 1) / 2
+                middle += self.row_time * row / scale
+            self.flows.append(flow[::_KEPT_STRIDE, ::_KEPT_STRIDE].astype(np.float16))
+            self.ends.append((self._last_time, time))
+            self.times.append(middle)
+            self.frame_dts.append(dt)
+            self.velocities.append(velocity)
+        self._last, self._last_time = grey, time
+
+
+def sync_by_motion(
+    seen: SeenMotion, reported: JointPath, arm: ArmUR, view: CameraView
+) -> ClockOffset:
+    """Return the offset of the clocks from a swing of the arm that the camera saw.
+
+    Args:
+        seen: Motion in the picture.
+        reported: Joints as the robot reported them, with times by its own clock [s]. The record of
+            one may begin or end up to half of its length before or after that of the other.
+        arm: Arm, its mounting and its gripper.
+        view: Calibrated camera.
+
+    Raises:
+        InputError: The arm hardly moved, was not seen, or moved otherwise than was seen.
+    """
+    grip = arm.grip_pose(reported.q)[:, :3]
+    travel = float(np.linalg.norm(np.diff(grip, axis=0), axis=1).sum())
+    if travel < _TRAVEL_MIN:
+        raise InputError(
+            f"the gripper moved {travel:.3f} m in this record: at least {_TRAVEL_MIN:g} m are "
+            "needed to compare clocks"
+        )
+    points = view.to_image(_arm_points(arm, reported.q))
+    keep = np.isfinite(points).all(axis=(1, 2))
+    if keep.sum() < 2:
+        raise InputError("the arm is never in sight of the camera")
+    robot_times, points = reported.times[keep], points[keep]
+    pixels = points.mean(axis=1)
+    # The direction along which it moves most, in the picture.
+    axis = np.linalg.svd(pixels - pixels.mean(axis=0), full_matrices=False)[2][0]
+    way = (pixels - pixels.mean(axis=0)) @ axis
+    times, dts = np.array(seen.times), np.array(seen.frame_dts)
+    if not len(times):
+        raise InputError("a film of two frames at least is needed to compare clocks")
+    dt = float(np.median(dts))
+    first, last = robot_times[0] - times[0], robot_times[-1] - times[-1]
+    margin = 0.5 * min(float(np.ptp(robot_times)), float(np.ptp(times)))
+    low, high = min(first, last) - margin, max(first, last) + margin
+    signal = np.array(seen.velocities) @ axis
+    rough = fit_offset(times, signal, reported_speed(robot_times, way, dt), low, high, 0.01)
+    return _refine(rough, seen, robot_times, points)
+
+
+def _refine(rough: ClockOffset, seen: SeenMotion, robot_times: Array, points: Array) -> ClockOffset:
+    """Return the offset at which most points of the arm go as the flow has it where they are.
+
+    Args:
+        rough: Offset to begin with.
+        seen: Motion in the picture.
+        robot_times: Times of the robot's reports [s], shape [report].
+        points: Points of the arm in the picture at these times [px], shape [report, point, 2].
+    """
+    points = points * seen.scale
+    offset, parts = rough.offset, np.arange(len(seen.flows)) // RUN_LENGTH % PART_COUNT
+    for width, step in _SEARCHES:
+        offsets = offset + np.arange(-width, width + step / 2, step)
+        losses = np.array([_compare(seen, robot_times, points, at)[0] for at in offsets])
+        offset = parabola_minimum(offsets, losses.sum(axis=1))
+    left_out = [
+        parabola_minimum(offsets, losses[:, parts != part].sum(axis=1))
+        for part in range(PART_COUNT)
+    ]
+    _, explained = _compare(seen, robot_times, points, offset)
+    if explained < _EXPLAINED_MIN__gripper:
+        raise InputError(
+            f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw "
+            "where the arm is: is the arm measured, and is the camera where it was calibrated?"
+        )
+    return ClockOffset(
+        offset=offset,
+        sd=jackknife_sd(np.array(left_out)),
+        explained=explained,
+        frame_count=len(seen.flows),
+    )
+
+
+def _compare(
+    seen: SeenMotion, robot_times: Array, points: Array, offset: float
+) -> tuple[Array, float]:
+    """Return how much of the arm goes otherwise than the flow has it.
+
+    Returns:
+        Share of the points in each frame that go otherwise, shape [frame], and the share of what
+        was seen where the arm is that its way explains.
+    """
+    height = _KEPT_STRIDE * seen.flows[0].shape[0]
+    begin, end = (np.array([pair[side] for pair in seen.ends]) + offset for side in (0, 1))
+    start = _points_at(begin, robot_times, points, seen, height)
+    way = _points_at(end, robot_times, points, seen, height) - start
+    place = (start / _KEPT_STRIDE).astype(np.float32)
+    cv2, outside = load_cv2(), (np.nan, np.nan)
+    flow = np.stack(
+        [
+            cv2.remap(
+                seen.flows[frame].astype(np.float32),
+                place[None, frame, :, 0],
+                place[None, frame, :, 1],
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=outside,
+            )[0]
+            for frame in range(len(seen.flows))
+        ]
+    )
+    off = np.sum((flow - way) ** 2, axis=-1)
+    known = np.isfinite(off)
+    loss = np.where(known, off / (off + _FLOW_ERROR**2), 1.0).mean(axis=1)
+    a, b = flow[known], way[known]
+    scale = float(np.sum(a * a) * np.sum(b * b))
+    explained = max(float(np.sum(a * b)), 0.0) ** 2 / scale if scale > 0 else 0.0
+    return loss, explained
+
+
+def _points_at(
+    times: Array, robot_times: Array, points: Array, seen: SeenMotion, height: int
+) -> Array:
+    """Return points of the arm as frames of some times show them, shape [frame, point, 2]."""
+
+    def at(times: Array) -> Array:
+        columns = [
+            [np.interp(times[:, place], robot_times, points[:, place, axis]) for axis in (0, 1)]
+            for place in range(points.shape[1])
+        ]
+        return np.moveaxis(np.array(columns), -1, 0)
+
+    same = np.repeat(times[:, None], points.shape[1], axis=1)
+    seen_at = at(same)
+    if seen.row_time:
+        # Each row is exposed later than the one above it.
+        rows = (seen_at[..., 1] - height / 2) / seen.scale
+        seen_at = at(same + seen.row_time * rows)
+    return seen_at
+
+
+def _arm_points(arm: ArmUR, q: Array) -> Array:
+    """Return points along the moving links, as many as each is long [m], shape [time, point, 3]."""
+    rods = arm_shape(q, arm).ends[:, _STILL_ROD_COUNT:]
+    points = []
+    for rod in range(rods.shape[1]):
+        start, end = rods[:, rod, 0], rods[:, rod, 1]
+        count = max(round(float(np.linalg.norm(end[0] - start[0])) / _POINT_DISTANCE), 1)
+        share = ((np.arange(count) + 0.5) / count)[:, None]
+        points.append(start[:, None] + share * (end - start)[:, None])
+    return np.concatenate(points, axis=1)
+
+
+def reported_speed(times: Array, way: Array, dt: float) -> Callable[[Array], Array]:
+    """Return mean speeds over the time between two frames.
+
+    Before and after its record an arm that stands at the record's end stands still; of one that
+    moves there nothing is known, and its speed is NaN.
+
+    Args:
+        times: Times of the record, rising [s], shape [report].
+        way: Way along a line [px], shape [report].
+        dt: Time between two frames [s].
+    """
+    speeds = np.abs(np.diff(way) / np.diff(times))
+    still = _REST_SHARE * speeds.max()
+    left = way[0] if speeds[0] <= still else np.nan
+    right = way[-1] if speeds[-1] <= still else np.nan
+
+    def speed(at: Array) -> Array:
+        ahead, behind = (
+            np.interp(at + side * dt / 2, times, way, left=left, right=right) for side in (1, -1)
+        )
+        return (ahead - behind) / dt
+
+    return speed

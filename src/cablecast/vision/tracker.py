@@ -1,0 +1,787 @@
+"""Green patches of an image, one of which may be the marker.
+
+A patch is found by thresholds in HSV. It is judged and located by its greenness, 2 G - R - B, in
+which a motion blur over grey or white ground changes nothing but the spread: the sum over the patch
+stays, and so does the centroid, which is the marker's place in the middle of the exposure.
+
+From positions in the frames of a trial to the samples of its track, and to how it ended.
+
+The endpoint's track: the marker in every frame, near where it is expected or anywhere.
+
+Nothing is made up: a frame in which the marker is not seen, or not enough of it, gives NaN.
+
+Blind places: where the tracker cannot tell the marker from other green things.
+
+TrialCamera: what a rig asks of the camera that watches its trials.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.camera.lens import CameraView
+from cablecast.camera.settings import BLIND_COUNT_MAX, CameraSight
+from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.errors import InputError, check_count, check_ranges
+from cablecast.motion.trajectory import JointPath
+from cablecast.vision.tags import load_cv2
+from cablecast.workspace import Workspace
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MarkerConfig:
+    """Looks of the marker.
+
+    Attributes:
+        length: Length of the marker along the cable [m].
+        width: Width of the marker across the cable [m].
+        hue_deg: Hue on the colour wheel; green is 120 [deg].
+        hue_tolerance_deg: Largest change of the hue by the light [deg].
+        saturation_min: Smallest saturation of its pixels, of 255; low enough for a blurred one.
+        value_min: Smallest brightness of its pixels, of 255.
+        greenness_min: Smallest 2 G - R - B of its pixels.
+        share_min: Share of the marker's greenness that must be seen; with less of it in sight its
+            centroid is not its middle.
+        area_min: Share of its area that must be seen while it hardly moves.
+        share_max: Largest greenness of a patch that may be the marker, as a multiple of its own.
+    """
+
+    length: float = 0.038
+    width: float = 0.016
+    hue_deg: float = 122.0
+    hue_tolerance_deg: float = 32.0
+    saturation_min: int = 38
+    value_min: int = 35
+    greenness_min: float = 26.0
+    share_min: float = 0.75
+    area_min: float = 0.88
+    share_max: float = 1.6
+
+    def __post_init__(self):
+        check_ranges(
+            self,
+            {
+                "length": (0.002, 0.5, "m"),
+                "width": (0.002, 0.5, "m"),
+                "hue_deg": (0.0, 360.0, "deg"),
+                "hue_tolerance_deg": (1.0, 90.0, "deg"),
+                "saturation_min": (0, 255, ""),
+                "value_min": (0, 255, ""),
+                "greenness_min": (1.0, 500.0, ""),
+                "share_min": (0.05, 1.0, ""),
+                "area_min": (0.05, 1.0, ""),
+                "share_max": (1.0, 20.0, ""),
+            },
+            "marker",
+        )
+
+    @property
+    def area(self) -> float:
+        """Area of the marker seen from above, round at both ends [m²]."""
+        straight = max(self.length - self.width, 0.0)
+        return straight * self.width + np.pi / 4 * self.width**2
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A green patch of an image.
+
+    Attributes:
+        pixel: Centroid, weighted by greenness [px], shape [2].
+        greenness: Sum of 2 G - R - B over the patch.
+        area: Area at full greenness, which does not depend on the light, as long as the patch is
+            not blurred [px²].
+        hue_deg: Mean hue [deg].
+        extent: Standard deviation of the greenness along the longer and the shorter axis [px].
+        box: Left, top, right and bottom in the frame [px], the last two excluded.
+        touches_edge: Whether it reaches the edge of the piece of image that was searched.
+    """
+
+    pixel: NDArray[np.float64]
+    greenness: float
+    area: float
+    hue_deg: float
+    extent: tuple[float, float]
+    box: tuple[int, int, int, int]
+    touches_edge: bool
+
+
+def green_mask(image: NDArray[np.uint8], config: MarkerConfig) -> NDArray[np.uint8]:
+    """Return 255 at pixels of the marker's colour and next to them, else 0, shape [v, u]."""
+    cv2 = load_cv2()
+    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+    # OpenCV halves hues, so that 360 degrees fit into a byte.
+    low = max(round((config.hue_deg - config.hue_tolerance_deg) / 2), 0)
+    high = min(round((config.hue_deg + config.hue_tolerance_deg) / 2), 179)
+    mask = cv2.inRange(hsv, (low, config.saturation_min, config.value_min), (high, 255, 255))
+    if not mask.any():
+        return mask
+    # Noise makes single green pixels on dark ground; a blurred marker has holes.
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return cv2.dilate(mask, np.ones((5, 5), np.uint8))
+
+
+def find_patches(
+    image: NDArray[np.uint8], config: MarkerConfig, corner: tuple[int, int] = (0, 0)
+) -> list[Patch]:
+    """Return all patches of the marker's colour.
+
+    Args:
+        image: Piece of a frame, BGR, shape [v, u, 3].
+        config: Looks of the marker.
+        corner: Place of the piece's upper left pixel in the frame, u and v [px].
+    """
+    cv2 = load_cv2()
+    if image.size == 0:
+        return []
+    mask = green_mask(image, config)
+    if not mask.any():
+        return []
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    height, width = mask.shape
+    patches = []
+    for label in range(1, count):
+        left, top, w, h, area = (int(value) for value in stats[label])
+        if area < 20:
+            continue
+        window = slice(top, top + h), slice(left, left + w)
+        piece = image[window].astype(np.float32)
+        inside = labels[window] == label
+        greenness = 2.0 * piece[..., 1] - piece[..., 0] - piece[..., 2]
+        greenness = np.where(inside & (greenness > config.greenness_min), greenness, 0.0)
+        total = float(greenness.sum())
+        if total <= 0:
+            continue
+        v, u = np.mgrid[top : top + h, left : left + w]
+        mean_u, mean_v = float((greenness * u).sum() / total), float((greenness * v).sum() / total)
+        du, dv = u - mean_u, v - mean_v
+        spread = np.array(
+            [
+                [(greenness * du * du).sum(), (greenness * du * dv).sum()],
+                [(greenness * du * dv).sum(), (greenness * dv * dv).sum()],
+            ]
+        )
+        small, large = np.sqrt(np.maximum(np.linalg.eigvalsh(spread / total), 0.0))
+        vivid = float(np.quantile(greenness[greenness > 0], 0.85))
+        mean_colour = (piece * greenness[..., None]).sum(axis=(0, 1)) / total
+        patches.append(
+            Patch(
+                pixel=np.array([mean_u + corner[0], mean_v + corner[1]]),
+                greenness=total,
+                area=total / vivid,
+                hue_deg=_hue_deg(mean_colour),
+                extent=(float(large), float(small)),
+                box=(left + corner[0], top + corner[1], left + w + corner[0], top + h + corner[1]),
+                touches_edge=left == 0 or top == 0 or left + w == width or top + h == height,
+            )
+        )
+    return patches
+
+
+def _hue_deg(bgr: NDArray[np.floating]) -> float:
+    """Return the hue of a colour whose largest part is green [deg]."""
+    blue, green, red = (float(value) for value in bgr)
+    span = max(green - min(red, blue), 1e-6)
+    return 120.0 + 60.0 * (blue - red) / span
+
+
+_REST_TIME, _REST_DISTANCE, _REST_FRAMES = 0.15, 0.005, 3
+"""An endpoint that was seen in so many of the last frames [s], all this near to each other [m],
+rests there, whether or not the very last one shows it."""
+_BRINK = 0.03
+"""Distance from the table's left, right or far edge within which what vanishes fell over it [m]."""
+
+
+def sample_path(
+    times: NDArray[np.float64], xy: NDArray[np.float64], sample_times: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return positions at some times from those of the frames next to each.
+
+    A sample that falls on a frame is that frame's. One between two frames lies on the line between
+    them, and is NaN if either is NaN or they are more than two frames apart.
+
+    Args:
+        times: Times of the frames, rising [s], shape [frame].
+        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
+        sample_times: Times of the samples [s], shape [sample].
+
+    Returns:
+        Positions [m], shape [sample, 2].
+    """
+    sampled = np.full((len(sample_times), 2), np.nan)
+    if len(times) == 0:
+        return sampled
+    frame_dt = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    near = 0.05 * frame_dt + 1e-9
+    for i, time in enumerate(sample_times):
+        after = int(np.searchsorted(times, time))
+        nearest = min(max(after - 1, 0), len(times) - 1)
+        if after < len(times) and abs(times[after] - time) < abs(times[nearest] - time):
+            nearest = after
+        if abs(times[nearest] - time) <= near:
+            sampled[i] = xy[nearest]
+        elif 0 < after < len(times) and times[after] - times[after - 1] < 1.5 * frame_dt:
+            part = (time - times[after - 1]) / (times[after] - times[after - 1])
+            sampled[i] = (1 - part) * xy[after - 1] + part * xy[after]
+    return sampled
+
+
+def track_samples(
+    times: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    sample_times: NDArray[np.float64],
+    workspace: Workspace,
+    edge_tolerance: float = 0.005,
+) -> tuple[NDArray[np.float64], TrialStatus]:
+    """Return the samples of a track, and how its trial ended.
+
+    No landing hangs on a single frame: where the last sample is missing, it is the place at which
+    the endpoint rested in the frames before it.
+
+    Args:
+        times: Times of the frames, rising [s], shape [frame].
+        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
+        sample_times: Times of the samples, rising [s], shape [sample].
+        workspace: Gives the table's edges.
+        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
+
+    Returns:
+        Samples [m], shape [sample, 2], and the status.
+    """
+    samples = sample_path(times, xy, sample_times)
+    if len(samples) and np.isnan(samples[-1]).any():
+        samples[-1] = _resting_place(times, xy, float(sample_times[-1]))
+    return samples, judge_status(times, xy, samples, workspace, edge_tolerance)
+
+
+def _resting_place(
+    times: NDArray[np.float64], xy: NDArray[np.float64], end: float
+) -> NDArray[np.float64]:
+    """Return where the endpoint rested shortly before a time [m], NaN where it did not, [2]."""
+    late = (times <= end) & (times >= end - _REST_TIME) & np.isfinite(xy).all(axis=1)
+    if np.count_nonzero(late) < _REST_FRAMES or np.ptp(xy[late], axis=0).max() > _REST_DISTANCE:
+        return np.full(2, np.nan)
+    return np.median(xy[late], axis=0)
+
+
+def judge_status(
+    times: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    endpoint_xy: NDArray[np.float64],
+    workspace: Workspace,
+    edge_tolerance: float = 0.005,
+) -> TrialStatus:
+    """Return how a trial ended, judged by what was seen.
+
+    Off the table is an endpoint that was seen last beyond the edge, on its way over it, or so near
+    to it that nothing else can have hidden it: no arm reaches there. Occluded is any other that was
+    not seen at the end. One that swept past the edge and came back has landed.
+
+    Args:
+        times: Times of the frames [s], shape [frame].
+        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
+        endpoint_xy: Samples of the track [m], shape [sample, 2].
+        workspace: Gives the table's edges.
+        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
+    """
+    seen = np.flatnonzero(np.isfinite(xy).all(axis=1))
+    if not len(seen):
+        return TrialStatus.OCCLUDED
+    last = xy[seen[-1]]
+    # A point pulled towards the table by the tolerance must lie on it.
+    centre = np.array([0.0, (workspace.y_min + workspace.y_max) / 2])
+    if not workspace.on_table(last - np.clip(last - centre, -edge_tolerance, edge_tolerance)):
+        return TrialStatus.OFF_TABLE
+    if np.isfinite(endpoint_xy[-1]).all():
+        return TrialStatus.OK
+    # The near edge does not count: there the arm is in the way.
+    to_edge = min(workspace.half_width - abs(last[0]), workspace.y_max - last[1])
+    if to_edge < _BRINK:
+        return TrialStatus.OFF_TABLE
+    if len(seen) > 1 and seen[-1] < len(times) - 1:
+        a, b = seen[-2:]
+        velocity = (xy[b] - xy[a]) / (times[b] - times[a])
+        # Two more frames at the speed at which it was seen last.
+        ahead = last + velocity * 2 * (times[b + 1] - times[b])
+        if not workspace.on_table(ahead):
+            return TrialStatus.OFF_TABLE
+    return TrialStatus.OCCLUDED
+
+
+_GRID = 1.0
+"""Change of the marker's seen width by the grid of pixels and the compression of colours [px]: its
+area in compressed frames changed by up to 13, 11 and 4 % where it was 6, 8 and 12 px wide."""
+Window = tuple[int, int, int, int]
+"""A piece of a frame: left, top, right, bottom [px], the last two excluded."""
+_BLUR_SMALL = 4.0
+"""Length of a trace below which the marker looks as it does at rest [px]."""
+Grab = Callable[[Window], NDArray[np.uint8]]
+"""Function that returns a piece of the current frame, BGR."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrackerConfig:
+    """Settings of the tracker.
+
+    Attributes:
+        marker: Looks of the marker.
+        marker_z: Height of the marker's middle above the table while it lies there [m].
+        sample_dt: Time between samples of the track [s]; the paper's camera analysis takes 100 ms.
+        exposure_max: Longest exposure of a frame that is expected, which bounds the blur [s].
+        speed_max: Largest speed of the endpoint [m/s].
+        acceleration_max: Largest acceleration of the endpoint [m/s²].
+        search_period: Frames between searches of the whole image while the marker is lost; between
+            them it is searched where it was expected.
+        start_radius: Largest distance of the first endpoint from where it is expected [m].
+        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
+        row_time: Time by which each row is exposed later than the one above it [s]; 0 for a global
+            shutter.
+    """
+
+    marker: MarkerConfig = dataclasses.field(default_factory=MarkerConfig)
+    marker_z: float = 0.005
+    sample_dt: float = 0.1
+    exposure_max: float = 1 / 120
+    speed_max: float = 15.0
+    acceleration_max: float = 400.0
+    search_period: int = 3
+    start_radius: float = 0.15
+    edge_tolerance: float = 0.005
+    row_time: float = 0.0
+
+    def __post_init__(self):
+        check_count("tracker search_period", self.search_period, 1, 1000)
+        check_ranges(
+            self,
+            {
+                "marker_z": (-0.1, 0.5, "m"),
+                "sample_dt": (0.005, 10.0, "s"),
+                "exposure_max": (0.0, 0.1, "s"),
+                "speed_max": (0.1, 100.0, "m/s"),
+                "acceleration_max": (1.0, 1e5, "m/s²"),
+                "start_radius": (0.01, 5.0, "m"),
+                "edge_tolerance": (0.0, 0.2, "m"),
+                "row_time": (0.0, 1e-3, "s"),
+            },
+            "tracker",
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Seen:
+    """The marker in one frame."""
+
+    frame: int
+    time: float
+    pixel: NDArray[np.float64]
+    xy: NDArray[np.float64]
+
+
+class EndpointTracker:
+    """Follows the green marker through the frames of one trial.
+
+    Args:
+        view: Calibrated camera.
+        workspace: Gives the table's edges.
+        config: Settings of the tracker.
+        start_xy: Approximate endpoint at the beginning, where it is known [m], shape [2]: it tells
+            the marker from other green things.
+    """
+
+    def __init__(
+        self,
+        view: CameraView,
+        workspace: Workspace,
+        config: TrackerConfig | None = None,
+        start_xy: ArrayLike | None = None,
+    ):
+        self.view = view
+        self.workspace = workspace
+        self.config = TrackerConfig() if config is None else config
+        self._start_xy = None if start_xy is None else np.asarray(start_xy, dtype=float)
+        self._seen: list[_Seen] = []
+        self._times: list[float] = []
+        self._frame_time = -np.inf
+        self._xy: list[NDArray[np.float64]] = []
+        self._greenness: float | None = None
+        self._area = 0.0
+        self._still_green: NDArray[np.bool_] | None = None
+        lens = view.lens
+        self._frame: Window = (0, 0, lens.width, lens.height)
+        centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
+        self._px_per_m = view.pixels_per_metre(centre, self.config.marker_z)
+        marker = self.config.marker
+        # Where a small marker lies on the grid of pixels changes its area by a pixel of its width.
+        self._area_min = min(marker.area_min, 1.0 - _GRID / (marker.width * self._px_per_m))
+
+    def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
+        """Look at the next frame, and return the endpoint in it.
+
+        Args:
+            time: Middle of the exposure of the frame's middle row [s]; must rise.
+            grab: Returns pieces of the frame. The tracker asks for no more than it looks at.
+
+        Returns:
+            Endpoint on the table [m], shape [2]; NaN if it was not seen.
+        """
+        if self._times and time <= self._frame_time:
+            raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
+        frame, self._frame_time = len(self._times), time
+        patch = None
+        if not self._seen:
+            patch = self._first(grab) if frame % self.config.search_period == 0 else None
+        else:
+            lost_count = frame - 1 - self._seen[-1].frame
+            patch = self._near(time, lost_count, grab)
+            if patch is None and lost_count % self.config.search_period == 0:
+                patch = self._anywhere(time, grab)
+        if patch is None:
+            return self._add(time, np.full(2, np.nan))
+        xy = self.view.to_table(patch.pixel, self.config.marker_z)
+        self._seen.append(_Seen(frame=frame, time=time, pixel=patch.pixel, xy=xy))
+        # Rows below the middle one are exposed later.
+        time += self.config.row_time * (float(patch.pixel[1]) - (self._frame[3] - 1) / 2)
+        self._learn(patch)
+        return self._add(time, xy)
+
+    def _add(self, time: float, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Keep the endpoint of a frame, and return it."""
+        # The row of one frame and that of the next may come close in time, but not change places.
+        last = self._times[-1] if self._times else -np.inf
+        self._times.append(max(time, float(np.nextafter(last, np.inf))))
+        self._xy.append(xy)
+        return xy
+
+    def _learn(self, patch: Patch) -> None:
+        """Learn how green and how large the marker is here and now."""
+        if self._greenness is None:
+            self._greenness, self._area = patch.greenness, patch.area
+            return
+        # Light and background change slowly against the frame rate.
+        self._greenness += 0.2 * (patch.greenness - self._greenness)
+        # The area at rest only grows, when what covered the marker has gone: an arm that creeps
+        # over it must not make it believed smaller.
+        if patch.area > self._area and self._blur_px() < _BLUR_SMALL:
+            self._area += 0.2 * (patch.area - self._area)
+
+    def _blur_px(self) -> float:
+        """Return the length of the marker's trace if it moves as it last did [px]."""
+        if len(self._seen) < 2:
+            return 0.0
+        before, last = self._seen[-2:]
+        speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
+        return speed * self.config.exposure_max
+
+    def track(self, duration: float | None = None, begin: float = 0.0) -> EndpointTrack:
+        """Return the track so far, one sample every `sample_dt` since the motion began.
+
+        Args:
+            duration: Time of the last sample [s]; by default that of the last frame.
+            begin: Time at which the motion began, in the clock of the frames [s].
+
+        Raises:
+            InputError: There are no frames at or after the beginning of the motion.
+        """
+        times, xy = self.frames
+        times = times - begin
+        if not len(times) or times[-1] < 0:
+            raise InputError("there is no frame at or after the beginning of the motion")
+        dt = self.config.sample_dt
+        end = times[-1] if duration is None else duration
+        sample_times = np.arange(int(np.floor(end / dt + 1e-6)) + 1, dtype=np.float64) * dt
+        endpoint_xy, status = track_samples(
+            times, xy, sample_times, self.workspace, self.config.edge_tolerance
+        )
+        return EndpointTrack(times=sample_times, endpoint_xy=endpoint_xy, status=status)
+
+    @property
+    def still_green(self) -> NDArray[np.bool_] | None:
+        """Pixels where something green lies that is not the marker, shape [v, u]."""
+        return self._still_green
+
+    @property
+    def frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Time of every frame [s], shape [frame], and the endpoint in it [m], shape [frame, 2].
+
+        With a rolling shutter the time is that of the row in which the marker was seen.
+        """
+        return np.array(self._times), np.array(self._xy).reshape(-1, 2)
+
+    def _first(self, grab: Grab) -> Patch | None:
+        """Return the marker in the first frame that shows it.
+
+        Whatever else is green then lies still, and is no marker later either.
+        """
+        config = self.config.marker
+        expected = config.area * self._px_per_m**2
+        candidates = []
+        for patch in self._patches(self._frame, grab):
+            # Between a pale and a vivid green; the marker's own is known after this.
+            if not 40.0 * expected < patch.greenness < 420.0 * expected:
+                continue
+            if not 0.85 < patch.area / expected < 1.6:
+                continue
+            if self._shaped(patch, blur_px=0.0):
+                candidates.append(patch)
+        if candidates:
+            pixels = np.array([patch.pixel for patch in candidates])
+            if self._start_xy is None:
+                # Nothing is known but the size: the patch that is most like a vivid marker.
+                misfit = [abs(np.log(p.greenness / (190.0 * expected))) for p in candidates]
+            else:
+                xy = self.view.to_table(pixels, self.config.marker_z)
+                misfit = np.linalg.norm(xy - self._start_xy, axis=1)
+                # While the arm hides the marker, another green thing is not it.
+                keep = misfit <= self.config.start_radius
+                candidates = [patch for patch, ok in zip(candidates, keep, strict=True) if ok]
+                misfit = misfit[keep]
+            candidates = [candidates[i] for i in np.argsort(misfit)]
+        if self._still_green is None:
+            mask = green_mask(grab(self._frame), config) > 0
+            if candidates:
+                left, top, right, bottom = candidates[0].box
+                mask[top:bottom, left:right] = False
+            self._still_green = mask
+        return candidates[0] if candidates else None
+
+    def _predict(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Predict the marker's place [px], its speed [px/s], and the error of both [px]."""
+        last = self._seen[-1]
+        velocity = np.zeros(2)
+        if len(self._seen) > 1:
+            before = self._seen[-2]
+            velocity = (last.pixel - before.pixel) / (last.time - before.time)
+        dt = time - last.time
+        radius = 0.5 * self.config.acceleration_max * self._px_per_m * dt * dt
+        return (
+            last.pixel + velocity * dt,
+            velocity,
+            radius + 0.35 * float(np.linalg.norm(velocity)) * dt,
+        )
+
+    def _near(self, time: float, lost_count: int, grab: Grab) -> Patch | None:
+        """Return the marker where it is expected, if it is there."""
+        # A long time after it was seen, it is where it was or anywhere.
+        if lost_count <= 3:
+            centre, velocity, radius = self._predict(time)
+        else:
+            centre, velocity, radius = self._seen[-1].pixel, np.zeros(2), 60.0
+        exposure = self.config.exposure_max
+        speed = float(np.linalg.norm(velocity))
+        half = self.config.marker.length * self._px_per_m + 10.0
+        half += min(radius, 250.0) + speed * exposure / 2
+        blur_px = min(2.0 * speed * exposure + 8.0, self._blur_max)
+        left, top = np.floor(centre - half).astype(int)
+        right, bottom = np.ceil(centre + half).astype(int) + 1
+        window = (
+            max(int(left), 0),
+            max(int(top), 0),
+            min(int(right), self._frame[2]),
+            min(int(bottom), self._frame[3]),
+        )
+        if window[0] >= window[2] or window[1] >= window[3]:
+            return None
+        return self._choose(self._patches(window, grab), centre, half, window, blur_px)
+
+    def _anywhere(self, time: float, grab: Grab) -> Patch | None:
+        """Return the marker from anywhere that it could have reached since it was seen."""
+        last = self._seen[-1]
+        reach = self.config.speed_max * (time - last.time) * self._px_per_m + 40.0
+        patches = self._patches(self._frame, grab)
+        return self._choose(patches, last.pixel, reach, self._frame, self._blur_max)
+
+    @property
+    def _blur_max(self) -> float:
+        """Longest trace of the marker in a frame [px]."""
+        return self.config.speed_max * self.config.exposure_max * self._px_per_m
+
+    def _patches(self, window: Window, grab: Grab) -> list[Patch]:
+        """Return the green patches of a piece of the frame that do not lie on other green."""
+        patches = find_patches(grab(window), self.config.marker, (window[0], window[1]))
+        still = self._still_green
+        if still is None:
+            return patches
+        u_max, v_max = self._frame[2] - 1, self._frame[3] - 1
+
+        def lies_on_green(patch: Patch) -> bool:
+            u, v = np.round(patch.pixel).astype(int)
+            return bool(still[min(max(v, 0), v_max), min(max(u, 0), u_max)])
+
+        return [patch for patch in patches if not lies_on_green(patch)]
+
+    def _choose(
+        self,
+        patches: list[Patch],
+        centre: NDArray[np.float64],
+        radius: float,
+        window: Window,
+        blur_px: float,
+    ) -> Patch | None:
+        """Return the patch that looks most like the marker, if any does."""
+        config = self.config.marker
+        best, best_score = None, np.inf
+        for patch in patches:
+            share = patch.greenness / (self._greenness or patch.greenness)
+            if not config.share_min <= share <= config.share_max:
+                continue
+            # The share tells little of a marker that is slowly covered: it changes with the light.
+            moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
+            slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
+            if slow and patch.area < self._area_min * self._area:
+                continue
+            # What the window cuts off may be the marker's other half.
+            if patch.touches_edge and window != self._frame:
+                continue
+            if not self._shaped(patch, blur_px):
+                continue
+            distance = float(np.linalg.norm(patch.pixel - centre))
+            if distance > radius:
+                continue
+            score = abs(np.log(share)) + distance / (radius + 1.0)
+            score += abs(patch.hue_deg - config.hue_deg) / config.hue_tolerance_deg
+            if score < best_score:
+                best, best_score = patch, score
+        return best
+
+    def _shaped(self, patch: Patch, blur_px: float) -> bool:
+        """Return whether a patch is as large as the marker can look."""
+        config = self.config.marker
+        if abs(patch.hue_deg - config.hue_deg) > config.hue_tolerance_deg:
+            return False
+        # Deviation of an even bar is its length over the root of 12; a pixel more for the lens.
+        longest = (config.length * self._px_per_m + blur_px) / np.sqrt(12.0) * 1.3 + 1.0
+        widest = (config.length * self._px_per_m) / np.sqrt(12.0) * 1.15 + 1.0
+        return patch.extent[0] <= longest and patch.extent[1] <= widest
+
+
+def sight_of(tracker: EndpointTracker) -> CameraSight:
+    """Return what the camera of a tracker cannot see.
+
+    Args:
+        tracker: Tracker; one that has not seen a frame knows of no blind places.
+    """
+    mask, blind = tracker.still_green, np.empty((0, 3))
+    if mask is not None:
+        # Some of the marker reaches into what it lies beside.
+        half = tracker.config.marker.length / 2
+        blind = green_places(mask, tracker.view, tracker.workspace) + [0.0, 0.0, half]
+    return CameraSight(
+        position=tracker.view.position,
+        blind=tuple((x, y, radius) for x, y, radius in blind[:BLIND_COUNT_MAX].tolist()),
+    )
+
+
+def green_places(
+    mask: NDArray[np.bool_], view: CameraView, workspace: Workspace
+) -> NDArray[np.float64]:
+    """Return circles around the green things on the table, the largest first.
+
+    Args:
+        mask: True where a pixel is green, shape [v, u].
+        view: Calibrated camera.
+        workspace: Gives the table's edges.
+
+    Returns:
+        x, y and radius [m], shape [place, 3]: a circle of the area of the box about each.
+    """
+    from scipy.ndimage import find_objects, label
+
+    labels, _ = label(mask)  # pyright: ignore[reportGeneralTypeIssues]
+    places = []
+    for rows, columns in find_objects(labels):
+        corners = [(columns.start, rows.start), (columns.stop, rows.stop)]
+        a, b = view.to_table(np.array(corners, dtype=float))
+        radius = np.sqrt(abs((b[0] - a[0]) * (b[1] - a[1])) / np.pi)
+        if workspace.on_table((a + b) / 2):
+            places.append([*((a + b) / 2), radius])
+    places.sort(key=lambda place: -place[2])
+    return np.array(places).reshape(-1, 3)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrialTiming:
+    """When a trial took place, by the clock of the arm's controller and by that of this computer.
+
+    Attributes:
+        start_time: Begin of the motion by the controller's clock [s].
+        end_time: End of the trial, when the cable has had time to come to rest, by the controller's
+            clock [s].
+        clock_pairs: Times of reports by the controller's clock, and the times at which they arrived
+            by `time.monotonic` of this computer [s], shape [report, 2].
+        joint_path: Joints as the arm reported them, with times since `start_time`; None where it
+            reports none.
+    """
+
+    start_time: float
+    end_time: float
+    clock_pairs: NDArray[np.float64]
+    joint_path: JointPath | None = None
+
+
+@runtime_checkable
+class TrialCamera(Protocol):
+    """Camera over the table, which films one trial at a time.
+
+    The order is check, then for each trial start, stop or cancel; `locate` may come at any time
+    between two trials. A camera that cannot go on raises RigError with one line that says what to
+    do.
+
+    Attributes:
+        description: Kind and settings of the camera, as plain values for a dataset card.
+    """
+
+    description: dict[str, Any]
+
+    def check(self, after: float | None = None) -> None:
+        """Check that frames arrive, are fresh and as exposed as before, and that no tag moved.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None, which is only as fresh as the way of a frame from the sensor is short.
+
+        Raises:
+            RigError: The camera cannot see a trial; says what to do.
+        """
+        ...
+
+    def start(self) -> None:
+        """Begin to film: the motion starts after this returns."""
+        ...
+
+    def stop(self, timing: TrialTiming) -> EndpointTrack:
+        """End the film, and return the endpoint's track.
+
+        The frames from `timing.start_time` to `timing.end_time` count. This waits until the last of
+        them has arrived.
+
+        Args:
+            timing: When the trial took place.
+
+        Returns:
+            Track with samples every 100 ms since the motion began; the joint path is that of
+            `timing`.
+        """
+        ...
+
+    def cancel(self) -> None:
+        """Drop the film of a trial that was aborted; harmless where none runs."""
+        ...
+
+    def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
+        """Return where the endpoint is now.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None.
+
+        Returns:
+            Place on the table [m], shape [2]; None where it is not seen.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the device; it may be called twice."""
+        ...

@@ -1,0 +1,148 @@
+"""An exported data set has the layout of LeRobot v3, and its numbers are those of the casts."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from cablecast.data.dataset import commanded_joints, trial_track
+from cablecast.data.lerobot import DATA_FILE, EPISODES_FILE, TASKS_FILE, VIDEO_FILE, statistics
+from cablecast.data.record import collect_dataset
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import DatasetError, InputError
+from cablecast.pipeline.export import export_dataset
+from cablecast.rigs.engine import RigEngine
+from cablecast.setup import Setup
+from cablecast.vision.video import read_video, write_video
+
+FPS, CAST_COUNT = 10, 3
+# LeRobot stores 32 bits.
+FLOAT32 = 1e-6
+
+
+@pytest.fixture(scope="module")
+def casts(tmp_path_factory):
+    setup = Setup()
+    rig = RigEngine(EngineWarp(segment_count=10, dt=2e-3), setup)
+    out = tmp_path_factory.mktemp("casts") / "tune-data"
+    return collect_dataset(out, rig, setup, purpose="tune", count=CAST_COUNT)
+
+
+@pytest.fixture(scope="module")
+def exported(casts, tmp_path_factory):
+    return export_dataset(casts, tmp_path_factory.mktemp("exported") / "lerobot")
+
+
+def rows_of(folder, file):
+    return pq.read_table(folder / file).to_pylist()
+
+
+def test_frames_hold_the_track_and_the_commanded_joints(casts, exported):
+    frames = rows_of(exported, DATA_FILE)
+    for row in range(CAST_COUNT):
+        mine = [frame for frame in frames if frame["episode_index"] == row]
+        track, joints = trial_track(casts, row), commanded_joints(casts, row)
+        assert [frame["observation.endpoint"] for frame in mine] == [
+            pytest.approx(xy, abs=FLOAT32) for xy in track.endpoint_xy
+        ]
+        assert [frame["timestamp"] for frame in mine] == pytest.approx(track.times)
+        after = [np.interp(0.1 * (k + 1), joints.times, joints.q[:, 0]) for k in range(len(mine))]
+        assert [frame["action"][0] for frame in mine] == pytest.approx(after, abs=FLOAT32)
+        assert [frame["next.done"] for frame in mine] == [False] * (len(mine) - 1) + [True]
+        assert mine[-1]["next.success"] == (casts.status[row] == "ok")
+        assert mine[0]["observation.cast"] == pytest.approx(casts.actions[row], abs=FLOAT32)
+    assert [frame["index"] for frame in frames] == list(range(len(frames)))
+
+
+def test_episodes_and_description_point_to_the_frames(exported):
+    frames, episodes = rows_of(exported, DATA_FILE), rows_of(exported, EPISODES_FILE)
+    info = json.loads((exported / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["fps"]) == ("v3.0", FPS)
+    assert (info["total_episodes"], info["total_frames"]) == (CAST_COUNT, len(frames))
+    for episode in episodes:
+        first, last = episode["dataset_from_index"], episode["dataset_to_index"]
+        assert {frame["episode_index"] for frame in frames[first:last]} == {
+            episode["episode_index"]
+        }
+        assert episode["length"] == last - first
+    for name, feature in info["features"].items():
+        value = frames[0][name]
+        assert feature["shape"] == [len(value) if isinstance(value, list) else 1], name
+    tasks = rows_of(exported, TASKS_FILE)
+    assert [task["task_index"] for task in tasks] == [0]
+    assert tasks[0]["task"] in episodes[0]["tasks"]
+
+
+def test_the_library_of_data_sets_opens_what_is_exported(exported, tmp_path):
+    datasets = pytest.importorskip("datasets")
+    loaded = datasets.load_dataset(
+        "parquet", data_files=str(exported / "data/*/*.parquet"), cache_dir=str(tmp_path)
+    )["train"]
+    frames = rows_of(exported, DATA_FILE)
+    assert len(loaded) == len(frames)
+    assert loaded[5]["action"] == pytest.approx(frames[5]["action"])
+
+
+def test_tasks_are_the_index_of_a_table_that_pandas_reads(exported):
+    pandas = pytest.importorskip("pandas")
+    tasks = pandas.read_parquet(exported / TASKS_FILE)
+    assert "cable_1" in tasks.index[0]
+    assert tasks["task_index"].tolist() == [0]
+
+
+def test_statistics_are_those_of_each_number():
+    values = np.array([[0.0, 10.0], [1.0, 10.0], [2.0, 10.0]])
+    stats = statistics(values)
+    assert (stats["min"], stats["max"], stats["mean"]) == ([0, 10], [2, 10], [1, 10])
+    assert (stats["count"], stats["q50"]) == ([3], [1, 10])
+
+
+def clock(count):
+    """Frames in which a white bar moves by 4 px each, and so tells which frame was taken."""
+    for frame in range(count):
+        picture = np.zeros((64, 4 * count + 16, 3), dtype=np.uint8)
+        picture[:, 4 * frame : 4 * frame + 4] = 255
+        yield picture
+
+
+def test_films_follow_one_another_with_one_frame_per_frame_of_the_data(casts, tmp_path):
+    rate = 30
+    for number in range(CAST_COUNT):
+        write_video(tmp_path / f"films/{number:06d}.mp4", clock(4 * rate), rate)
+    out = export_dataset(casts, tmp_path / "out", films=tmp_path / "films")
+    info, film = read_video(out / VIDEO_FILE)
+    pictures = [frame for _, frame in film]
+    data = rows_of(out, DATA_FILE)
+    assert (info.rate, len(pictures)) == (FPS, len(data))
+    seconds = [np.argmax(picture.mean(axis=(0, 2))) / 4 / rate for picture in pictures]
+    # The last frame of a film is one frame before its end, and compression blurs the bar.
+    assert seconds == pytest.approx([row["timestamp"] for row in data], abs=1.3 / rate)
+    episodes = rows_of(out, EPISODES_FILE)
+    starts = [row["videos/observation.images.top/from_timestamp"] for row in episodes]
+    assert starts == pytest.approx([row["dataset_from_index"] / FPS for row in episodes])
+
+
+def test_a_missing_film_leaves_nothing_behind(casts, tmp_path):
+    (tmp_path / "films").mkdir()
+    with pytest.raises(InputError, match=r"there is no video .*000000\.mp4"):
+        export_dataset(casts, tmp_path / "out", films=tmp_path / "films")
+    assert [path.name for path in tmp_path.iterdir()] == ["films"]
+
+
+def test_simulated_casts_and_full_folders_are_refused(casts, exported, unbroken):
+    from cablecast.data.dataset import read_dataset
+
+    with pytest.raises(DatasetError, match="simulated casts"):
+        export_dataset(read_dataset(unbroken), exported.parent / "other")
+    with pytest.raises(InputError, match="not empty"):
+        export_dataset(casts, exported)
+
+
+def test_the_library_of_data_sets_opens_what_collect_writes(casts, tmp_path):
+    datasets = pytest.importorskip("datasets")
+    # As the card of the dataset says.
+    loaded = datasets.load_dataset(
+        "parquet", data_files=str(casts.path / "data/*/*.parquet"), cache_dir=str(tmp_path)
+    )["train"]
+    assert loaded["theta1"] == pytest.approx(casts.actions[:, 0])

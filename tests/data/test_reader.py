@@ -1,0 +1,196 @@
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+from stick_engine import COUNT, SETUP, simulate
+from stick_rig import StickRig, collect
+
+from cablecast.data.dataset import read_dataset
+from cablecast.errors import DatasetError, UnreadableFileError
+from cablecast.files import seal
+
+SHARD = "data/chunk-000/file-002.parquet"
+
+
+class MovedCameraRig(StickRig):
+    """Equal by its description, but its camera has moved."""
+
+    def _track(self, *arguments):
+        track = super()._track(*arguments)
+        return dataclasses.replace(track, endpoint_xy=track.endpoint_xy + 0.01)
+
+
+@pytest.fixture
+def copied(unbroken, tmp_path):
+    return shutil.copytree(unbroken, tmp_path / "d")
+
+
+def test_a_missing_dataset_is_named(tmp_path):
+    with pytest.raises(DatasetError, match=r"nowhere is not a dataset: .*info.json is missing"):
+        read_dataset(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("kept", [0, 3, 1000, -1])
+def test_a_truncated_shard_is_named(copied, kept):
+    shard = copied / SHARD
+    shard.write_bytes(shard.read_bytes()[:kept])
+    with pytest.raises(DatasetError, match=r"file-002.parquet is truncated or damaged") as caught:
+        read_dataset(copied)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_flipped_bit_in_the_data_is_detected(copied):
+    shard = copied / SHARD
+    content = bytearray(shard.read_bytes())
+    content[600] ^= 0x10
+    shard.write_bytes(content)
+    with pytest.raises(DatasetError, match=r"file-002.parquet"):
+        read_dataset(copied)
+
+
+def test_a_missing_shard_is_named(copied):
+    (copied / SHARD).unlink()
+    with pytest.raises(DatasetError, match=r"file-002.parquet is missing"):
+        read_dataset(copied)
+
+
+def test_a_shard_in_the_place_of_another_is_detected(copied):
+    shutil.copy(copied / "data/chunk-000/file-001.parquet", copied / SHARD)
+    with pytest.raises(DatasetError, match=r"file-002.parquet must hold the rows 120 to 179"):
+        read_dataset(copied)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "7", "[" * 100_000, '{"complete": "no"}'])
+def test_a_damaged_description_is_refused(copied, text):
+    (copied / "meta/info.json").write_text(text)
+    with pytest.raises(DatasetError, match=r"info.json is damaged") as caught:
+        read_dataset(copied)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("version", [1, 99])
+def test_a_dataset_of_another_version_is_refused_by_its_version(copied, version):
+    info = json.loads((copied / "meta/info.json").read_text())
+    del info["sha256"]
+    (copied / "meta/info.json").write_text(json.dumps(info | {"schema_version": version}))
+    with pytest.raises(DatasetError, match=f"schema version {version}: .*make the dataset anew"):
+        read_dataset(copied)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"complete": "no"},
+        {"shard_count": 10**9},
+        {"shard_rows": 0},
+        {"total_frames": True},
+        {"settings": []},
+        {"fingerprint": None},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("sealed", [True, False])
+def test_a_changed_description_is_refused(copied, change, sealed):
+    file = copied / "meta/info.json"
+    info = json.loads(file.read_text()) | change
+    if sealed:
+        del info["sha256"]
+        info = seal(info)
+    file.write_text(json.dumps(info))
+    with pytest.raises(DatasetError, match="damaged"):
+        read_dataset(copied)
+
+
+def test_a_description_that_cannot_be_read_is_not_called_damaged(copied):
+    file = copied / "meta/info.json"
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(UnreadableFileError, match="cannot be read: Is a directory"):
+        read_dataset(copied)
+
+
+def test_rows_that_were_changed_after_the_end_are_detected(copied):
+    change_rows(copied / SHARD, "duration", lambda values: [2.0 * value for value in values])
+    with pytest.raises(DatasetError, match=r"file-002.*its rows do not match their checksum"):
+        read_dataset(copied)
+
+
+def test_a_shard_of_a_dataset_of_equal_settings_is_detected_and_can_be_made_again(tmp_path):
+    for name, rig in (("first", StickRig()), ("second", MovedCameraRig())):
+        collect(tmp_path / name, rig, count=2)
+    wanted = read_dataset(tmp_path / "first").endpoint_xy
+    shard = tmp_path / "first/data/chunk-000/file-001.parquet"
+    shutil.copy(tmp_path / "second/data/chunk-000/file-001.parquet", shard)
+    for look in (read_dataset, lambda path: collect(path, count=2)):
+        with pytest.raises(DatasetError, match=r"file-001.parquet is not the one"):
+            look(tmp_path / "first")
+    shard.unlink()
+    np.testing.assert_array_equal(collect(tmp_path / "first", count=2).endpoint_xy, wanted)
+
+
+def test_a_shard_of_a_dataset_of_other_settings_is_detected(copied, tmp_path):
+    simulate(tmp_path / "other", setup=SETUP.with_motion(v_max=1.2))
+    shutil.copy(tmp_path / "other" / SHARD, copied / SHARD)
+    with pytest.raises(DatasetError, match="belongs to a dataset of other settings"):
+        read_dataset(copied)
+
+
+def change_rows(file, name, change):
+    """Write a shard again with one column changed, as a spreadsheet would."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(file)
+    column = pa.array(change(table[name].to_pylist()))
+    table = table.set_column(table.schema.get_field_index(name), name, column)
+    pq.write_table(table, file)
+
+
+def test_the_fingerprint_is_that_of_the_rows_not_of_the_settings_alone(unbroken, tmp_path):
+    first = collect(tmp_path / "first", StickRig(), count=2)
+    second = collect(tmp_path / "second", MovedCameraRig(), count=2)
+    assert first.info["settings"] == second.info["settings"]
+    assert first.fingerprint != second.fingerprint
+
+
+def test_parquet_readers_see_one_table_of_all_shards(unbroken):
+    import pyarrow.dataset as pads
+
+    table = pads.dataset(unbroken / "data", format="parquet").to_table()
+    assert len(table) == COUNT
+    assert sorted(table["index"].to_pylist()) == list(range(COUNT))
+
+
+def test_the_card_begins_with_front_matter_that_points_to_the_shards(unbroken):
+    _, front, body = (unbroken / "README.md").read_text().split("---\n", 2)
+    values = yaml.safe_load(front)
+    assert values["configs"] == [{"config_name": "default", "data_files": "data/*/*.parquet"}]
+    assert "| `theta1` | rad |" in body
+
+
+def test_the_statistics_are_those_of_the_rows(unbroken):
+    stats = json.loads((unbroken / "meta/stats.json").read_text())
+    dataset = read_dataset(unbroken)
+    assert stats["theta2"]["min"] == [dataset.actions[:, 1].min()]
+    assert stats["endpoint_x"]["mean"] == [np.mean(dataset.endpoint_xy[:, 0])]
+    assert stats["index"]["count"] == [COUNT]
+
+
+def test_the_description_follows_the_layout_of_lerobot(unbroken):
+    info = json.loads((unbroken / "meta/info.json").read_text())
+    first = info["data_path"].format(chunk_index=0, file_index=0)
+    assert (unbroken / first).is_file()
+    assert info["total_frames"] == COUNT
+    assert info["splits"] == {"train": f"0:{COUNT}"}
+    assert set(info["features"]) >= {"theta1", "endpoint_x", "status"}
+
+
+def test_settings_of_another_version_are_refused_in_one_line(copied):
+    dataset = read_dataset(copied)
+    settings = dataset.info["settings"] | {"motion": {"warp_factor": 9}}
+    dataset = dataclasses.replace(dataset, info=dataset.info | {"settings": settings})
+    with pytest.raises(DatasetError, match=r"made by cablecast .*warp_factor.*make it anew"):
+        _ = dataset.setup

@@ -1,0 +1,72 @@
+"""The store of all casts of a cable: each is kept as it is made, none twice."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from stick_rig import COUNT, SETUP, StickRig
+
+from cablecast.data.dataset import measured_joints, trial_track
+from cablecast.data.record import collect_dataset
+from cablecast.data.store import CastStore
+from cablecast.errors import DamagedFileError, InputError
+
+
+@pytest.fixture(scope="module")
+def casts(tmp_path_factory):
+    path = tmp_path_factory.mktemp("store") / "casts"
+    return collect_dataset(path, StickRig(), SETUP, purpose="tune", count=COUNT)
+
+
+def test_casts_come_out_as_they_went_in(casts, tmp_path):
+    store = CastStore(SETUP, tmp_path / "store")
+    assert store.add_dataset(casts) == COUNT
+    again = CastStore(SETUP, tmp_path / "store").dataset()
+    np.testing.assert_array_equal(again.actions, casts.actions)
+    np.testing.assert_array_equal(again.endpoint_xy, casts.endpoint_xy)
+    assert list(again.status) == list(casts.status)
+    for row in range(COUNT):
+        there, here = trial_track(casts, row), trial_track(again, row)
+        np.testing.assert_array_equal(here.endpoint_xy, there.endpoint_xy)
+        joints, known = measured_joints(again, row), measured_joints(casts, row)
+        np.testing.assert_array_equal(joints.q, known.q)
+    assert again.fingerprint == store.dataset().fingerprint
+
+
+def test_a_cast_is_kept_once(casts, tmp_path):
+    store = CastStore(SETUP, tmp_path)
+    store.add_dataset(casts)
+    assert store.add_dataset(casts) == 0
+    assert CastStore(SETUP, tmp_path).add_dataset(casts) == 0
+    assert len(store) == COUNT
+
+
+def test_casts_of_another_set_up_and_simulated_ones_are_refused(casts, tmp_path):
+    other = SETUP.with_motion(v_max=1.2)
+    with pytest.raises(InputError, match="another set-up"):
+        CastStore(other).add_dataset(casts)
+    simulated = dataclasses.replace(casts, info=casts.info | {"kind": "sim"})
+    with pytest.raises(InputError, match="were simulated"):
+        CastStore(SETUP).add_dataset(simulated)
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    with pytest.raises(InputError, match=r"v_max is 1\.5 there and 1\.2 here"):
+        CastStore(other, tmp_path)
+
+
+def test_two_that_add_to_one_folder_never_overwrite_each_other(casts, tmp_path):
+    first, second = CastStore(SETUP, tmp_path), CastStore(SETUP, tmp_path)
+    first.add_dataset(casts)
+    with pytest.raises(InputError, match="another process has added casts"):
+        second.add_dataset(casts)
+    assert len(CastStore(SETUP, tmp_path)) == COUNT
+
+
+def test_a_damaged_cast_is_said_by_name(casts, tmp_path):
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    file = tmp_path / "casts" / "00002.json"
+    values = json.loads(file.read_text())
+    values["values"]["theta1"] = 0.0
+    file.write_text(json.dumps(values))
+    with pytest.raises(DamagedFileError, match=r"00002\.json"):
+        CastStore(SETUP, tmp_path)

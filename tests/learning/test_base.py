@@ -1,0 +1,182 @@
+"""The contract of policies: how targets are asked for, and what every plan answers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cablecast.conventions import xy_to_polar
+from cablecast.errors import InputError, JointLimitError, TargetError
+from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import ForwardSearchPolicy, Plan, PolarCastingPolicy
+from cablecast.motion.trajectory import Trajectory
+from cablecast.setup import Setup
+
+SETUP = Setup(cable="cable_2")
+CLOSE = 1e-12  # Double precision on values of the order of 1.
+ACTION = [-0.6, 0.5, 0.55, 0.8]
+
+
+def forward_search():
+    """Return a policy whose model lands at x = 0.9 theta2 - 0.2, y = 0.6 + r2."""
+    weights = np.zeros((4, 2), dtype=np.float32)
+    weights[1, 0], weights[2, 1] = 0.9, 1.0
+    model = ForwardModel(
+        weights=((weights, np.array([-0.2, 0.6], dtype=np.float32)),),
+        feature_mean=np.zeros(4),
+        feature_scale=np.ones(4),
+        endpoint_mean=np.zeros(2),
+        endpoint_scale=1.0,
+        margin_features=np.zeros((1, 4), dtype=np.float32),
+        margins=np.ones(1, dtype=np.float32),
+        info={"dataset": {"settings": SETUP.to_dict()}},
+    )
+    return ForwardSearchPolicy.build(model, 500)
+
+
+@pytest.fixture(scope="module", params=["forward search", "polar casting"])
+def policy(request):
+    if request.param == "forward search":
+        return forward_search()
+    return PolarCastingPolicy(setup=SETUP)
+
+
+def some_plan(**changes):
+    targets = np.array([[0.4, 0.9], [-0.4, 0.9]])
+    values = {
+        "setup": SETUP,
+        "target_xy": targets,
+        "actions": np.tile(ACTION, (2, 1)),
+        "predicted_xy": targets,
+        "inside_coverage": np.array([True, False]),
+    }
+    return Plan(**values | changes)
+
+
+def test_every_policy_names_itself_and_its_set_up(policy, request):
+    assert policy.setup == SETUP
+    assert policy.info["name"] == request.node.callspec.params["policy"]
+
+
+def test_every_plan_has_one_motion_with_joints_per_target(policy):
+    plan = policy.plan([[0.3, 1.1], [-0.3, 1.1], [0.0, 1.2]])
+    assert len(plan) == len(plan.trajectories) == 3
+    for trajectory in plan.trajectories:
+        assert isinstance(trajectory, Trajectory)
+        assert trajectory.joint_path is not None
+        assert trajectory.joint_path.q.shape[1] == 6
+    assert plan.trajectories is plan.trajectories
+    assert plan.setup == SETUP
+    assert plan.spread.shape == plan.sensitivity.shape == plan.inside_coverage.shape == (3,)
+
+
+def test_polar_targets_are_the_same_as_cartesian_ones(policy):
+    plan = policy.plan(r=1.10, theta_deg=16.7)
+    r, theta = xy_to_polar(plan.target_xy[0])
+    assert (r, np.degrees(theta)) == pytest.approx((1.10, 16.7), abs=CLOSE)
+    again = policy.plan(plan.target_xy)
+    np.testing.assert_array_equal(again.predicted_xy, plan.predicted_xy)
+    np.testing.assert_array_equal(again.actions, plan.actions)
+
+
+def test_a_positive_angle_is_to_the_robots_right(policy):
+    plan = policy.plan(r=1.1, theta_deg=[20.0, -20.0])
+    assert plan.target_xy[0, 0] > 0 > plan.target_xy[1, 0]
+    assert plan.predicted_xy[0, 0] > 0 > plan.predicted_xy[1, 0]
+
+
+def test_one_radius_goes_with_many_angles_and_many_radii_with_one_angle(policy):
+    assert len(policy.plan(r=1.1, theta_deg=[0.0, 10.0, 20.0])) == 3
+    assert len(policy.plan(r=np.array([1.0, 1.1]), theta_deg=5)) == 2
+    np.testing.assert_allclose(
+        policy.plan(r=[1.0, 1.1], theta_deg=[0.0, 90 / 4]).target_xy[0], [0.0, 1.0], atol=CLOSE
+    )
+
+
+def test_no_targets_get_an_empty_plan(policy):
+    plan = policy.plan(np.empty((0, 2)))
+    assert (len(plan), plan.trajectories) == (0, ())
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({}, "either target_xy or r and theta_deg"),
+        ({"target_xy": [0.0, 1.0], "r": 1.0, "theta_deg": 0.0}, "either target_xy or r"),
+        ({"target_xy": [0.0, 1.0], "r": 1.0}, "either target_xy or r"),
+        ({"r": 1.0}, "both r and theta_deg"),
+        ({"theta_deg": 1.0}, "both r and theta_deg"),
+        ({"r": "far", "theta_deg": 1.0}, "r = 'far' must be numbers"),
+        ({"r": [1.0, 1.1], "theta_deg": [0.0, 1.0, 2.0]}, "which do not match"),
+        ({"r": [[1.0]], "theta_deg": 0.0}, r"it must be \[target\]"),
+        ({"target_xy": [0.0, 1.0, 2.0]}, r"shape \(3,\): it must be \[2\] or \[target, 2\]"),
+        ({"target_xy": np.zeros((1, 1, 2))}, r"it must be \[2\] or \[target, 2\]"),
+        ({"target_xy": "there"}, "target_xy = 'there' must be numbers"),
+        ({"target_xy": 1.0}, r"it must be \[2\]"),
+    ],
+    ids=str,
+)
+def test_targets_in_another_form_are_refused(policy, asked, words):
+    with pytest.raises(InputError, match=words) as caught:
+        policy.plan(**asked)
+    assert not isinstance(caught.value, TargetError)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"r": -1.0, "theta_deg": 180.0}, "r = -1 m must not be negative"),
+        ({"r": np.nan, "theta_deg": 0.0}, "r = nan m, theta = 0 deg must be finite"),
+        ({"r": 1.0, "theta_deg": np.inf}, "theta = inf deg must be finite"),
+        ({"r": [1.0, np.inf], "theta_deg": 0.0}, "r = inf m"),
+        ({"r": 1.7, "theta_deg": 0.0}, "out of reach"),
+        ({"target_xy": [[0.3, 1.1], [0.0, 1.53]]}, "off the table"),
+    ],
+    ids=str,
+)
+def test_targets_that_no_motion_can_reach_are_refused(policy, asked, words):
+    with pytest.raises(TargetError, match=words):
+        policy.plan(**asked)
+
+
+def test_what_a_plan_does_not_know_is_nan():
+    plan = some_plan()
+    assert np.isnan(plan.spread).all()
+    assert np.isnan(plan.sensitivity).all()
+    assert plan.spread.shape == (2,)
+
+
+def test_a_plan_that_gives_its_motions_needs_no_actions():
+    motions = some_plan().trajectories
+    plan = some_plan(actions=np.array(np.nan), motions=motions)
+    assert plan.trajectories == motions
+    assert plan.actions.shape == (2, 4)
+    assert np.isnan(plan.actions).all()
+
+
+def test_an_action_that_the_arm_cannot_follow_shows_when_its_motion_is_wanted():
+    plan = some_plan(actions=np.tile([-0.6, 0.5, 1.5, 0.8], (2, 1)))
+    with pytest.raises(JointLimitError, match="cannot follow"):
+        _ = plan.trajectories
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"actions": np.zeros((2, 3))}, r"actions has shape \(2, 3\)"),
+        ({"predicted_xy": np.zeros((3, 2))}, "predicted_xy has shape"),
+        ({"inside_coverage": np.ones(3, dtype=bool)}, "inside_coverage has shape"),
+        ({"spread": np.zeros(5)}, "spread has shape"),
+        ({"actions": np.array([ACTION, [np.nan] * 4])}, "neither an action nor a motion for .* 1"),
+        ({"motions": ()}, "0 motions for 2 targets"),
+    ],
+    ids=str,
+)
+def test_a_plan_whose_parts_do_not_fit_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        some_plan(**changes)
+
+
+def test_plans_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        some_plan().spread = np.zeros(2)

@@ -1,0 +1,77 @@
+import struct
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from cablecast.rigs.ur.player import BEAT_REGISTER, joint_move, motion_program
+from cablecast.rigs.ur.twin.controller import DATA_PACKAGE, SETUP_INPUTS, frame
+from cablecast.rigs.ur.twin.laboratory import (
+    PHASE_REGISTER,
+    RIG_PHASES,
+    Fault,
+    TwinConfig,
+    TwinLaboratory,
+)
+
+# Nobody connects: any free port will do.
+PORTS = {
+    "rtde_port": 0,
+    "dashboard_port": 0,
+    "program_port": 0,
+    "realtime_port": 0,
+    "admin_port": 0,
+}
+
+
+@pytest.mark.parametrize("patience", [0.0, 60.0])
+def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller_does_not(
+    twin_setup, patience
+):
+    config = TwinConfig(has_cable=False, has_camera=False, rate=10.0, patience=patience, **PORTS)
+    laboratory = TwinLaboratory(twin_setup, config)
+    controller = laboratory.controller
+    try:
+        points = joint_move(
+            controller.arm.q, controller.arm.q + [0.3, 0, 0, 0, 0, 0], 1.0, controller.dt
+        )
+        controller.inputs.update({f"input_int_register_{BEAT_REGISTER}": 1})
+        controller.inputs["written at"] = begin = controller.time
+        controller.load(motion_program("silent", points, twin_setup.robot, 1))
+        deadline = time.monotonic() + (0.3 if patience else 60.0)
+        laboratory.run(lambda: time.monotonic() < deadline and controller.time < begin + 1.0)
+        if patience:
+            # It was never silent for so long by the controller's clock that the arm had to stop.
+            assert controller.is_running_program
+            assert controller.time - begin <= twin_setup.robot.watchdog / 2 + 2 * controller.dt
+        else:
+            assert not controller.is_running_program
+            assert controller.at_rest
+    finally:
+        laboratory.close()
+
+
+def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup):
+    laboratory = TwinLaboratory(twin_setup, TwinConfig(has_cable=False, has_camera=False, **PORTS))
+    controller, server = laboratory.controller, laboratory.rtde
+    sent: list[bytes] = []
+    client = SimpleNamespace(kind="rtde", state={}, send=sent.append, open=True)
+    try:
+        server.accept(client)
+        name = f"input_int_register_{PHASE_REGISTER}".encode()
+        server.receive(client, frame(SETUP_INPUTS, name), [client])
+        recipe = next(iter(client.state["inputs"]))
+        # Both arrive as one piece.
+        written = b"".join(
+            frame(DATA_PACKAGE, struct.pack(">Bi", recipe, RIG_PHASES.index(phase)))
+            for phase in ("readout", "idle")
+        )
+        laboratory.faults.append(Fault("speed_slider", "readout"))
+        laboratory.tick()
+        assert controller.speed_slider == 1.0
+        server.receive(client, written, [client])
+        laboratory.tick()
+        assert controller.speed_slider == 0.5
+        assert not laboratory.faults
+    finally:
+        laboratory.close()

@@ -1,0 +1,80 @@
+"""The offset between two clocks, from a motion or a lamp that both know of."""
+
+import numpy as np
+import pytest
+
+from cablecast.errors import InputError
+from cablecast.vision.clock import controller_shift, fit_offset, lamp_signal
+
+RATE = 60.0
+OFFSET = -12.3456
+# A gripper swings to and fro for four seconds and is seen with a noise of a twentieth. With a slope
+# of 4/s over 240 frames that tells the offset to 0.05 / (4 sqrt(240)) = 0.8 ms; ten draws stay
+# within 3.5 times that.
+OFFSET_MAX = 2.8e-3
+
+
+def swing(times):
+    """Return a reported speed: a few strokes, and rest before and after."""
+    t = np.asarray(times) - 2.0
+    inside = (t > 0) & (t < 4)
+    return np.where(inside, np.sin(np.pi * t / 4) ** 2 * np.sin(2 * np.pi * 1.3 * t), 0.0)
+
+
+def seen(seed, noise=0.05, scale=37.0):
+    """Return times by the camera's clock, and what it saw."""
+    times = np.arange(0.0, 8.0, 1 / RATE) - OFFSET
+    rng = np.random.default_rng(seed)
+    return times, scale * (swing(times + OFFSET) + noise * rng.normal(size=len(times))) + 2.0
+
+
+def test_the_offset_is_found_whatever_the_scale_of_what_is_seen():
+    found = [fit_offset(*seen(seed), swing, -14.0, -10.0, 0.02) for seed in range(10)]
+    misses = np.array([result.offset - OFFSET for result in found])
+    assert np.abs(misses).max() < OFFSET_MAX
+    # The stated uncertainty is that of the misses, within what ten draws can tell.
+    stated = np.sqrt(np.mean([result.sd**2 for result in found]))
+    assert 0.4 * stated < np.sqrt(np.mean(misses**2)) < 2.5 * stated
+    assert all(result.explained > 0.9 for result in found)
+
+
+def test_twice_the_noise_makes_the_offset_less_sure():
+    quiet = np.mean([fit_offset(*seen(s, 0.05), swing, -14, -10, 0.02).sd for s in range(5)])
+    loud = np.mean([fit_offset(*seen(s, 0.2), swing, -14, -10, 0.02).sd for s in range(5)])
+    assert loud > 1.5 * quiet
+
+
+def test_a_motion_that_the_robot_did_not_make_is_refused():
+    times = np.arange(0.0, 8.0, 1 / RATE)
+    noise = np.random.default_rng(0).normal(size=len(times))
+    with pytest.raises(InputError, match="explains only"):
+        fit_offset(times, noise, swing, -1.0, 1.0)
+
+
+def test_a_motion_that_was_not_seen_is_refused():
+    times, signal = seen(0)
+    signal[20:] = np.nan
+    with pytest.raises(InputError, match="20 frames show the motion: at least 30"):
+        fit_offset(times, signal, swing, -20.0, 0.0)
+
+
+def test_a_lamp_that_is_switched_tells_the_offset_by_the_frames_in_which_it_is_switched():
+    rng = np.random.default_rng(1)
+    switches = np.cumsum(rng.uniform(0.2, 0.5, 16)) + 1.0
+    exposure = 0.008
+    brightness = lamp_signal(switches, exposure)
+    times = np.arange(0.0, 8.0, 1 / RATE) - OFFSET
+    signal = 180 * brightness(times + OFFSET) + 20 + rng.normal(0, 2, len(times))
+    found = fit_offset(times, signal, brightness, -14.0, -10.0, 0.02)
+    # Half of the edges fall into an exposure, whose brightness tells them to a small part of it.
+    assert found.offset == pytest.approx(OFFSET, abs=exposure / 4)
+    assert found.sd < exposure / 2
+
+
+def test_the_report_that_travelled_fastest_ties_the_controller_to_this_computer():
+    delays = np.array([0.004, 0.0011, 0.02, 0.003])
+    reports = np.array([5.0, 5.002, 5.004, 5.006])
+    pairs = np.column_stack([reports, reports + 1000.0 + delays])
+    assert controller_shift(pairs) == pytest.approx(1000.0011)
+    with pytest.raises(InputError, match="reported no times"):
+        controller_shift(np.empty((0, 2)))

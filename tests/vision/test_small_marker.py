@@ -1,0 +1,59 @@
+"""A marker of few pixels in compressed pictures, as a camera with 880 columns sends them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+import cv2
+
+from cablecast.cable import load_cable
+from cablecast.rigs.virtual.camera import VirtualCamera
+from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.vision.matroska import encode_jpeg
+from cablecast.vision.tracker import EndpointTracker, TrackerConfig
+
+WIDTH = 880
+CABLE = load_cable("cable_1")
+# Some tenths of a pixel a frame: the marker lies in every way on the grid of pixels.
+WAY, FRAME_COUNT = (0.01, -0.03), 48
+# What the project asks of the tracker [m].
+ERROR_MAX = 3e-3
+
+
+@pytest.fixture(scope="module")
+def small_camera(workspace):
+    config = dataclasses.replace(CameraConfig.over(workspace).resized(WIDTH), exposure=0.001)
+    return VirtualCamera(config, workspace)
+
+
+def follow(camera, start):
+    """Return the error of each frame of a marker that creeps away [m]; NaN where it is lost."""
+    times = np.arange(FRAME_COUNT) / camera.config.frame_rate
+    end = np.asarray(start) + np.outer(times / times[-1], WAY)
+    share = np.linspace(0, 1, 12)[None, :, None]
+    xy = np.array([0.0, 0.58]) + share * (end[:, None] - [0.0, 0.58])
+    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), CABLE.radius)], axis=-1)
+    film = camera.film(FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=None), 3)
+    config = TrackerConfig(marker_z=CABLE.radius)
+    tracker = EndpointTracker(camera.view, camera.workspace, config, start_xy=start)
+    lens = camera.view.lens
+    for frame in range(film.frame_count):
+        picture = np.frombuffer(
+            encode_jpeg(film.grab(frame)((0, 0, lens.width, lens.height))), np.uint8
+        )
+        image = cv2.imdecode(picture, cv2.IMREAD_COLOR)
+        tracker.update(film.time(frame), lambda w, image=image: image[w[1] : w[3], w[0] : w[2]])
+    seen_at, found = tracker.frames
+    truth = np.stack([np.interp(seen_at, times, end[:, k]) for k in (0, 1)], axis=1)
+    return np.linalg.norm(found - truth, axis=1)
+
+
+@pytest.mark.parametrize("start", [(0.0, 1.22), (0.3, 0.9), (0.7, 0.5)])
+def test_a_marker_of_few_pixels_that_lies_in_sight_is_seen_in_every_frame(small_camera, start):
+    distance = follow(small_camera, start)
+    assert np.isfinite(distance).all()
+    assert np.max(distance) < 2 * ERROR_MAX

@@ -1,0 +1,325 @@
+"""The tracker on rendered frames: how exact it is, and that it never guesses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from cablecast.arm.shape import arm_shape, sight_clearance
+from cablecast.arm.ur import ArmUR
+from cablecast.cable import load_cable
+from cablecast.cast import TrialStatus
+from cablecast.errors import InputError
+from cablecast.motion.trajectory import JointPath, joints_at
+from cablecast.rigs.virtual.camera import VirtualCamera, track_film
+from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.vision.tracker import (
+    EndpointTracker,
+    TrackerConfig,
+    judge_status,
+    sample_path,
+    sight_of,
+    track_samples,
+)
+from cablecast.workspace import Workspace
+
+# What the project asks of the tracker [m].
+ERROR_RMS = 3e-3
+# At most this far off in any frame: a tracker that took another green thing would be off by more.
+ERROR_MAX = 8e-3
+# So far below the arm's silhouette no part of the marker is in sight, so far beside it all is [m].
+DEEP, CLEAR = -0.02, 0.035
+DT = 0.01
+CABLE = load_cable("cable_1")
+ARM = ArmUR()
+
+
+def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6)):
+    """Return a cable whose end goes from one place to another and rests; it follows in a bow."""
+    times = np.arange(round((duration + rest) / DT) + 1) * DT
+    u = np.clip(times / duration, 0, 1)
+    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
+    path = np.asarray(start) + s * (np.asarray(end) - np.asarray(start))
+    share = np.linspace(0, 1, 12)[:, None]
+    chord = path[:, None] - np.asarray(grip)
+    across = np.stack([-chord[..., 1], chord[..., 0]], axis=-1)
+    xy = np.asarray(grip) + share * chord + 0.3 * np.sin(np.pi * share) * across
+    height = np.full((*xy.shape[:2], 1), CABLE.radius)
+    if z is not None:
+        # Beyond the table the cable hangs: everything past the edge is below it.
+        height = np.where(np.abs(xy[..., :1]) > Workspace().half_width, z, height)
+    nodes = np.concatenate([xy, height], axis=-1)
+    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=joint_path)
+
+
+def still_arm(theta, reach):
+    """Return an arm that holds its gripper over one place."""
+    pose = [reach * np.sin(theta), reach * np.cos(theta), 0.02, theta, 0.0]
+    q = ARM.inverse(np.array([pose, pose]))
+    return JointPath(times=np.array([0.0, 10.0]), q=q, qd=np.zeros_like(q))
+
+
+def hidden_place(camera, arm):
+    """Where on the table the arm hides most [m], shape [2]."""
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 81), np.linspace(0.3, 0.7, 41))
+    points = np.stack([x, y, np.full_like(x, CABLE.radius)], axis=-1).reshape(-1, 3)
+    shape = arm_shape(joints_at(arm, np.zeros(len(points))), ARM)
+    clearance = sight_clearance(points, camera.view.position, shape)
+    assert clearance.min() < DEEP
+    return points[clearance.argmin(), :2]
+
+
+def follow(camera, calibration, trial, seed=0, **kwargs):
+    """Track a film; the tracker, the truth in its frames, and what it reported."""
+    film = camera.film(trial, seed)
+    tracker = track_film(film, calibration, **kwargs)
+    times, xy = tracker.frames
+    return tracker, trial.shape_at(times)[:, -1], xy
+
+
+def errors(truth, xy):
+    distance = np.linalg.norm(xy - truth[:, :2], axis=1)
+    return distance[np.isfinite(distance)]
+
+
+WAYS = [
+    ((-1.25, 0.15), (-0.4, 1.35)),
+    ((1.25, 1.38), (0.35, 0.9)),
+    ((0.0, 1.22), (0.75, 0.7)),
+    ((-0.6, 0.25), (0.6, 0.3)),
+    ((0.55, 1.05), (1.3, 0.2)),
+]
+
+
+def test_the_endpoint_is_found_within_three_millimetres_all_over_the_table(
+    virtual_camera, calibration
+):
+    all_errors, seen_count, frame_count = [], 0, 0
+    for seed, (start, end) in enumerate(WAYS):
+        tracker, truth, xy = follow(virtual_camera, calibration, glide(start, end), seed)
+        all_errors.append(errors(truth, xy))
+        seen_count += len(all_errors[-1])
+        frame_count += len(xy)
+        assert tracker.track().status is TrialStatus.OK
+    joined = np.concatenate(all_errors)
+    assert np.sqrt(np.mean(joined**2)) < ERROR_RMS
+    assert joined.max() < ERROR_MAX
+    # Nothing hides the marker on these ways.
+    assert seen_count > 0.98 * frame_count
+
+
+def test_samples_come_every_100_ms_from_the_beginning_of_the_motion(virtual_camera, calibration):
+    tracker, _, _ = follow(virtual_camera, calibration, glide((0.0, 1.2), (0.5, 1.0)))
+    track = tracker.track()
+    np.testing.assert_allclose(track.times, 0.1 * np.arange(6))
+    truth = glide((0.0, 1.2), (0.5, 1.0)).shape_at(track.times)[:, -1, :2]
+    assert np.linalg.norm(track.endpoint_xy - truth, axis=1).max() < ERROR_RMS
+
+
+def test_blur_noise_and_unsteady_light_do_not_lose_the_marker(calibration, workspace):
+    config = CameraConfig(
+        noise=8.0,
+        exposure=1 / 100,
+        light=LightConfig(drift=0.25, drift_period=0.5, flicker=0.08, step=0.25),
+    )
+    trial = glide((0.5, 1.2), (-0.5, 0.75), duration=0.45)
+    camera = VirtualCamera(config, workspace)
+    _, truth, xy = follow(camera, calibration, trial, seed=5)
+    found = errors(truth, xy)
+    assert len(found) > 0.9 * len(xy)
+    assert np.sqrt(np.mean(found**2)) < ERROR_RMS
+
+
+def test_a_rolling_shutter_shifts_the_times_of_rows_and_not_the_endpoint(calibration, workspace):
+    # A sensor that takes a whole frame's time to read its rows.
+    row_time = 1 / 60 / 1080
+    camera = VirtualCamera(CameraConfig(exposure=0.001, row_time=row_time), workspace)
+    trial = glide((0.1, 0.4), (0.3, 1.4), duration=0.35, rest=0.0)
+    film = camera.film(trial, 3)
+    rms = {}
+    for assumed in (0.0, row_time):
+        config = TrackerConfig(marker_z=CABLE.radius, row_time=assumed)
+        tracker = EndpointTracker(calibration.view, workspace, config, start_xy=(0.1, 0.4))
+        for frame in range(10, film.frame_count):
+            tracker.update(film.time(frame), film.grab(frame))
+        times, xy = tracker.frames
+        rms[assumed] = np.sqrt(np.mean(errors(trial.shape_at(times)[:, -1], xy) ** 2))
+    assert rms[row_time] < ERROR_RMS
+    # Eight milliseconds at up to 5 m/s: the sensor's effect is real, and it is undone.
+    assert rms[0.0] > 2 * rms[row_time]
+
+
+def test_below_the_arm_nothing_is_reported_and_behind_it_the_marker_is_found_again(
+    virtual_camera, calibration
+):
+    arm = still_arm(0.0, 0.75)
+    place = hidden_place(virtual_camera, arm)
+    way = np.array([0.3, 0.03])
+    trial = glide(place - way, place + way, duration=0.9, joint_path=arm, grip=(0.0, 0.75))
+    tracker, truth, xy = follow(virtual_camera, calibration, trial, seed=2)
+    times, _ = tracker.frames
+    clearance = sight_clearance(
+        truth, virtual_camera.view.position, arm_shape(joints_at(arm, times), ARM)
+    )
+    seen = np.isfinite(xy).all(axis=1)
+    assert (clearance < DEEP).sum() >= 3
+    assert not seen[clearance < DEEP].any()
+    clear_after = np.flatnonzero((clearance > CLEAR) & (np.arange(len(times)) > clearance.argmin()))
+    # A search of the whole image comes every third frame.
+    assert seen[clear_after[3:]].all()
+    assert errors(truth, xy).max() < ERROR_MAX
+    assert tracker.track().status is TrialStatus.OK
+
+
+def test_an_endpoint_that_ends_below_the_arm_is_occluded_and_has_no_landing(
+    virtual_camera, calibration
+):
+    arm = still_arm(0.0, 0.75)
+    end = hidden_place(virtual_camera, arm)
+    trial = glide((-0.4, 0.5), end, joint_path=arm, grip=(0.0, 0.75))
+    tracker, _, xy = follow(virtual_camera, calibration, trial)
+    track = tracker.track()
+    assert track.status is TrialStatus.OCCLUDED
+    assert np.isnan(track.endpoint_xy[-1]).all()
+    assert np.isnan(track.final_xy).all()
+    assert np.isfinite(xy[0]).all()
+
+
+def test_a_marker_that_is_never_in_sight_is_not_replaced_by_another_green_thing(
+    virtual_camera, calibration
+):
+    arm = still_arm(0.0, 0.75)
+    place = hidden_place(virtual_camera, arm)
+    trial = glide(place, place, joint_path=arm, grip=(0.0, 0.75))
+    tracker, _, xy = follow(virtual_camera, calibration, trial)
+    assert np.isnan(xy).all()
+    assert tracker.track().status is TrialStatus.OCCLUDED
+
+
+def test_an_endpoint_that_leaves_the_table_is_off_table(virtual_camera, calibration):
+    trial = glide((1.0, 1.1), (1.45, 1.1), z=-0.2)
+    tracker, _, xy = follow(virtual_camera, calibration, trial)
+    assert tracker.track().status is TrialStatus.OFF_TABLE
+    on_table = np.isfinite(xy).all(axis=1)
+    assert on_table[:10].all()
+    assert np.isnan(tracker.track().final_xy).all()
+
+
+def test_a_film_that_goes_dark_gives_nothing_and_the_marker_is_found_when_light_returns(
+    virtual_camera, calibration, workspace
+):
+    trial = glide((0.1, 1.2), (0.6, 1.0))
+    film = virtual_camera.film(trial, 1)
+    config = TrackerConfig(marker_z=CABLE.radius)
+    tracker = EndpointTracker(calibration.view, workspace, config, start_xy=(0.1, 1.2))
+    dark = range(15, 27)
+    for frame in range(film.frame_count):
+        grab = film.grab(frame)
+
+        def piece(window, grab=grab, lit=frame not in dark):
+            image = grab(window)
+            return image if lit else np.zeros_like(image)
+
+        tracker.update(film.time(frame), piece)
+    _, xy = tracker.frames
+    seen = np.isfinite(xy).all(axis=1)
+    assert not seen[list(dark)].any()
+    assert seen[: dark.start].all()
+    assert seen[dark.stop + 3 :].all()
+
+
+def test_times_of_frames_must_rise(calibration, workspace):
+    tracker = EndpointTracker(calibration.view, workspace)
+    black = np.zeros((1080, 1920, 3), np.uint8)
+    tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+    with pytest.raises(InputError, match="must rise"):
+        tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+
+
+def test_a_sample_between_frames_lies_between_their_points_and_never_across_a_gap():
+    times = np.arange(7) / 30
+    xy = np.stack([times, 2 * times], axis=1)
+    xy[3] = np.nan
+    sampled = sample_path(times, xy, np.array([0.0, 0.05, 0.1, 0.11, 0.15]))
+    np.testing.assert_allclose(sampled[:2], [[0.0, 0.0], [0.05, 0.1]], atol=1e-12)
+    assert np.isnan(sampled[2:4]).all()
+    np.testing.assert_allclose(sampled[4], [0.15, 0.3], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("last_seen", "velocity", "status"),
+    [
+        ((1.30, 0.8), (3.0, 0.0), TrialStatus.OFF_TABLE),
+        ((1.30, 0.8), (-0.1, 0.0), TrialStatus.OCCLUDED),
+        ((0.0, 1.48), (0.0, 0.05), TrialStatus.OFF_TABLE),
+        ((0.1, 0.02), (0.0, 0.0), TrialStatus.OCCLUDED),
+        ((0.2, 0.4), (1.0, 0.0), TrialStatus.OCCLUDED),
+    ],
+    ids=["on its way out", "on its way in", "on the brink", "by the robot", "in the middle"],
+)
+def test_a_lost_endpoint_is_off_the_table_only_if_it_was_leaving(last_seen, velocity, status):
+    times = np.arange(13) / 60
+    xy = np.full((13, 2), np.nan)
+    xy[:6] = np.asarray(last_seen) + (times[:6] - times[5])[:, None] * np.asarray(velocity)
+    samples = sample_path(times, xy, np.array([0.0, 0.1, 0.2]))
+    assert judge_status(times, xy, samples, Workspace()) is status
+
+
+def test_an_endpoint_that_swept_past_the_edge_and_came_back_has_landed():
+    times = np.arange(31) / 60
+    x = 1.30 + 0.15 * np.sin(np.pi * np.arange(31) / 30)
+    xy = np.stack([x, np.full(31, 0.8)], axis=1)
+    samples = sample_path(times, xy, np.arange(6) * 0.1)
+    assert judge_status(times, xy, samples, Workspace()) is TrialStatus.OK
+    assert judge_status(times[:16], xy[:16], samples[:3], Workspace()) is TrialStatus.OFF_TABLE
+
+
+RESTING = np.full((31, 2), [0.4, 0.9])
+SLIDING = RESTING + np.linspace(-0.5, 0.0, 31)[:, None] * [1.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("xy", "missed", "status"),
+    [
+        (RESTING, 1, TrialStatus.OK),
+        (RESTING, 4, TrialStatus.OK),
+        (RESTING, 8, TrialStatus.OCCLUDED),
+        (SLIDING, 1, TrialStatus.OCCLUDED),
+    ],
+    ids=["one frame", "some frames", "too many frames", "still moving"],
+)
+def test_no_landing_hangs_on_the_last_frame(xy, missed, status):
+    times = np.arange(31) / 60
+    seen = xy.copy()
+    seen[-missed:] = np.nan
+    samples, found = track_samples(times, seen, np.arange(6) * 0.1, Workspace())
+    assert found is status
+    if status is TrialStatus.OK:
+        np.testing.assert_allclose(samples[-1], [0.4, 0.9], atol=1e-12)
+    else:
+        assert np.isnan(samples[-1]).all()
+
+
+def test_the_camera_knows_the_green_things_that_lie_on_the_table(virtual_camera, calibration):
+    trial = glide((0.2, 0.8), (0.4, 0.9), duration=0.1, rest=0.0)
+    tracker = track_film(virtual_camera.film(trial, seed=3), calibration)
+    sight = sight_of(tracker)
+    np.testing.assert_allclose(sight.position, virtual_camera.config.view.position, atol=0.02)
+    # A cloth and a bottle cap; the marker itself is none of them.
+    places = [(-1.08, 0.42), (-0.95, 1.18), (0.2, 0.8), (0.9, 1.1)]
+    np.testing.assert_array_equal(sight.is_blind_at(places), [True, True, False, False])
+    blind = np.array(sight.blind)
+    assert (blind[:, 2] < 0.2).all()
+    # One that has seen nothing knows of none.
+    fresh = EndpointTracker(calibration.view, virtual_camera.workspace)
+    assert sight_of(fresh).blind == ()
+
+
+def test_settings_out_of_bounds_are_named():
+    with pytest.raises(InputError, match="search_period = 0"):
+        TrackerConfig(search_period=0)
+    with pytest.raises(InputError, match="share_min"):
+        dataclasses.replace(TrackerConfig().marker, share_min=2.0)

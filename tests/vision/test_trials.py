@@ -1,0 +1,232 @@
+"""The camera of a lab file: trials over the network against the truth, and every fault."""
+
+import dataclasses
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from tests.vision.player import Player
+
+from cablecast.cable import load_cable
+from cablecast.camera.settings import CameraSettings
+from cablecast.cast import TrialStatus
+from cablecast.errors import CameraError, InputError
+from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.rigs.virtual.camera_live import MOVED_TAG
+from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.setup import Setup
+from cablecast.vision.tracker import TrialCamera
+from cablecast.vision.trials import CameraOfTrials
+from cablecast.vision.video import read_video
+
+RATE, CLOCK = 30.0, 700.0
+# What the project asks of the camera over the network [m].
+LANDING_RMS = 3e-3
+CABLE = load_cable("cable_1")
+
+
+def sweep(end, duration=0.4, rest=0.2):
+    """Return a motion from the reset state: the endpoint goes to `end` and rests there."""
+    times = np.arange(round((duration + rest) / 0.01) + 1) * 0.01
+    u = np.clip(times / duration, 0, 1)
+    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
+    start = np.array([0.0, Setup().workspace.reset_y + CABLE.length])
+    path = start + s * (np.asarray(end) - start)
+    share = np.linspace(0, 1, 12)[:, None]
+    grip = np.array([0.0, Setup().workspace.reset_y])
+    xy = grip + share * (path[:, None] - grip)
+    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), CABLE.radius)], axis=-1)
+    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=None)
+
+
+@pytest.fixture(scope="module")
+def lens():
+    """Return the lens, as a board would tell it."""
+    return dataclasses.replace(CameraConfig(), frame_rate=RATE).resized(1280).view.lens
+
+
+@pytest.fixture(scope="module")
+def stream():
+    config = dataclasses.replace(CameraConfig(), frame_rate=RATE, exposure=0.002).resized(1280)
+    with CameraStream(Setup(), config, clock=CLOCK) as stream:
+        yield stream
+
+
+@pytest.fixture(scope="module")
+def setup(stream, lens):
+    camera = CameraSettings(
+        source=stream.url,
+        width=1280,
+        height=720,
+        rate=RATE,
+        exposure=0.002,
+        clock_offset=-CLOCK,
+        lens=lens,
+    )
+    return Setup(camera=camera)
+
+
+@pytest.fixture(scope="module")
+def player(stream):
+    player = Player(stream, sweep((0.4, 1.2)))
+    yield player
+    player.close()
+
+
+@pytest.fixture(scope="module")
+def camera(setup, player, tmp_path_factory):
+    films = str(tmp_path_factory.mktemp("films"))
+    settings = dataclasses.replace(setup.camera, films=films)
+    with CameraOfTrials(dataclasses.replace(setup, camera=settings)) as camera:
+        yield camera
+
+
+def test_it_is_what_a_rig_asks_for(camera):
+    assert isinstance(camera, TrialCamera)
+    assert camera.description["tags_used"] == 11
+    assert camera.description["camera"] == "stream"
+
+
+def test_landings_over_the_network_agree_with_the_truth_to_three_millimetres(camera, player):
+    misses = []
+    for end in ((-0.9, 0.6), (1.1, 0.9)):
+        since = player.rewind(sweep(end))
+        camera.check(since)
+        found = camera.locate(since)
+        assert found is not None
+        misses.append(found - player.trial.nodes[0, -1, :2])
+        before = camera.picture()
+        camera.start()
+        track = camera.stop(player.cast())
+        # The latest picture is one of this trial's.
+        assert camera.picture().shape == (720, 1280, 3)
+        assert camera.picture() is not before
+        # The marker itself, which lay there at the begin, is no green thing of the table.
+        sight = camera.sight()
+        assert not sight.is_blind_at(track.endpoint_xy[0])
+        assert track.status is TrialStatus.OK
+        assert len(track.times) == 7
+        truth = player.trial.shape_at(track.times)[:, -1, :2]
+        misses += list((track.endpoint_xy - truth)[np.isfinite(track.endpoint_xy).all(axis=1)])
+        misses.append(track.final_xy - truth[-1])
+    errors = np.linalg.norm(misses, axis=1)
+    assert np.sqrt(np.mean(errors**2)) < LANDING_RMS
+
+
+def test_the_film_of_a_trial_is_kept_with_its_times(camera):
+    films = sorted(pathlib.Path(camera.settings.films).iterdir())
+    assert [film.name[-8:] for film in films][:2] == ["0000.mkv", "0001.mkv"]
+    _, frames = read_video(films[0])
+    times = [time for time, _ in frames]
+    np.testing.assert_allclose(np.diff(times), 1 / RATE, atol=1e-4)
+    assert times[-1] > 0.6
+
+
+def test_a_trial_may_be_dropped_and_the_next_one_filmed(camera, player):
+    player.rewind()
+    camera.start()
+    camera.cancel()
+    camera.cancel()
+    with pytest.raises(CameraError, match="not started"):
+        camera.stop(player.cast())
+    camera.check(player.rewind())
+    camera.start()
+    assert camera.stop(player.cast()).status is TrialStatus.OK
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("frozen", "is frozen: .* Plug it out and in again"),
+        ("black", "is dark"),
+        ("exposed", "times as bright as when it was calibrated"),
+        ("moved_tag", rf"tags \[{MOVED_TAG}\] were moved"),
+    ],
+)
+def test_a_camera_that_fails_before_a_trial_says_what_to_do(camera, player, stream, fault, words):
+    camera.check(player.rewind())
+    stream.fault(fault)
+    try:
+        with pytest.raises(CameraError, match=words) as caught:
+            camera.check(player.time)
+        assert "\n" not in str(caught.value)
+    finally:
+        stream.fault(None)
+    camera.check(player.time)
+
+
+def test_a_film_that_cannot_begin_is_forgotten(camera, player, stream):
+    camera.check(player.rewind())
+    stream.fault("exposed")
+    try:
+        for begin in (lambda: camera.check(player.time), camera.start):
+            with pytest.raises(CameraError, match="times as bright"):
+                begin()
+    finally:
+        stream.fault(None)
+        camera.cancel()
+    camera.check(player.time)
+
+
+@pytest.mark.parametrize("fault", ["frozen", "black"])
+def test_a_camera_that_fails_in_a_trial_gives_no_track(camera, player, stream, fault):
+    camera.check(player.rewind())
+    camera.start()
+    stream.fault(fault)
+    try:
+        timing = player.cast()
+        with pytest.raises(CameraError, match=r"frozen|dark"):
+            camera.stop(timing)
+    finally:
+        stream.fault(None)
+
+
+def test_a_camera_that_is_unplugged_in_a_trial_is_an_error(setup, player, stream):
+    player.rewind()
+    with CameraOfTrials(setup) as camera:
+        camera.start()
+        stream.fault("unplugged")
+        try:
+            with pytest.raises(CameraError, match="still plugged in"):
+                camera.stop(player.cast())
+            with pytest.raises(CameraError, match="still plugged in"):
+                camera.check()
+        finally:
+            stream.fault(None)
+
+
+def test_clocks_that_were_never_compared_are_an_error_and_not_a_wait(setup, player):
+    assert setup.camera is not None
+    other = dataclasses.replace(
+        setup, camera=dataclasses.replace(setup.camera, clock_offset=5000.0)
+    )
+    player.rewind()
+    with CameraOfTrials(other) as camera:
+        # Frames still count by their arrival.
+        camera.check(player.time)
+        camera.start()
+        # 5,000 s and the stream's own 700 s, but for what a busy computer takes for a frame.
+        with pytest.raises(CameraError, match=r"apart: .* Run `cablecast camera sync`") as caught:
+            camera.stop(player.cast())
+        seconds = re.search(r"(\d+) s apart", str(caught.value))
+        assert seconds is not None
+        assert int(seconds[1]) == pytest.approx(5700, abs=30)
+
+
+def test_a_lab_without_a_camera_is_refused():
+    with pytest.raises(CameraError, match="no section `camera`"):
+        CameraOfTrials(Setup())
+
+
+def test_a_camera_that_sees_no_tags_is_refused(setup, player, stream):
+    stream.fault("black")
+    try:
+        with pytest.raises(InputError, match="0 of the layout's 11 tags"):
+            CameraOfTrials(setup)
+    finally:
+        stream.fault(None)
