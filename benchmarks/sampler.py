@@ -19,7 +19,7 @@ from benchmarks.common import Table
 from benchmarks.places import Place, PlaceArgs
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
-from cablecast.motion.action import rightward
+from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.engine import make_engine
@@ -171,7 +171,7 @@ def spreads(tuned: cc.Tuned, draws: CableParams, count: int) -> NDArray[np.float
     Returns:
         Median distance from the median landing; NaN where no cable lands.
     """
-    actions, _ = rightward(feasible_uniform(count, tuned.setup, seed=ACTION_SEED))
+    actions, _ = mirror_to_right(feasible_uniform(count, tuned.setup, seed=ACTION_SEED))
     values = draws.to_array()
     rows = np.repeat(np.arange(count), len(values))
     params = CableParams.from_array(np.tile(values, (count, 1)))

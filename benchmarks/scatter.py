@@ -24,7 +24,7 @@ from cablecast.aiming.choice import log_shakes
 from cablecast.aiming.ensemble import miss_sizes
 from cablecast.aiming.residual import FRICTION_SIZE
 from cablecast.cli.progress import console_progress
-from cablecast.motion.action import rightward
+from cablecast.motion.action import mirror_to_right
 from cablecast.runs.progress import Progress
 
 COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
@@ -55,14 +55,14 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
             session = session or place.session("aim", args.calibration).session
             aimer = session.aimer
             proposal = session.propose(target)
-            action, hands = rightward(proposal.action.to_array()[None])
-            said = aimer.predictor.ensemble.judge(action, hands)
+            action, side = mirror_to_right(proposal.action.to_array()[None])
+            said = aimer.predictor.ensemble.judge(action, side)
             luck = Luck(place.rig, 100_000 + 100 * index)
             landings = np.array(equal_casts(luck, proposal.trajectory, args.repeats)) / length
             row = {
                 "landings": [xy.tolist() if np.isfinite(xy).all() else None for xy in landings],
                 "stated": proposal.scatter / length,
-                "simulated": (said.landing_xy[0] * (hands[0], 1.0) / length).tolist(),
+                "simulated": (said.landing_xy[0] * (side[0], 1.0) / length).tolist(),
                 "sensitivity": float(aimer.predictor.sensitivities(action)[0]),
                 "friction": float(said.frictions[0]),
                 "spread": float(said.spreads[0]),

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cablecast.conventions import mirror_xy, polar_to_xy, tangent, xy_to_polar
+from cablecast.conventions import mirror_xy, polar_to_xy, side_of, tangent, xy_to_polar
 
 # A few operations on doubles of order one.
 EXACT = 1e-12
@@ -31,6 +31,13 @@ def test_mirroring_negates_theta_and_leaves_its_argument_alone():
     np.testing.assert_allclose(xy_to_polar(mirror_xy(xy)), [1.2, -0.4], atol=EXACT)
     np.testing.assert_array_equal(xy, before)
     np.testing.assert_array_equal(mirror_xy([[1.0, 2.0, 3.0]]), [[-1.0, 2.0, 3.0]])
+
+
+def test_only_points_on_the_left_are_mirrored_to_the_right():
+    xy = np.array([[0.3, 1.0], [-0.2, 0.9], [0.0, 1.1]])
+    np.testing.assert_array_equal(side_of(xy), [1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(mirror_xy(xy, side_of(xy)), [[0.3, 1.0], [0.2, 0.9], [0.0, 1.1]])
+    np.testing.assert_array_equal(mirror_xy(xy[0], [1.0, -1.0]), [[0.3, 1.0], [-0.3, 1.0]])
 
 
 def test_the_cable_leaves_along_its_yaw_and_rises_with_its_pitch():

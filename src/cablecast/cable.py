@@ -430,7 +430,7 @@ class Cable:
         )
 
 
-# Lengths, diameters and attachments are the paper's (figure 5). The paper gives no material
+# Lengths, diameters and attachments are the paper's (figure 3). The paper gives no material
 # constants in SI units. Masses follow from the linear density of polyester rope (about 80 g/m at
 # 11 mm and 6 g/m with a core at 2 mm) and of braided iron wire. Bend stiffnesses follow from
 # bending lengths of a few centimetres, endpoint masses from the mass ratios that the paper's tuning

@@ -55,23 +55,36 @@ def xy_to_polar(xy: ArrayLike) -> Array:
     return np.stack([np.hypot(x, y), np.arctan2(x, y)], axis=-1)
 
 
-def mirror_xy(xy: ArrayLike) -> Array:
+def mirror_xy(xy: ArrayLike, side: ArrayLike = -1.0) -> Array:
     """Mirror points about the workspace axis (x -> -x).
 
     Args:
         xy: Points whose first component is x [m], shape [..., 2] or [..., 3].
+        side: -1 for the points to mirror and +1 for those to leave, shape [...].
 
     Returns:
-        Mirrored points [m], in the shape of `xy`.
+        Mirrored points [m], in the broadcast shape of `xy` and `side`.
 
     Example:
         >>> mirror_xy([[0.2, 0.9], [-0.1, 1.1]])
         array([[-0.2,  0.9],
                [ 0.1,  1.1]])
     """
-    mirrored = np.array(xy, dtype=float)
-    mirrored[..., 0] *= -1.0
-    return mirrored
+    xy = np.asarray(xy, dtype=float)
+    is_x = np.arange(xy.shape[-1]) == 0
+    return xy * np.where(is_x, np.asarray(side, dtype=float)[..., None], 1.0)
+
+
+def side_of(xy: ArrayLike) -> Array:
+    """Return +1 for points on the right half of the table, axis included, and -1 for others.
+
+    Args:
+        xy: Points [m], shape [..., 2].
+
+    Returns:
+        Side, shape [...].
+    """
+    return np.where(np.asarray(xy)[..., 0] < 0, -1.0, 1.0)
 
 
 def tangent(yaw: ArrayLike, pitch: ArrayLike = 0.0) -> Array:

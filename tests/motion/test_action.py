@@ -11,6 +11,7 @@ from cablecast.motion.action import (
     check_action_values,
     grid_actions,
     mirror_actions,
+    mirror_to_right,
 )
 from cablecast.setup import MotionConfig, Setup
 from cablecast.workspace import Workspace
@@ -144,3 +145,11 @@ def test_ranges_of_an_arm_of_another_reach_sweep_the_same_share_of_it():
 def test_a_system_parameter_out_of_bounds_is_refused(field, value):
     with pytest.raises(InputError, match=f"{field} = "):
         MotionConfig(**{field: value})
+
+
+def test_actions_mirrored_to_the_right_know_the_side_that_brings_them_back():
+    actions = np.array([[-0.4, 0.6, 0.5, 0.7], [0.3, -0.5, 0.6, -0.9]])
+    right, side = mirror_to_right(actions)
+    np.testing.assert_array_equal(right, [[-0.4, 0.6, 0.5, 0.7], [-0.3, 0.5, 0.6, 0.9]])
+    np.testing.assert_array_equal(side, [1.0, -1.0])
+    np.testing.assert_array_equal(mirror_actions(right, side), actions)

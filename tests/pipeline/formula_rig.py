@@ -64,12 +64,12 @@ class FormulaRig(RigLifecycle):
     def landing(self, action):
         """Return the landing of an action without scatter."""
         action = np.asarray(action, dtype=float)
-        hand = np.sign(action[1])
-        rightward = mirror_actions(action) if hand < 0 else action
-        theta1, theta2, r2, psi = rightward
-        bias = self.bias * np.array([np.sin(3 * theta2 + hand), np.cos(2 * psi + 5 * r2 - theta1)])
-        xy = self.policy.model.predict(rightward[None])[0] + LENGTH * bias
-        return xy * np.array([hand, 1.0])
+        side = np.sign(action[1])
+        mirrored = mirror_actions(action, side)
+        theta1, theta2, r2, psi = mirrored
+        bias = self.bias * np.array([np.sin(3 * theta2 + side), np.cos(2 * psi + 5 * r2 - theta1)])
+        xy = self.policy.model.predict(mirrored[None])[0] + LENGTH * bias
+        return xy * np.array([side, 1.0])
 
     def execute(self, trajectory):
         self._use_reset()

@@ -19,14 +19,15 @@ from cablecast.aiming.ensemble import (
     miss_sizes,
 )
 from cablecast.cable import Material
+from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.action import played, rightward, to_right
+from cablecast.motion.action import mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 
 COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
-ACTIONS = rightward(feasible_uniform(3, SETUP, seed=5))[0]
+ACTIONS = mirror_to_right(feasible_uniform(3, SETUP, seed=5))[0]
 
 
 NEW = feasible_uniform(1, SETUP, seed=6)
@@ -57,7 +58,7 @@ class _Told:
     def __init__(self, model=None, shift=(0.0, 0.0), leaves_from=-10.0):
         self.model, self.shift, self.leaves_from = model, np.array(shift), leaves_from
 
-    def judge(self, actions, hands=None):
+    def judge(self, actions, side=None):
         spreads = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
         landing_xy = np.full((len(actions), 2), np.nan)
         if self.model is not None:
@@ -142,9 +143,9 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     simulated = []
     tracks = ensemble._tracks
 
-    def counted(engine, members, actions, hands):
+    def counted(engine, members, actions, side):
         simulated.append((engine, len(members), len(actions)))
-        return tracks(engine, members, actions, hands)
+        return tracks(engine, members, actions, side)
 
     monkeypatch.setattr(ensemble, "_tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
@@ -194,15 +195,15 @@ def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
     curl = Material(rest_curvature=0.6 / LENGTH)
     curled = Dynamics(params=SETUP.cable.params, material=curl)
     ensemble = EnsembleLandings(SETUP, [curled], COARSE, curled, COARSE)
-    hands = np.array([1.0, -1.0, -1.0])
-    seen = ensemble.tracks(ACTIONS, hands)[0, :, -1]
-    paths = cast_grip_paths(played(ACTIONS, hands), SETUP)
+    side = np.array([1.0, -1.0, -1.0])
+    seen = ensemble.tracks(ACTIONS, side)[0, :, -1]
+    paths = cast_grip_paths(mirror_actions(ACTIONS, side), SETUP)
     real = curled.rollout(ensemble.engine, SETUP, paths).endpoint_xy[:, -1]
-    np.testing.assert_allclose(to_right(seen, hands), real, rtol=0, atol=1e-3)
-    said = ensemble.judge(ACTIONS, hands)
+    np.testing.assert_allclose(mirror_xy(seen, side), real, rtol=0, atol=1e-3)
+    said = ensemble.judge(ACTIONS, side)
     np.testing.assert_allclose(said.landing_xy, seen, rtol=0, atol=1e-9)
     # What is known of one side is not taken for the other.
-    other = ensemble.judge(ACTIONS, -hands)
+    other = ensemble.judge(ACTIONS, -side)
     assert np.all(np.linalg.norm(other.landing_xy - said.landing_xy, axis=1) > 1e-3 * LENGTH)
 
 
@@ -224,12 +225,12 @@ def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
 
 def test_the_simulated_landing_is_expected_on_both_sides(policy):
     aimer = Aimer(policy, ensemble=_Told(policy.model, shift=(0.05, -0.03)))
-    for hand in (1.0, -1.0):
-        choice = aimer.choose([hand * 0.3, 1.1])
+    for side in (1.0, -1.0):
+        choice = aimer.choose([side * 0.3, 1.1])
         plain, _, _ = Aimer(policy).predictor.predict(choice.action)
-        shift = LENGTH * np.array([hand * 0.05, -0.03])
+        shift = LENGTH * np.array([side * 0.05, -0.03])
         np.testing.assert_allclose(choice.expected_xy, plain[0] + shift, atol=1e-9)
-        np.testing.assert_allclose(choice.expected_xy, [hand * 0.3, 1.1], atol=0.02)
+        np.testing.assert_allclose(choice.expected_xy, [side * 0.3, 1.1], atol=0.02)
 
 
 def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):

@@ -144,7 +144,7 @@ def test_a_taught_aimer_knows_the_same_casts_and_leaves_the_other_alone(tuned, l
 class _Steady:
     """An ensemble that says the same of all casts, and learns nothing."""
 
-    def judge(self, actions, hands=None):
+    def judge(self, actions, side=None):
         nothing = np.zeros(len(actions))
         return Judgement(
             landing_xy=np.full((len(actions), 2), np.nan),

@@ -13,7 +13,7 @@ from cablecast.cli.view import View
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.card import model_card
-from cablecast.motion.action import mirror_actions
+from cablecast.motion.action import mirror_to_right
 from cablecast.pipeline.many_cables import REFINE_COUNT, policy_for_cable, train_cables
 from cablecast.runs.progress import DONE_NOTE
 from cablecast.tuning.space import draw_cables
@@ -82,11 +82,10 @@ def test_a_policy_for_a_cable_plans_casts_and_is_read_back(model, tmp_path):
     policy = policy_for_cable(model, params, setup, candidate_count=500, out=tmp_path / "one")
     assert policy.setup == setup
     plan = policy.plan(r=1.1, theta_deg=10.0)
-    # The model knows casts to the right; others are their mirror images.
-    to_left = plan.actions[:, 1] < 0
-    rightward = np.where(to_left[:, None], mirror_actions(plan.actions), plan.actions)
-    expected = np.where(to_left[:, None], mirror_xy(plan.predicted_xy), plan.predicted_xy)
-    np.testing.assert_allclose(policy.model.predict(rightward), expected, atol=1e-6)
+    # The model predicts casts to the right; others are their mirror images.
+    actions, side = mirror_to_right(plan.actions)
+    expected = mirror_xy(plan.predicted_xy, side)
+    np.testing.assert_allclose(policy.model.predict(actions), expected, atol=1e-6)
     again = cc.policy_for_cable(model, params, setup, candidate_count=500, out=tmp_path / "one")
     np.testing.assert_array_equal(again.actions, policy.actions)
     read = cc.ForwardSearchPolicy.load(tmp_path / "one")

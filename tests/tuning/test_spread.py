@@ -7,7 +7,7 @@ import pytest
 
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.motion.action import mirror_actions
+from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, feasible_uniform
 from cablecast.setup import Setup
@@ -27,12 +27,8 @@ def actions(engine):
     return spread_actions(SETUP, COUNT, engine, seed=1)
 
 
-def rightward(actions):
-    return np.where(actions[:, 1:2] < 0, mirror_actions(actions), actions)
-
-
 def tracks(actions, engine):
-    paths = cast_grip_paths(rightward(actions), SETUP)
+    paths = cast_grip_paths(mirror_to_right(actions)[0], SETUP)
     return engine.rollout(SETUP.cable, SETUP.cable.params, paths, sample_dt=0.05).endpoint_xy
 
 

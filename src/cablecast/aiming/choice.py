@@ -43,6 +43,7 @@ from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.aiming.residual import ArrayRows, Experience, LocalSize, Places, ResidualScales
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
+from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import LandingModel, central_shifts, deviations
 from cablecast.learning.policy import (
@@ -52,7 +53,7 @@ from cablecast.learning.policy import (
     refine_actions,
     within_ranges,
 )
-from cablecast.motion.action import played, rightward, to_right
+from cablecast.motion.action import mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions
 from cablecast.setup import Setup
@@ -116,11 +117,11 @@ USUAL_FRICTION = 1.7
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Candidates(ArrayRows):
-    """Actions to the right and the hands that play them.
+    """Actions to the right and the sides to which they are cast.
 
     Attributes:
         actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
-        hands: +1, or -1 for actions that are played to the left, shape [action].
+        side: +1, or -1 for actions that are cast to the left, shape [action].
         shifts: From the landing that the policy's network says to that in the best simulator, 0
             where there is no ensemble [cable lengths], shape [action, 2].
         leaving: Chance that the free end passes an edge of the table, as the ensemble says, 0 where
@@ -132,18 +133,18 @@ class Candidates(ArrayRows):
     """
 
     actions: NDArray[np.float64]
-    hands: NDArray[np.float64]
+    side: NDArray[np.float64]
     shifts: NDArray[np.float64]
     leaving: NDArray[np.float64]
     log_sizes: NDArray[np.float64]
     frictions: NDArray[np.float64]
 
     @classmethod
-    def unjudged(cls, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> "Candidates":
+    def unjudged(cls, actions: NDArray[np.float64], side: NDArray[np.float64]) -> "Candidates":
         """Return candidates of which no ensemble says anything."""
         return cls(
             actions=actions,
-            hands=hands,
+            side=side,
             shifts=np.zeros((len(actions), 2)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
@@ -158,7 +159,7 @@ class Candidates(ArrayRows):
         """Return candidates at a part of the way from each of these to one of others."""
         return Candidates(
             actions=self.actions + part * (others.actions - self.actions),
-            hands=self.hands,
+            side=self.side,
             shifts=self.shifts + part * (others.shifts - self.shifts),
             leaving=self.leaving + part * (others.leaving - self.leaving),
             log_sizes=self.log_sizes + part * (others.log_sizes - self.log_sizes),
@@ -337,27 +338,27 @@ class LandingPredictor:
         known = [None] * len(casts) if ages is None else ages
         if casts:
             # One batch takes hardly longer than one cast.
-            self.judge(*rightward(np.array([cast.action for cast in casts])))
+            self.judge(*mirror_to_right(np.array([cast.action for cast in casts])))
         for cast, age in zip(casts, known, strict=True):
-            place, simulated_xy, hand = self._place(cast.action)
-            landing = cast.endpoint_xy * np.array([hand, 1.0])
+            place, simulated_xy, side = self._place(cast.action)
+            landing = cast.endpoint_xy * np.array([side, 1.0])
             residual = (landing - simulated_xy) / self.length if cast.landed else None
             self.experience.add(place, residual, fitted=cast.fitted, aimed=cast.aimed, age=age)
 
-    def judge(self, actions: NDArray[np.float64], hands: NDArray[np.float64]) -> Candidates:
+    def judge(self, actions: NDArray[np.float64], side: NDArray[np.float64]) -> Candidates:
         """Return candidates with what the ensemble says of them, if there is one.
 
         Args:
             actions: Actions to the right, shape [action, 4].
-            hands: +1, or -1 for those that are played to the left, shape [action].
+            side: +1, or -1 for those that are cast to the left, shape [action].
         """
         if self.ensemble is None:
-            return Candidates.unjudged(actions, hands)
-        said = self.ensemble.judge(actions, hands)
+            return Candidates.unjudged(actions, side)
+        said = self.ensemble.judge(actions, side)
         shifts = (said.landing_xy - self.model.predict(actions)) / self.length
         return Candidates(
             actions=actions,
-            hands=hands,
+            side=side,
             shifts=np.nan_to_num(shifts),
             leaving=said.leaving,
             log_sizes=np.log(said.sizes / self.size.usual),
@@ -417,7 +418,7 @@ class LandingPredictor:
             [
                 self.model.normalize(some.actions).astype(float),
                 self.model.normalize_endpoints(simulated_xy),
-                some.hands[:, None],
+                some.side[:, None],
             ]
         )
         return Places(
@@ -446,10 +447,10 @@ class LandingPredictor:
         return np.array(xy), np.array(covariance), np.array(scatter)
 
     def _place(self, action: NDArray[np.float64]) -> tuple[Places, NDArray[np.float64], float]:
-        """Return the place of a cast, its simulated landing to the right [m], and its hand."""
-        cast = self.judge(*rightward(action[None]))
+        """Return the place of a cast, its simulated landing to the right [m], and its side."""
+        cast = self.judge(*mirror_to_right(action[None]))
         places, simulated_xy = self._located(cast)
-        return places, simulated_xy[0], float(cast.hands[0])
+        return places, simulated_xy[0], float(cast.side[0])
 
     def _located(self, some: Candidates) -> tuple[Places, NDArray[np.float64]]:
         """Return the places of candidates and their simulated landings to the right [m]."""
@@ -461,15 +462,15 @@ class LandingPredictor:
         return self.model.predict(some.actions) + self.length * some.shifts
 
     def _predict_one(self, action: NDArray[np.float64]):
-        place, simulated_xy, hand = self._place(action)
+        place, simulated_xy, side = self._place(action)
         mean, variance = self.experience.residual.predict(place)
         scatter = self.experience.scatter(place)
-        actions, _ = rightward(action[None])
+        actions, _ = mirror_to_right(action[None])
         shifts = self.model.landing_shifts(actions, self.changes)[0]
         along = shifts @ shifts.T / max(float(np.sum(shifts**2)), 1e-12)
         shape = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
         covariance = (variance[0] + scatter[0]) * self.length**2 * shape
-        flip = np.array([hand, 1.0])
+        flip = np.array([side, 1.0])
         xy = flip * (simulated_xy + self.length * mean[0])
         return xy, covariance * np.outer(flip, flip), float(np.sqrt(scatter[0])) * self.length
 
@@ -609,9 +610,9 @@ class Aimer:
         A cast is near if it was aimed there or landed there. One without a landing counts where the
         network expects it.
         """
-        actions, hands = rightward(np.array([cast.action for cast in self.casts]))
+        actions, side = mirror_to_right(np.array([cast.action for cast in self.casts]))
         landings = np.array([cast.endpoint_xy for cast in self.casts])
-        expected = to_right(self.predictor.model.predict(actions), hands)
+        expected = mirror_xy(self.predictor.model.predict(actions), side)
         ends = np.where(np.isfinite(landings), landings, expected)
         aims = np.array([cast.target_xy for cast in self.casts])
         far = np.fmin(*(np.linalg.norm(xy - target_xy, axis=1) for xy in (ends, aims)))
@@ -662,12 +663,12 @@ class Aimer:
         if self.predictor.ensemble is not None:
             # Moved actions still carry the judgement of the action that they started from.
             few = np.argsort(risk)[:_SHORTLIST_COUNT]
-            some = self.predictor.judge(some.actions[few], some.hands[few])
+            some = self.predictor.judge(some.actions[few], some.side[few])
             risk, failure = self._risks(some, target, sight)
         best = int(np.argmin(risk))
         if not np.isfinite(risk[best]):
             raise InputError("the arm can follow none of the policy's actions near this target")
-        action = played(some.actions, some.hands)[best]
+        action = mirror_actions(some.actions, some.side)[best]
         xy, covariance, scatter = self.predictor.predict(action)
         return AimChoice(
             target_xy=target,
@@ -689,11 +690,11 @@ class Aimer:
         places, landing_xy, variance = self.predictor.expected(some)
         variance = variance + self.experience.scatter(places)
         length = self.predictor.length
-        distance = np.linalg.norm(landing_xy - to_right(target, some.hands), axis=1) / length
-        motions = played(some.actions, some.hands)
+        distance = np.linalg.norm(landing_xy - mirror_xy(target, some.side), axis=1) / length
+        motions = mirror_actions(some.actions, some.side)
         deviation = length * np.sqrt(variance)
         setup = self.policy.setup
-        lost = lost_chance(motions, to_right(landing_xy, some.hands), deviation, setup, sight)
+        lost = lost_chance(motions, mirror_xy(landing_xy, some.side), deviation, setup, sight)
         seen = (1.0 - lost) * (1.0 - some.leaving)
         failure = 1.0 - seen * (1.0 - self.experience.failure_chance(places))
         risk = expected_loss(distance, variance, failure)
@@ -712,7 +713,7 @@ class Aimer:
         ends = self._moved(starts, target)
         if self.predictor.ensemble is not None:
             # The judgement changes over a long step: judge again, and take another one.
-            ends = self._moved(self.predictor.judge(ends.actions, ends.hands), target)
+            ends = self._moved(self.predictor.judge(ends.actions, ends.side), target)
         some = Candidates.join([starts.towards(ends, part) for part in _PARTS])
         return some.at(within_ranges(some.actions))
 
@@ -721,7 +722,7 @@ class Aimer:
         sensitivity = self.predictor.sensitivities(some.actions)
         moved, _ = refine_actions(
             some.actions,
-            to_right(target, some.hands),
+            mirror_xy(target, some.side),
             self.predictor.changes,
             model=MovedLandings(some, sensitivity, self.predictor.landings, self.predictor.model),
             table_margin=self._table_margin,
@@ -737,16 +738,16 @@ class Aimer:
 
     def _shortlist(self, target: NDArray[np.float64], tried: bool) -> Candidates:
         """Return the most promising candidates of the policy, and earlier actions, for a target."""
-        side = -1.0 if target[0] < 0 else 1.0
+        half = -1.0 if target[0] < 0 else 1.0
         places, actions, simulated_xy, turns = self._known_candidates
         # The candidates land on the right: for a target on the left all are mirrored.
-        hands = side * turns
-        goals = to_right(target, hands)
+        side = half * turns
+        goals = mirror_xy(target, side)
         distance = np.linalg.norm(simulated_xy - goals, axis=1)
         count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(self.casts)))
         near = np.argsort(distance)[:count]
         some = places[near]
-        some.inputs[:, -1] = hands[near]
+        some.inputs[:, -1] = side[near]
         mean = self.experience.residual.means(some)
         distance = np.linalg.norm(
             simulated_xy[near] + self.predictor.length * mean - goals[near], axis=1
@@ -755,15 +756,15 @@ class Aimer:
         few = self.predictor.ensemble is None or (tried and len(earlier) > 0)
         kept = _SHORTLIST_COUNT if few else _JUDGED_COUNT
         short = near[np.argsort(distance)[:kept]]
-        chosen = self.predictor.judge(actions[short], hands[short])
+        chosen = self.predictor.judge(actions[short], side[short])
         if len(chosen) > _SHORTLIST_COUNT:
             chosen = self._least_missing(chosen, target)
-        return Candidates.join([chosen, self.predictor.judge(*rightward(earlier))])
+        return Candidates.join([chosen, self.predictor.judge(*mirror_to_right(earlier))])
 
     def _least_missing(self, some: Candidates, target: NDArray[np.float64]) -> Candidates:
         """Return the candidates with the least expected miss as they are."""
         _, landing_xy, variance = self.predictor.expected(some)
-        offset = (landing_xy - to_right(target, some.hands)) / self.predictor.length
+        offset = (landing_xy - mirror_xy(target, some.side)) / self.predictor.length
         square = np.sum(offset**2, axis=1) + 2.0 * variance
         # A cast without a landing misses by as much as one that lands a cable's length away.
         square = (1.0 - some.leaving) * square + some.leaving
@@ -771,10 +772,10 @@ class Aimer:
 
     @functools.cached_property
     def _known_candidates(self) -> tuple[Places, NDArray, NDArray, NDArray]:
-        """Places of the policy's candidates, actions and landings to the right [m], and hands."""
+        """Places of the policy's candidates, actions and landings to the right [m], and sides."""
         policy = self.policy
-        actions, turns = rightward(policy.actions)
-        simulated_xy = to_right(policy.predicted_xy, turns)
+        actions, turns = mirror_to_right(policy.actions)
+        simulated_xy = mirror_xy(policy.predicted_xy, turns)
         unjudged = Candidates.unjudged(actions, turns)
         return (
             self.predictor.places(

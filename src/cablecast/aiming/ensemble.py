@@ -126,33 +126,33 @@ class EnsembleLandings:
         self._known: dict[bytes, NDArray[np.float64]] = {}
 
     def tracks(
-        self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None
+        self, actions: NDArray[np.float64], side: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Return how the free end moves in each simulator [m], shape [member, action, sample, 2].
 
         Args:
             actions: Actions to the right, shape [action, 4].
-            hands: +1, or -1 for those that are played to the left, shape [action]; all to the right
+            side: +1, or -1 for those that are cast to the left, shape [action]; all to the right
                 where None.
 
         Returns:
             Positions every `_SAMPLE_DT`, the landing last; NaN where a simulation broke off.
         """
-        hands = np.ones(len(actions)) if hands is None else hands
-        return self._tracks(self.engine, self.members, actions, hands)
+        side = np.ones(len(actions)) if side is None else side
+        return self._tracks(self.engine, self.members, actions, side)
 
     def _tracks(
         self,
         engine: Engine,
         members: Sequence[Dynamics],
         actions: NDArray[np.float64],
-        hands: NDArray[np.float64],
+        side: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         paths = members[0].follow(cast_grip_paths(actions, self.setup), self.setup)
         count = len(members)
         # One batch: neighbouring worlds follow the same motion, and rest at about the same time.
         left = [member.mirrored() for member in members]
-        rows = np.arange(count) + np.where(hands < 0, count, 0)[:, None]
+        rows = np.arange(count) + np.where(side < 0, count, 0)[:, None]
         worlds = Dynamics.stack([*members, *left], self.setup).rows(rows.ravel())
         paths = paths[np.repeat(np.arange(len(actions)), count)]
         rollout = worlds.rollout(engine, self.setup, paths, sample_dt=_SAMPLE_DT)
@@ -194,17 +194,17 @@ class EnsembleLandings:
         ]
 
     def judge(
-        self, actions: NDArray[np.float64], hands: NDArray[np.float64] | None = None
+        self, actions: NDArray[np.float64], side: NDArray[np.float64] | None = None
     ) -> Judgement:
         """Return what the ensemble says of casts.
 
         Args:
             actions: Actions to the right, shape [action, 4].
-            hands: +1, or -1 for those that are played to the left, shape [action]; all to the right
+            side: +1, or -1 for those that are cast to the left, shape [action]; all to the right
                 where None.
         """
-        hands = np.ones(len(actions)) if hands is None else hands
-        keys = [row.tobytes() for row in np.column_stack([actions, hands])]
+        side = np.ones(len(actions)) if side is None else side
+        keys = [row.tobytes() for row in np.column_stack([actions, side])]
         row_of = {key: row for row, key in enumerate(keys) if key not in self._known}
         if row_of:
             some = list(row_of.values())
@@ -213,9 +213,9 @@ class EnsembleLandings:
             # A few casts do not fill the cores, so both resolutions run side by side.
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
                 best = pool.submit(
-                    self._tracks, self.fine_engine, (self.best,), actions[some], hands[some]
+                    self._tracks, self.fine_engine, (self.best,), actions[some], side[some]
                 )
-                tracks = self._tracks(self.engine, played, actions[some], hands[some])
+                tracks = self._tracks(self.engine, played, actions[some], side[some])
             new = judged(
                 tracks[:count],
                 self.setup,

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.conventions import finite_or_none, xy_to_polar
+from cablecast.conventions import finite_or_none, mirror_xy, xy_to_polar
 from cablecast.data.dataset import trial_track
 from cablecast.data.record import TrialPlan, record_trials
 from cablecast.errors import InputError, check_count
@@ -39,7 +39,7 @@ from cablecast.files import write_text
 from cablecast.learning.landing import LandingModel
 from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import Policy
-from cablecast.motion.action import Action, rightward, to_right
+from cablecast.motion.action import Action, mirror_to_right
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.checked import ATTEMPT_COUNT
@@ -556,6 +556,6 @@ def _network_predictions(model: LandingModel, actions) -> NDArray[np.float64]:
     """Return predictions without the correction, for actions of either side [m], [action, 2]."""
     if any(action is None for action in actions):
         raise InputError("only casts that a model planned can be split")
-    folded, hands = rightward(np.array([action.to_array() for action in actions]))
+    folded, side = mirror_to_right(np.array([action.to_array() for action in actions]))
     alone = model.uncorrected if isinstance(model, ForwardModel) else model
-    return to_right(alone.predict(folded), hands)
+    return mirror_xy(alone.predict(folded), side)

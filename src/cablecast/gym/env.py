@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
 from cablecast.cast import TrialStatus
+from cablecast.conventions import side_of
 from cablecast.data.simulate import simulate_actions
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
@@ -29,8 +30,7 @@ from cablecast.motion.action import (
     Action,
     ActionRanges,
     check_action_values,
-    played,
-    side_hands,
+    mirror_actions,
 )
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.trajectory import plan_trajectory
@@ -175,7 +175,7 @@ class CastTask:
         share = (np.clip(values, -1.0, 1.0) + 1.0) / 2.0
         actions = bounds[:, 0] + share * (bounds[:, 1] - bounds[:, 0])
         actions[:, 3] += actions[:, 1]
-        return played(actions, side_hands(target_xy))
+        return mirror_actions(actions, side_of(target_xy))
 
     def rewards(self, target_xy: Array, landing_xy: Array, ok: NDArray[np.bool_]) -> Array:
         """Return minus the miss of casts in % of cable length, shape [count].

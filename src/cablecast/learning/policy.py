@@ -23,7 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import mirror_xy, polar_to_xy
+from cablecast.conventions import mirror_xy, polar_to_xy, side_of
 from cablecast.errors import (
     CablecastError,
     CheckpointError,
@@ -42,10 +42,8 @@ from cablecast.motion.action import (
     THETA_MIN,
     Action,
     ActionRanges,
-    played,
-    rightward,
-    side_hands,
-    to_right,
+    mirror_actions,
+    mirror_to_right,
 )
 from cablecast.motion.feasibility import check_actions, feasible_grid
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
@@ -381,8 +379,8 @@ def refine_actions(
     Returns:
         Actions and their predicted landings [m], shapes [target, 4] and [target, 2].
     """
-    start, hands = rightward(actions)
-    targets = to_right(target_xy, hands)
+    start, side = mirror_to_right(actions)
+    targets = mirror_xy(target_xy, side)
     start_xy = model.predict(start)
     moved, moved_xy = start.copy(), start_xy
     for _ in range(iterations):
@@ -406,7 +404,7 @@ def refine_actions(
             taken[rows] = stays & check_actions(tried[rows], model.setup).mask
         final[taken], final_xy[taken] = tried[taken], tried_xy[taken]
         left_over &= ~taken
-    return played(final, hands), to_right(final_xy, hands)
+    return mirror_actions(final, side), mirror_xy(final_xy, side)
 
 
 def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -553,11 +551,11 @@ class ForwardSearchPolicy:
         actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
         spread = model.predict_spread(actions)
         sensitivity = model.sensitivity(actions, deviations(actions))
-        hands = side_hands(predicted_xy)
+        side = side_of(predicted_xy)
         return cls(
             model=model,
-            actions=played(actions, hands),
-            predicted_xy=to_right(predicted_xy, hands),
+            actions=mirror_actions(actions, side),
+            predicted_xy=mirror_xy(predicted_xy, side),
             sensitivity=sensitivity,
             spread=np.full(len(actions), np.nan) if spread is None else spread,
             margin=margin,
@@ -589,14 +587,14 @@ class ForwardSearchPolicy:
             TargetError: A target is not finite, out of reach, or off the table.
         """
         targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
-        hands = side_hands(targets)
+        side = side_of(targets)
         choose = self._least_sensitive if np.isnan(self.spread[0]) else self._least_risky
-        chosen, actions, predicted_xy, spread = choose(to_right(targets, hands))
+        chosen, actions, predicted_xy, spread = choose(mirror_xy(targets, side))
         return Plan(
             setup=self.setup,
             target_xy=targets,
-            actions=played(actions, hands),
-            predicted_xy=to_right(predicted_xy, hands),
+            actions=mirror_actions(actions, side),
+            predicted_xy=mirror_xy(predicted_xy, side),
             inside_coverage=self.inside_coverage(targets),
             spread=np.array(np.nan) if spread is None else spread,
             sensitivity=self.sensitivity[chosen],
@@ -637,7 +635,7 @@ class ForwardSearchPolicy:
         candidates = np.take_along_axis(index, short, axis=1).ravel()
         goals = np.repeat(targets, short.shape[1], axis=0)
         actions, predicted_xy = self._refined(candidates, goals)
-        spread = self.model.predict_spread(rightward(actions)[0])
+        spread = self.model.predict_spread(mirror_to_right(actions)[0])
         if spread is None:
             raise InputError("the policy's candidates have a spread, but its model predicts none")
         miss = np.sum((predicted_xy - goals) ** 2, axis=1) + 2.0 * spread**2
@@ -672,7 +670,7 @@ class ForwardSearchPolicy:
             target_xy: Targets [m], shape [..., 2].
         """
         targets = np.asarray(target_xy, dtype=float)
-        folded = np.where(targets[..., :1] < 0, mirror_xy(targets), targets)
+        folded = mirror_xy(targets, side_of(targets))
         distance, _ = self.tree.query(folded)
         return np.asarray(distance <= COVERAGE_PCT / 100 * self.setup.cable.length)
 

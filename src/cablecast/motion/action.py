@@ -2,9 +2,10 @@
 
 An action is (theta1, theta2, r2, psi). The gripper sweeps from straight ahead to theta1 and back to
 theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the gripper
-(paper, section V-B, equations 3 and 4). Batches are arrays of shape [action, 4].
+(paper, section V-B, equations 2 and 3). Batches are arrays of shape [action, 4].
 
-Mirroring: models know casts to the right; those to the left are their mirror images.
+Models predict casts to the right; casts to the left are their mirror images. `side` is +1 for the
+right and -1 for the left.
 """
 
 import dataclasses
@@ -13,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import mirror_xy
 from cablecast.errors import ActionError, InputError
 from cablecast.setup import MotionConfig, Setup
 from cablecast.workspace import Workspace
@@ -131,13 +131,31 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
     return actions
 
 
-def mirror_actions(actions: ArrayLike) -> NDArray[np.float64]:
+def mirror_actions(actions: ArrayLike, side: ArrayLike = -1.0) -> NDArray[np.float64]:
     """Mirror actions about the workspace axis: (-theta1, -theta2, r2, -psi).
 
     Args:
         actions: Actions, shape [..., 4].
+        side: -1 for the actions to mirror and +1 for those to leave, shape [...].
     """
-    return np.asarray(actions, dtype=float) * np.array([-1.0, -1.0, 1.0, -1.0])
+    side = np.asarray(side, dtype=float)[..., None]
+    return np.asarray(actions, dtype=float) * np.where([True, True, False, True], side, 1.0)
+
+
+def mirror_to_right(
+    actions: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return actions mirrored to theta2 > 0, the half that models predict, and their sides.
+
+    Args:
+        actions: Actions on either side, shape [action, 4].
+
+    Returns:
+        Actions, shape [action, 4], and the side each was on, +1 right and -1 left, shape [action].
+        `mirror_actions(*mirror_to_right(actions))` gives back the actions.
+    """
+    side = np.where(actions[:, 1] < 0, -1.0, 1.0)
+    return mirror_actions(actions, side), side
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -238,31 +256,3 @@ def grid_actions(ranges: ActionRanges, counts: Sequence[int]) -> NDArray[np.floa
     ]
     theta1, theta2, r2, turn = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     return np.stack([theta1, theta2, r2, theta2 + turn], axis=1)
-
-
-def rightward(actions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return actions as a model knows them, with theta2 > 0, and the hands they are played with.
-
-    Args:
-        actions: Actions on either side, shape [action, 4].
-
-    Returns:
-        Actions, shape [action, 4], and +1, or -1 for those that were mirrored, shape [action].
-    """
-    hands = np.where(actions[:, 1] < 0, -1.0, 1.0)
-    return played(actions, hands), hands
-
-
-def side_hands(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return +1 for points on the right half of the table, and -1 for others, shape [point]."""
-    return np.where(xy[:, 0] < 0, -1.0, 1.0)
-
-
-def played(actions: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return actions to the right as they are played with given hands, shape [action, 4]."""
-    return np.where(hands[:, None] < 0, mirror_actions(actions), actions)
-
-
-def to_right(xy: NDArray[np.float64], hands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one point or one for each action as the model sees it, or back, [action, 2]."""
-    return np.where(hands[:, None] < 0, mirror_xy(xy), xy)

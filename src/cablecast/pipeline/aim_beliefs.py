@@ -6,7 +6,7 @@ import numpy as np
 
 from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.aiming.residual import LocalSize, ResidualScales
-from cablecast.motion.action import rightward
+from cablecast.motion.action import mirror_to_right
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.tuned import Tuned
@@ -50,7 +50,7 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
         tuned.posterior,
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)
-    said = ensemble.judge(*rightward(actions))
+    said = ensemble.judge(*mirror_to_right(actions))
     known = np.isfinite(said.landing_xy).all(axis=1)
     size = LocalSize(landing_xy=said.landing_xy[known], values=said.sizes[known])
     # Casts that scatter cannot be followed more closely than they scatter.

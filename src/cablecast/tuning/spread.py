@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cablecast.engines.base import Engine
 from cablecast.errors import InputError, check_seed
-from cablecast.motion.action import ActionRanges, played, rightward
+from cablecast.motion.action import ActionRanges, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.setup import Setup
@@ -53,7 +53,7 @@ def spread_actions(
         InputError: Too few actions stay on the table, or the seed is out of bounds.
     """
     pool = feasible_uniform(max(_POOL_COUNT, 10 * count), setup, ranges, check_seed(seed))
-    actions, _ = rightward(pool)
+    actions, _ = mirror_to_right(pool)
     paths = cast_grip_paths(actions, setup)
     xy = engine.rollout(setup.cable, setup.cable.params, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     safe = np.isfinite(xy).all(axis=(1, 2)) & (setup.workspace.edge_distance(xy).min(axis=1) > EDGE)
@@ -70,7 +70,7 @@ def spread_actions(
         near = actions[np.argsort(np.linalg.norm(landing_xy - middle, axis=1))[:_NEAR_COUNT]]
         unusual = np.linalg.norm((near - np.median(near, axis=0)) / scale, axis=1)
         chosen.append(near[np.argmin(unusual)])
-    return played(np.array(chosen), np.where(np.arange(count) % 2 == 1, -1.0, 1.0))
+    return mirror_actions(np.array(chosen), np.where(np.arange(count) % 2 == 1, -1.0, 1.0))
 
 
 def _middles(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
