@@ -13,7 +13,7 @@ from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.setup import Setup, load_setup
-from cablecast.vision.matroska import FilmWriter
+from cablecast.vision.video import FilmWriter
 
 RATE, WIDTH, HEIGHT = 30.0, 640, 360
 OFFSET = 812.3456

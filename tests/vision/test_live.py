@@ -14,7 +14,7 @@ from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError
 from cablecast.vision.broadcast import Broadcast
 from cablecast.vision.live import SLOT_COUNT, LiveCamera
-from cablecast.vision.matroska import FilmWriter, encode_jpeg
+from cablecast.vision.video import FilmWriter, encode_jpeg
 
 # Times pass through a container that counts in microseconds.
 TICK = 2e-6

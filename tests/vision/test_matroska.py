@@ -6,8 +6,7 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.errors import InputError
-from cablecast.vision.matroska import FilmWriter, picture
-from cablecast.vision.video import read_video
+from cablecast.vision.video import FilmWriter, picture, read_video
 
 # Times are stored in microseconds.
 TICK = 1e-6

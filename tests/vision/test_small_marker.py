@@ -13,8 +13,8 @@ from cablecast.cable import load_cable
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_drawing import FilmedTrial
-from cablecast.vision.matroska import encode_jpeg
 from cablecast.vision.tracker import EndpointTracker, TrackerConfig
+from cablecast.vision.video import encode_jpeg
 
 WIDTH = 880
 CABLE = load_cable("cable_1")

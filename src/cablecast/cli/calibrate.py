@@ -55,7 +55,7 @@ class Calibrate:
 
     def _table(self) -> None:
         from cablecast.camera.tags import read_touches, touch_tags
-        from cablecast.pipeline.calibrate import AXIS_OFFSET_MAX, calibrate_table
+        from cablecast.pipeline.camera import AXIS_OFFSET_MAX, calibrate_table
         from cablecast.setup import load_setup
         from cablecast.vision.trials import require_camera, tags_of
 
@@ -89,7 +89,7 @@ class Calibrate:
 
     def _lens(self) -> None:
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.calibrate import calibrate_lens_of
+        from cablecast.pipeline.camera import calibrate_lens_of
         from cablecast.vision.calibration import Board
 
         across, down = self.squares

@@ -12,7 +12,7 @@ import socket
 import threading
 from typing import Any
 
-from cablecast.vision import matroska
+from cablecast.vision import video as matroska
 
 HOST = "127.0.0.1"
 

@@ -20,7 +20,6 @@ from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration, calibrate_view
 from cablecast.vision.clock import ClockOffset, SeenMotion, controller_shift, sync_by_motion
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
-from cablecast.vision.matroska import FilmWriter
 from cablecast.vision.tags import detect_tags
 from cablecast.vision.tracker import (
     EndpointTracker,
@@ -29,6 +28,7 @@ from cablecast.vision.tracker import (
     TrialTiming,
     sight_of,
 )
+from cablecast.vision.video import FilmWriter
 
 _CALIBRATION_FRAMES = 8
 _CHECK_FRAMES = 6

@@ -16,8 +16,8 @@ from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.rigs.virtual.camera_table import draw_background
 from cablecast.setup import Setup
 from cablecast.vision.broadcast import Broadcast
-from cablecast.vision.matroska import encode_jpeg
 from cablecast.vision.tracker import MarkerConfig
+from cablecast.vision.video import encode_jpeg
 
 FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
 """Faults of the camera: the same picture again and again, darkness, no stream at all, an exposure
