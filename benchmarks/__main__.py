@@ -22,7 +22,6 @@ NAMES = {
     "sessions": "first tries of a session with and without new fits to all its casts",
     "informative": "fits to the casts that teach most beside fits to random ones",
     "sampler": "posterior of a fit beside draws of a sampler",
-    "cables": "one model for many cables beside a model for each",
     "page": "latencies, memory and frames of the page of `cablecast view`",
     "cluster": "throughput of a Ray cluster on this machine beside one thread",
     "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",

@@ -22,7 +22,6 @@ from cablecast.data.store import CastStore
 from cablecast.errors import InputError
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.pipeline.aim import CALIBRATION_COUNT
-from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.checked import CheckedRig, seek_trial
 from cablecast.rigs.engine import RigEngine
@@ -37,8 +36,6 @@ the same with every miss taken at face value. one simulator: the same without an
 METHODS = (*LOOPS, "simulated", "correction", "fine-tuning", "paper")
 """simulated: the model of the fit, no casts in landing space. correction, fine-tuning: `train` with
 the real casts. paper: Differential Evolution, then fine-tuning where there are enough casts."""
-MANY = "many"
-"""Method that is asked for by name and with --many-cables: aim, with a model of many cables."""
 
 RIGS = ("virtual", "strange", "scattering", "even", "patchy", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
@@ -88,8 +85,6 @@ class PlaceArgs(ModelArgs):
     """Numbers of real casts before the first target."""
     tries: int = 4
     """Casts at each target."""
-    many_cables: pathlib.Path | None = None
-    """Model of many cables for the method many, which `cablecast train --cables` made."""
     workers: str = LOCAL
     """Who simulates for fits and models: local, ray, or ray:ADDRESS."""
 
@@ -168,7 +163,7 @@ class LoopSession:
 
 def try_count(method: str, tries: int) -> int:
     """Return the tries of a method at a target: one where no cast depends on those before."""
-    return tries if method in (*LOOPS, MANY) else 1
+    return tries if method in LOOPS else 1
 
 
 def _miss(xy: NDArray[np.float64], target: NDArray[np.float64], length: float) -> float:
@@ -283,23 +278,8 @@ class Place:
             progress=self.report,
         )
 
-    def policy_of_many(self, count: int) -> ForwardSearchPolicy:
-        """Return the policy of this cable from a model of many, after some casts."""
-        if self.args.many_cables is None:
-            raise InputError("method many needs --many-cables: a folder of train --cables")
-        return cc.policy_for_cable(
-            cc.ManyCablesModel.load(self.args.many_cables),
-            self.tuned(count, paper=False),
-            self.setup,
-            refine=REFINE_COUNT,
-            candidate_count=self.args.candidates,
-            progress=self.report,
-        )
-
     def session(self, method: str, count: int) -> LoopSession | FixedSession:
         """Return what casts at targets by a method."""
-        if method == MANY:
-            return LoopSession(self._known(self.policy_of_many(count), count), full_gain=False)
         policy = self.policy(count, method == "paper")
         if method in LOOPS:
             known = self._known(policy, count, ensemble=method != "one simulator")

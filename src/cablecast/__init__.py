@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from cablecast.engines.warp_.engine import EngineWarp as EngineWarp
     from cablecast.errors import CablecastError as CablecastError
     from cablecast.evaluation.evaluate import Evaluation as Evaluation
-    from cablecast.learning.network import ManyCablesModel as ManyCablesModel
     from cablecast.learning.policy import ForwardSearchPolicy as ForwardSearchPolicy
     from cablecast.learning.policy import Plan as Plan
     from cablecast.learning.policy import PolarCastingPolicy as PolarCastingPolicy
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
     from cablecast.pipeline.aim_session import AimSession as AimSession
     from cablecast.pipeline.collect import collect as collect
     from cablecast.pipeline.evaluate import evaluate as evaluate
-    from cablecast.pipeline.many_cables import policy_for_cable as policy_for_cable
-    from cablecast.pipeline.many_cables import train_cables as train_cables
     from cablecast.pipeline.plan import plan_motion as plan_motion
     from cablecast.pipeline.repeat import repeat as repeat
     from cablecast.pipeline.reproduce import reproduce as reproduce
@@ -87,7 +84,6 @@ _HOMES = {
     "Evaluation": "cablecast.evaluation.evaluate",
     "FitConfig": "cablecast.tuning.fit",
     "ForwardSearchPolicy": "cablecast.learning.policy",
-    "ManyCablesModel": "cablecast.learning.network",
     "MotionConfig": "cablecast.setup",
     "Plan": "cablecast.learning.policy",
     "PolarCastingPolicy": "cablecast.learning.policy",
@@ -110,7 +106,6 @@ _HOMES = {
     "make_rig": "cablecast.rigs.make",
     "plan_motion": "cablecast.pipeline.plan",
     "plan_trajectory": "cablecast.motion.trajectory",
-    "policy_for_cable": "cablecast.pipeline.many_cables",
     "prepare_aim": "cablecast.pipeline.aim",
     "read_dataset": "cablecast.data.dataset",
     "repeat": "cablecast.pipeline.repeat",
@@ -120,7 +115,6 @@ _HOMES = {
     "simulate": "cablecast.pipeline.simulate",
     "track_video": "cablecast.pipeline.track_video",
     "train": "cablecast.pipeline.train",
-    "train_cables": "cablecast.pipeline.many_cables",
     "tune": "cablecast.pipeline.tune",
 }
 
@@ -138,7 +132,6 @@ __all__ = [
     "Evaluation",
     "FitConfig",
     "ForwardSearchPolicy",
-    "ManyCablesModel",
     "Material",
     "MotionConfig",
     "Plan",
@@ -163,7 +156,6 @@ __all__ = [
     "make_rig",
     "plan_motion",
     "plan_trajectory",
-    "policy_for_cable",
     "prepare_aim",
     "read_dataset",
     "repeat",
@@ -173,7 +165,6 @@ __all__ = [
     "simulate",
     "track_video",
     "train",
-    "train_cables",
     "tune",
 ]
 

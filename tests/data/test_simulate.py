@@ -20,7 +20,6 @@ from cablecast.errors import DatasetError, InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.setup import Setup
-from cablecast.tuning.space import draw_cables
 
 # The gripper's path reproduces the end of the motion to about 1e-6 m.
 PATH_TOLERANCE = 1e-5
@@ -271,50 +270,6 @@ def test_a_dataset_of_the_fast_engine_is_resumed_with_the_same_rows(tmp_path):
     assert contents(tmp_path / "broken") == contents(tmp_path / "unbroken")
     assert unbroken.info["settings"]["engine"]["segment_count"] == 8
     assert unbroken.finite.all()
-
-
-def test_casts_of_many_cables_hold_their_parameters_and_go_on_after_a_stop(tmp_path):
-    params = draw_cables(CABLE, COUNT, seed=0)
-
-    def stop(done, total):
-        if done > SHARD_ROWS:
-            raise KeyboardInterrupt
-
-    whole = simulate(tmp_path / "whole", params=params)
-    with pytest.raises(KeyboardInterrupt):
-        simulate(tmp_path / "stopped", params=params, progress=stop)
-    engine = StickEngine()
-    again = simulate(tmp_path / "stopped", params=params, engine=engine)
-    assert len(engine.batches) == SHARD_COUNT - 2
-    assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
-    assert again.has_many_cables
-    np.testing.assert_array_equal(again.params.to_array(), params.to_array())
-    rows = np.array([7, 3])
-    np.testing.assert_array_equal(again.params.rows(rows).to_array(), params.to_array()[rows])
-    # One cast of a cable says little: each cable has an action of its own.
-    assert len(np.unique(whole.actions, axis=0)) == COUNT
-    assert "| `bend_stiffness` | N·m² |" in (tmp_path / "whole" / "README.md").read_text()
-
-
-def test_each_cast_is_simulated_with_its_own_cable(tmp_path):
-    class NotingEngine(StickEngine):
-        def rollout(self, cable, params, grip_path, *args, **options):
-            seen.append((params.to_array(), len(grip_path)))
-            return super().rollout(cable, params, grip_path, *args, **options)
-
-    seen = []
-    params = draw_cables(CABLE, COUNT, seed=0)
-    simulate(tmp_path / "d", params=params, engine=NotingEngine())
-    assert [count for _, count in seen] == [len(values) for values, _ in seen]
-    np.testing.assert_array_equal(np.concatenate([v for v, _ in seen]), params.to_array())
-
-
-def test_casts_of_other_cables_or_another_number_of_them_are_refused(tmp_path):
-    simulate(tmp_path / "d", params=draw_cables(CABLE, COUNT, seed=0))
-    with pytest.raises(DatasetError, match="params_sha256"):
-        simulate(tmp_path / "d", params=draw_cables(CABLE, COUNT, seed=1))
-    with pytest.raises(InputError, match=f"{COUNT} casts cannot have the parameters of 9 cables"):
-        simulate(tmp_path / "e", params=draw_cables(CABLE, 9, seed=0))
 
 
 def test_a_curled_cable_is_refused_because_planning_mirrors_casts(tmp_path):

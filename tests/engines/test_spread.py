@@ -13,7 +13,7 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
-from cablecast.tuning.space import draw_cables
+from cablecast.tuning.space import SearchSpace
 
 SETUP = Setup()
 CABLE = SETUP.cable
@@ -30,6 +30,12 @@ def handed_out(engine, world_count):
     return EngineSpread(engine, "local", world_count)
 
 
+def other_cables(count):
+    space = SearchSpace.for_cable(CABLE)
+    unit = np.random.default_rng(4).uniform(size=(count, space.dimension))
+    return CableParams.from_array(space.to_params(unit).to_array())
+
+
 def same(one, other):
     return all(
         np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
@@ -42,7 +48,7 @@ def same(one, other):
 @pytest.mark.parametrize("shared", ["nothing", "parameters", "motion"])
 def test_parts_together_are_the_whole(engine, world_count, shared):
     paths = cast_grip_paths(feasible_uniform(WORLDS, SETUP, seed=3), SETUP)
-    params = CableParams.from_array(draw_cables(CABLE, WORLDS, seed=4).to_array())
+    params = other_cables(WORLDS)
     cable = CABLE
     if shared == "parameters":
         params = CABLE.params
@@ -67,7 +73,7 @@ def test_parts_together_are_the_whole(engine, world_count, shared):
 
 def test_bad_arguments_are_refused_before_anything_travels(engine):
     paths = cast_grip_paths(feasible_uniform(3, SETUP, seed=3), SETUP)
-    params = CableParams.from_array(draw_cables(CABLE, 2, seed=4).to_array())
+    params = other_cables(2)
     with pytest.raises(InputError, match="different numbers of worlds"):
         handed_out(engine, 1).rollout(load_cable("cable_1"), params, paths)
 

@@ -53,12 +53,6 @@ class Aim:
     params: Annotated[pathlib.Path | None, argument("FILE", "fitted to the casts")] = None
     """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder); with
     them and no --casts the rig makes no casts to begin with."""
-    model: Annotated[pathlib.Path | None, argument("DIR", "one is trained for this cable")] = None
-    """Model of many cables that `cablecast train --cables` made: the first target is aimed at
-    half a minute after the fit."""
-    refine: int = 1500
-    """With --model, simulated casts of this cable that it learns from first, which halves its
-    error; 0 takes the model as it is, some ten seconds sooner."""
     refit: bool = True
     """Fit the simulator to all casts, and learn anew from it, before a target where it is worth it:
     at three times as many casts as it was fitted to, or at twice as many if first tries land
@@ -87,7 +81,6 @@ class Aim:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.errors import check_count, check_number
-        from cablecast.learning.network import ManyCablesModel
         from cablecast.learning.policy import check_targets
         from cablecast.pipeline.aim import aim, prepare_aim
         from cablecast.pipeline.tuned import load_tuned
@@ -106,15 +99,12 @@ class Aim:
         )
         casts = None if self.casts is None else read_dataset(self.casts)
         tuned = None if self.params is None else load_tuned(self.params, setup)
-        model = None if self.model is None else ManyCablesModel.load(self.model)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             with console_progress() as progress:
                 session = prepare_aim(
                     rig,
                     casts=casts,
                     tuned=tuned,
-                    model=model,
-                    refine=self.refine,
                     fit_all=self.fit_all,
                     calibration_count=self.calibration_count,
                     count=self.count,

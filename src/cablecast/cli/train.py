@@ -19,7 +19,7 @@ class Train:
     of the casts is held out to measure the model's error, and a model card is written beside the
     model. With --real, the model also learns the sim-to-real residual from casts of a robot. 36,000
     casts take one to two minutes on two cores, the Gaussian process up to five. Training that was
-    interrupted begins again. With --cables, the model is one for many cables.
+    interrupted begins again.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of the casts")] = None
@@ -54,19 +54,10 @@ class Train:
     """Seed of the held-out casts, the initial weights and the candidates."""
     device: Device = "cpu"
     """Train on the processor or on an NVIDIA graphics card."""
-    epochs: Annotated[int | None, argument("INT", "100, or 40 with --cables")] = None
+    epochs: int = 100
     """Largest number of passes over the dataset."""
     candidate_count: int = 50_000
     """Number of candidate motions that planning searches."""
-    cables: Annotated[int | None, argument("INT", "one model for one cable")] = None
-    """Train one model for many cables instead: simulate a cast of each of so many random cables
-    (160,000 is a good number), and learn from them. `cablecast aim --model` then knows a new cable
-    seconds after its fit. The casts are kept in --out, and the same command resumes them."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "an arm without lag")] = None
-    """With --cables, result of `cablecast tune` that gives the servo lag of the arm."""
-    workers: Annotated[str | None, argument("WHO", "local")] = None
-    """With --cables, who simulates: local, ray for a Ray cluster on this machine, or
-    ray:ADDRESS."""
 
     def run(self) -> None:
         """Train, and print the error of the model."""
@@ -77,10 +68,6 @@ class Train:
         from cablecast.pipeline.train import train
         from cablecast.runs.places import cable_folder, find_casts, find_dataset
 
-        if self.cables is not None:
-            self._train_cables(self.cables)
-            return
-        self._refuse("needs --cables", "params", "workers")
         mode, method = self._mode_and_method()
         name = cable_name(self.setup, self.cable)
         folders = {}
@@ -99,7 +86,7 @@ class Train:
                 casts.get("real"),
                 method=method,
                 start=None if self.start is None else ForwardModel.load(self.start),
-                epochs=100 if self.epochs is None else self.epochs,
+                epochs=self.epochs,
                 candidate_count=self.candidate_count,
                 seed=self.seed,
                 device=self.device,
@@ -107,40 +94,6 @@ class Train:
                 progress=progress,
             )
         print(f"The model of {cable.name} is in {out}: {_errors(policy.model.metrics)}")
-
-    def _train_cables(self, cables: int) -> None:
-        """Train the model of many cables, and print its error."""
-        from cablecast.cli.options import load_lab
-        from cablecast.cli.progress import console_progress
-        from cablecast.learning.network import MANY_CABLES_CONFIG
-        from cablecast.pipeline.many_cables import train_cables
-        from cablecast.pipeline.tuned import load_tuned
-        from cablecast.runs.places import CABLES_FOLDER, cable_folder
-
-        self._refuse("does not go with --cables", "dataset", "real", "mode", "method", "start")
-        setup = load_lab(self.setup, self.cable)
-        out = self.out or cable_folder(setup.cable.name) / CABLES_FOLDER
-        with console_progress() as progress:
-            model = train_cables(
-                setup,
-                cables=cables,
-                tuned=None if self.params is None else load_tuned(self.params, setup),
-                epochs=MANY_CABLES_CONFIG.epochs if self.epochs is None else self.epochs,
-                seed=self.seed,
-                device=self.device,
-                workers=self.workers or "local",
-                out=out,
-                progress=progress,
-            )
-        print(f"The model of many cables is in {out}: {_errors(model.metrics)}")
-
-    def _refuse(self, why: str, *names: str) -> None:
-        """Refuse options that do not go with the others."""
-        from cablecast.errors import InputError
-
-        for name in names:
-            if getattr(self, name) is not None:
-                raise InputError(f"--{name} {getattr(self, name)} {why}")
 
     def _mode_and_method(self) -> tuple[Mode, Method]:
         from cablecast.errors import InputError

@@ -31,12 +31,6 @@ class View:
     """Casts that the rig makes to begin with."""
     count: int = 16_000
     """Number of simulated casts that the model learns from."""
-    model: Annotated[pathlib.Path | None, argument("DIR", "one is trained for this cable")] = None
-    """Model of many cables that `cablecast train --cables` made: the page is ready half a minute
-    after the fit."""
-    refine: int = 1500
-    """With --model, simulated casts of this cable that it learns from first; 0 takes the model as
-    it is."""
     seed: int = 0
     """Seed of all random numbers."""
     time_limit: Annotated[float, argument("S")] = 120.0
@@ -57,7 +51,6 @@ class View:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.errors import check_count
-        from cablecast.learning.network import ManyCablesModel
         from cablecast.runs.places import AIM_FOLDER, cable_folder
         from cablecast.view.page import serve
 
@@ -65,7 +58,6 @@ class View:
         check_count("calibration_count", self.calibration_count, 2)
         check_count("count", self.count, 50)
         setup = load_lab(self.setup, self.cable)
-        model = None if self.model is None else ManyCablesModel.load(self.model)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             serve(
@@ -74,8 +66,6 @@ class View:
                 calibration_count=self.calibration_count,
                 count=self.count,
                 seed=self.seed,
-                model=model,
-                refine=self.refine,
                 host=self.host,
                 port=self.port,
                 dark=self.dark,

@@ -110,17 +110,8 @@ class Dataset:
         return self.setup.cable
 
     @property
-    def has_many_cables(self) -> bool:
-        """True if every simulated cast has its own cable."""
-        return set(CableParams.names()) <= set(self.extra)
-
-    @property
     def params(self) -> CableParams:
-        """Parameters that the cable was simulated with, one value per row if they differ."""
-        if self.has_many_cables:
-            return CableParams.from_array(
-                np.stack([self.extra[name] for name in CableParams.names()], axis=-1)
-            )
+        """Parameters that the cable was simulated with."""
         return settings_dynamics(self.info, self._name).params
 
     def table_margin(self) -> NDArray[np.float64]:

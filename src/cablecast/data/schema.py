@@ -1,7 +1,7 @@
 """Schema of D_tune, D_sim and D_real: one row is one trial.
 
-Every dataset has the columns from `index` to `y_max`. Trials on a rig, and casts of many cables,
-add some of `OPTIONAL_COLUMNS`. Unknown columns are read as they are.
+Every dataset has the columns from `index` to `y_max`. Trials on a rig add some of
+`OPTIONAL_COLUMNS`. Unknown columns are read as they are.
 
 meta/info.json: the description of a dataset, and the layout of its files.
 
@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import PARAM_UNITS
 from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError, InputError
 from cablecast.files import read_bytes, read_sealed
 from cablecast.runs.folder import fingerprint
@@ -155,16 +154,6 @@ OPTIONAL_COLUMNS = (
     ),
     Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
     Column(name="rig", kind="string", unit="-", meaning="description of the rig, as JSON"),
-    # Where every cast has its own cable.
-    *(
-        Column(
-            name=name,
-            kind="float64",
-            unit=unit,
-            meaning=f"{name.replace('_', ' ')} of the simulated cable",
-        )
-        for name, unit in PARAM_UNITS.items()
-    ),
 )
 
 ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")

@@ -25,7 +25,7 @@ from cablecast.engines.spread import remade
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_uniform
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid
 from cablecast.runs.progress import CountCallback
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
@@ -63,9 +63,8 @@ def simulate_dataset(
     Args:
         path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
         setup: Cable, workspace, arm and motion settings.
-        dynamics: Cable and servo of the arm, or parameters of the cable alone, shared by all rows
-            or one value per row; the cable's own where None. Where they differ, the actions are
-            drawn at random and the rows hold the parameters.
+        dynamics: Cable and servo of the arm, or parameters of the cable alone; the cable's own
+            where None.
         engine: Simulator.
         count: Number of actions.
         seed: Seed of the choice of actions among the feasible ones.
@@ -81,7 +80,7 @@ def simulate_dataset(
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
-        InputError: A count that is not positive, or not that of the parameters; a curled cable.
+        InputError: A count that is not positive; a curled cable.
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     if shard_rows is None:
@@ -93,7 +92,7 @@ def simulate_dataset(
     dynamics = Dynamics.of(dynamics, setup)
     ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
     _check_mirrored(setup, dynamics)
-    actions = _choose_actions(count, setup, dynamics.params, ranges, seed)
+    actions = feasible_grid(count, setup, ranges, seed)
     settings = {
         **_settings(setup, dynamics, engine, ranges),
         "count": count,
@@ -109,7 +108,7 @@ def simulate_dataset(
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             if progress is not None:
                 progress(done, count)
-            tasks = [(shard, _part(actions, dynamics, writer.rows_of(shard))) for shard in missing]
+            tasks = [(shard, (actions[writer.rows_of(shard)], dynamics)) for shard in missing]
             function, shared = simulate_actions, (setup, engine)
             if made is not None:
                 function, shared = _simulate_remotely, (setup, made)
@@ -132,7 +131,7 @@ def _settings(
     return {
         "schema_version": SCHEMA_VERSION,
         **setup.to_settings(),
-        **_params_settings(dynamics.params),
+        "params": dynamics.params.to_dict(),
         **dynamics.beside_params(),
         "engine": engine_settings(engine),
         "ranges": dataclasses.asdict(ranges),
@@ -154,32 +153,6 @@ def _check_mirrored(setup: Setup, dynamics: Dynamics) -> None:
             "planning takes casts to the left for mirrored ones to the right, which those of a "
             f"cable with rest_curvature = {curl:g} 1/m are not"
         )
-
-
-def _choose_actions(
-    count: int, setup: Setup, params: CableParams, ranges: ActionRanges, seed: int
-) -> NDArray[np.float64]:
-    """Return feasible actions: of a grid for one cable, drawn at random for many."""
-    if params.world_count is None:
-        return feasible_grid(count, setup, ranges, seed)
-    if params.world_count != count:
-        raise InputError(f"{count} casts cannot have the parameters of {params.world_count} cables")
-    return feasible_uniform(count, setup, ranges, seed)
-
-
-def _params_settings(params: CableParams) -> dict[str, Any]:
-    if params.world_count is None:
-        return {"params": params.to_dict()}
-    # Significant digits, because stiffnesses are far below 1.
-    digits = "\n".join(f"{value:.9e}" for value in params.to_array().ravel())
-    return {"params_sha256": hashlib.sha256(digits.encode()).hexdigest()[:16]}
-
-
-def _part(
-    actions: NDArray[np.float64], dynamics: Dynamics, rows: range
-) -> tuple[NDArray[np.float64], Dynamics]:
-    part = slice(rows.start, rows.stop)
-    return actions[part], dynamics.rows(part)
 
 
 def _simulate_remotely(
@@ -215,7 +188,7 @@ def simulate_actions(
         engine: Simulator.
     """
     dynamics = Dynamics.of(dynamics, setup)
-    params, grip_paths = dynamics.params, cast_grip_paths(actions, setup)
+    grip_paths = cast_grip_paths(actions, setup)
     rollout = dynamics.rollout(engine, setup, grip_paths, sample_dt=SAMPLE_DT)
     track = rollout.endpoint_xy
     finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
@@ -224,13 +197,11 @@ def simulate_actions(
     codes = np.where(landed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
     status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
     extent = np.where(finite[:, None], track_extent(track), np.nan)
-    own = {} if params.world_count is None else {n: getattr(params, n) for n in params.names()}
     return (
         dict(zip(ACTION_COLUMNS, actions.T, strict=True))
         | dict(zip(ENDPOINT_COLUMNS, endpoint_xy.T, strict=True))
         | {"status": status.tolist(), "duration": grip_paths.duration}
         | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))
-        | own
     )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from cablecast.learning.gaussian_process import GaussianProcessModel
 from cablecast.learning.landing import LandingModel
-from cablecast.learning.network import ForwardModel, ManyCablesModel
+from cablecast.learning.network import ForwardModel
 from cablecast.runs.folder import flat_settings
 
 _KINDS = {
@@ -72,64 +72,6 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
     return "\n".join(lines) + "\n"
 
 
-def many_cables_card(model: ManyCablesModel) -> str:
-    """Return the card of a model of many cables in Markdown.
-
-    Args:
-        model: Trained model.
-    """
-    info, cable, config = model.info, model.setup.cable, model.setup.motion
-    settings = info["dataset"]["settings"]
-    engine = settings.get("engine", {})
-    lines = [
-        "---",
-        "license: apache-2.0",
-        "library_name: cablecast",
-        "tags:",
-        "- robotics",
-        "- deformable-objects",
-        "---",
-        "",
-        "# Landing model of many cables",
-        "",
-        "A neural network from an action and the ten parameters of a cable to the resting point of "
-        "the free end. `ManyCablesModel.load(folder).for_cable(params)` gives the model of one "
-        "cable at once; `cablecast aim --model` starts from it.",
-        "",
-        f"Its input is an action, {_INPUT_LINE} The parameters are those of `CableParams`, in SI "
-        "units.",
-        "",
-        "## Training data",
-        "",
-        f"- {_dataset_line(info['dataset'])}: every cast has its own cable",
-        f"- cables drawn uniformly from the ranges that `cablecast tune` searches around "
-        f"{cable.name}; simulated with {engine.get('segment_count', '?')} segments and steps of "
-        f"{engine.get('dt', '?')} s",
-        "",
-        "## Prediction errors",
-        "",
-        *_error_lines(info["metrics"], cable.length),
-        "",
-        "The held-out casts are those of cables that it never saw, drawn from all of the ranges.",
-        "",
-        "## Limits",
-        "",
-        f"- It holds for cables of {cable.length:g} m with a diameter of {cable.diameter:g} m, "
-        f"whose parameters lie within the ranges above, for v_max = {config.v_max:g} m/s and "
-        f"r0 = {config.r0:g} m.",
-        f"- The arm of its casts {'lags as' if settings.get('servo') else 'has no lag, unlike'} "
-        "the one that `tune` measured.",
-        "- It has seen no real casts, so its error on a rig is not known.",
-        "",
-        "## Settings",
-        "",
-        "| setting | value |",
-        "|---|---|",
-        *_setting_rows(_settings(info, None)),
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def _setting_rows(settings: Mapping[str, Any]) -> list[str]:
     rows = flat_settings(settings)
     return [f"| {name} | {value} |" for name, value in rows if value is not None]
@@ -137,16 +79,6 @@ def _setting_rows(settings: Mapping[str, Any]) -> list[str]:
 
 def _data_lines(info: Mapping[str, Any]) -> list[str]:
     lines = [f"- {_dataset_line(info['dataset'])}"]
-    if many := info.get("many_cables"):
-        start = f"the model of many cables `{many['fingerprint']}` at the parameters of this cable"
-        is_refined = "params_sha256" not in info["dataset"]["settings"]
-        lines += [
-            "",
-            f"The training began with {start}."
-            if is_refined
-            else f"These are casts of many cables, none of them this one: the network is that of "
-            f"{start}, and the errors below are those over all cables.",
-        ]
     if adaptation := info.get("adaptation"):
         if adaptation["method"] != "real only":
             lines.append(f"- {_dataset_line(adaptation['dataset'])}")

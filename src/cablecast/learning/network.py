@@ -16,58 +16,36 @@ s(a) = exp(w . h(a)) varies with the action, because a wide fast sweep misses by
 as a short one. The same fit yields the remaining spread about the corrected prediction.
 
 Fit of a correction to real casts by the marginal likelihood of their residuals.
-
-Features of cables: what of the ten parameters decides where a cast lands.
-
-Stiffnesses, inertia, weight and friction are all proportional to the mass, so a cable that is twice
-as heavy and twice as stiff lands in the same place. The two frictions act by their product alone.
-Ten parameters leave eight features.
-
-ManyCablesModel: one network from an action and the parameters of a cable to the endpoint.
-
-For one cable the parameters are constants, which the first layer adds to its offset. What is left
-is a forward model of that cable, which plans as any other does.
-
-Training of the model of many cables.
 """
 
 import dataclasses
 import functools
 import itertools
-import json
-import pathlib
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable, CableParams
-from cablecast.data.dataset import Dataset, settings_setup
-from cablecast.errors import CheckpointError, InputError
+from cablecast.data.dataset import Dataset
+from cablecast.errors import InputError
 from cablecast.files import library_versions
 from cablecast.learning.checkpoint import (
     check_device,
-    digest,
     import_torch,
     one_thread,
-    read_checkpoint,
-    write_checkpoint,
 )
 from cablecast.learning.kernel import matern, minimize, negative_log_likelihood
 from cablecast.learning.landing import (
     FEATURE_COUNT,
     MIN_REAL_ROWS,
     LandingModel,
-    action_features,
     dataset_summary,
     error_metrics,
     known_endpoint_rows,
     normalization,
 )
-from cablecast.runs.folder import plain_settings
-from cablecast.setup import SECTIONS, Setup
 
 # Rows per pass through the network: enough for fast products, few enough for the cache.
 _CHUNK_ROWS = 4096
@@ -459,218 +437,6 @@ class _Epochs:
         return float(total) / len(self.inputs)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ManyCablesModel:
-    """A network that has learned from casts of many cables, all of one length and diameter.
-
-    It predicts the endpoint, and the corners of the box around the free end's path, which tell
-    whether the cast stays on the table.
-
-    Attributes:
-        feature_mean: Mean of each feature of the actions, shape [4].
-        feature_scale: Standard deviation of each of them, shape [4].
-        cable_low: Least value of each feature of the cables, shape [cable feature].
-        cable_high: Greatest value of each of them, shape [cable feature].
-        endpoint_mean: Mean endpoint [m], shape [2].
-        endpoint_scale: Scale of the endpoint [m], the same for x and y.
-        margin_actions: Actions for which `for_cable` predicts the table margin, shape [row, 4].
-        weights: Matrix and offset of each layer. SiLU follows every layer but the last.
-        info: Configuration, metrics, learning curve, versions, and the settings of the casts.
-    """
-
-    feature_mean: NDArray[np.float64]
-    feature_scale: NDArray[np.float64]
-    cable_low: NDArray[np.float64]
-    cable_high: NDArray[np.float64]
-    endpoint_mean: NDArray[np.float64]
-    endpoint_scale: float
-    margin_actions: NDArray[np.float64]
-    weights: Weights
-    info: dict[str, Any] = dataclasses.field(default_factory=dict)
-
-    FORMAT = "cablecast.many_cables_model"
-
-    @functools.cached_property
-    def setup(self) -> Setup:
-        """Set-up of the training casts, with the cable around which theirs were drawn."""
-        return settings_setup(self.info["dataset"], "the model")
-
-    @property
-    def metrics(self) -> dict[str, Any]:
-        """Prediction errors, row counts and training time."""
-        return self.info["metrics"]
-
-    @functools.cached_property
-    def fingerprint(self) -> str:
-        """Short name of this model: the start of the SHA-256 of all its arrays."""
-        return digest(self.tensors())
-
-    def normalize(self, actions: ArrayLike, params: CableParams) -> NDArray[np.float32]:
-        """Return the inputs of the network.
-
-        Args:
-            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [row, 4].
-            params: Parameters, shared by all rows or one value per row.
-
-        Returns:
-            Inputs, shape [row, 4 + cable feature].
-        """
-        action = (action_features(actions) - self.feature_mean) / self.feature_scale
-        cable = np.broadcast_to(self._cable_inputs(params), (len(action), len(CABLE_FEATURES)))
-        return np.hstack([action, cable]).astype(np.float32)
-
-    def predict(self, actions: ArrayLike, params: CableParams) -> NDArray[np.float64]:
-        """Predict where the free end comes to rest.
-
-        Args:
-            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [row, 4].
-            params: Parameters, shared by all rows or one value per row.
-
-        Returns:
-            Endpoints [m], shape [row, 2].
-        """
-        return self._points(self.normalize(actions, params))[:, 0]
-
-    def for_cable(self, params: CableParams, setup: Setup | None = None) -> ForwardModel:
-        """Return the forward model of one cable, without any training.
-
-        Args:
-            params: Parameters of the cable, as `tune` finds them.
-            setup: Set-up with the cable; the one of the training where None.
-
-        Raises:
-            InputError: The parameters are those of several cables or lie outside the ranges of the
-                training, or the set-up differs from that of the training in what decides landings.
-        """
-        setup = self.setup if setup is None else setup
-        if params.world_count is not None:
-            raise InputError("a forward model needs the parameters of one cable")
-        self.check_setup(setup)
-        self.check_params(params)
-        (first, first_offset), *rest, (last, last_offset) = self.weights
-        constant = self._cable_inputs(params)[0].astype(np.float32)
-        model = ForwardModel(
-            feature_mean=self.feature_mean,
-            feature_scale=self.feature_scale,
-            endpoint_mean=self.endpoint_mean,
-            endpoint_scale=self.endpoint_scale,
-            weights=(
-                (first[:FEATURE_COUNT], first_offset + constant @ first[FEATURE_COUNT:]),
-                *rest,
-                (np.ascontiguousarray(last[:, :2]), last_offset[:2]),
-            ),
-            info=self._info_for(params, setup),
-        )
-        corners = self._points(self.normalize(self.margin_actions, params))[:, 1:]
-        margins = setup.workspace.edge_distance(corners).min(axis=1)
-        return dataclasses.replace(
-            model,
-            margin_features=model.normalize(self.margin_actions),
-            margins=margins.astype(np.float32),
-        )
-
-    def check_setup(self, setup: Setup) -> None:
-        """Refuse a set-up in which equal casts land elsewhere than in the training.
-
-        Raises:
-            InputError: It differs in what decides landings; names it and both values.
-        """
-        if setup.motion != self.setup.motion:
-            raise InputError(
-                f"the model of many cables was trained for {self.setup.motion}, not for "
-                f"{setup.motion}"
-            )
-        here, there = (s.cable.material.to_dict() for s in (setup, self.setup))
-        if here != there:
-            raise InputError(
-                f"the model of many cables was trained for the material {there}, not for {here}"
-            )
-        for section, name in _DECISIVE:
-            here, there = (getattr(getattr(s, section), name) for s in (setup, self.setup))
-            if here != there:
-                raise InputError(
-                    f"the model of many cables was trained with {section} {name} = {there:g} m, "
-                    f"not with {here:g} m: train one for this set-up"
-                )
-
-    def check_params(self, params: CableParams) -> None:
-        """Refuse a cable unlike those of the training.
-
-        Raises:
-            InputError: A feature of it lies outside their range; names it and the bound.
-        """
-        features = cable_features(params, self.setup.cable)
-        slack = _BEYOND * (self.cable_high - self.cable_low)
-        low, high = self.cable_low - slack, self.cable_high + slack
-        for row, column in np.argwhere((features < low) | (features > high)):
-            raise InputError(
-                f"{CABLE_FEATURES[column]} of the cable is exp({features[row, column]:.2f}) and "
-                f"outside [exp({low[column]:.2f}), exp({high[column]:.2f}]), the range of the "
-                "cables that the model of many cables has learned from"
-            )
-
-    def _cable_inputs(self, params: CableParams) -> NDArray[np.float64]:
-        """Return features of cables, scaled to deviation 1 over their range."""
-        middle, width = (self.cable_low + self.cable_high) / 2, self.cable_high - self.cable_low
-        features = cable_features(params, self.setup.cable)
-        return np.sqrt(12.0) * (features - middle) / width
-
-    def _points(self, inputs: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the predicted points [m], shape [row, point, 2]."""
-        outputs = network_outputs(inputs, self.weights)
-        points = outputs.reshape(len(inputs), POINT_COUNT, 2)
-        return self.endpoint_mean + self.endpoint_scale * points
-
-    def _info_for(self, params: CableParams, setup: Setup) -> dict[str, Any]:
-        """Return the description of the model of one cable."""
-        dataset = self.info["dataset"]
-        parts = {name: setup.to_settings()[name] for name in SECTIONS}
-        settings = dataset["settings"] | parts | {"params": params.to_dict()}
-        return self.info | {
-            "dataset": dataset | {"settings": plain_settings(settings)},
-            "many_cables": {"fingerprint": self.fingerprint},
-        }
-
-    def save(self, folder: str | pathlib.Path) -> None:
-        """Write the checkpoint.
-
-        Args:
-            folder: Folder for `model.safetensors` and `model.json`.
-        """
-        write_checkpoint(folder, self.FORMAT, self.tensors(), self.info)
-
-    @classmethod
-    def load(cls, folder: str | pathlib.Path) -> "ManyCablesModel":
-        """Read a checkpoint.
-
-        Args:
-            folder: Folder given to `save`.
-
-        Raises:
-            CheckpointError: The file is missing, truncated, damaged, or of another kind.
-        """
-        checkpoint = read_checkpoint(folder)
-        checkpoint.check(cls.FORMAT)
-        tensors = checkpoint.tensors
-        try:
-            return cls(
-                **{name: tensors[name] for name in _ARRAYS},
-                endpoint_scale=float(tensors["endpoint_scale"][0]),
-                weights=weights_of_tensors(tensors),
-                info=json.loads(checkpoint.header["info"]),
-            )
-        except (KeyError, ValueError, InputError) as error:
-            raise CheckpointError(f"{checkpoint.file} is incomplete: {error}") from None
-
-    def tensors(self) -> dict[str, NDArray]:
-        """Return all arrays by name, as stored in the checkpoint."""
-        tensors: dict[str, NDArray] = {name: getattr(self, name) for name in _ARRAYS}
-        tensors["endpoint_scale"] = np.array([self.endpoint_scale])
-        tensors |= weight_tensors(self.weights)
-        return {name: np.ascontiguousarray(value) for name, value in tensors.items()}
-
-
-Model = TypeVar("Model", ForwardModel, ManyCablesModel)
 Rows = NDArray[np.intp]
 
 
@@ -692,17 +458,17 @@ def split_rows(dataset: Dataset, config: TrainingConfig, seed: int) -> tuple[Row
 
 
 def fit_model(
-    model: Model,
+    model: ForwardModel,
     dataset: Dataset,
     split: tuple[Rows, Rows],
     *,
     casts: Callable[[Rows], Casts],
-    predict: Callable[[Model, Rows], NDArray[np.float64]],
+    predict: Callable[[ForwardModel, Rows], NDArray[np.float64]],
     config: TrainingConfig,
     seed: int,
     device: str,
     on_epoch: TrainingCallback | None,
-) -> Model:
+) -> ForwardModel:
     """Return a model with fitted weights, whose `info` tells how they were fitted.
 
     Args:
@@ -1024,155 +790,3 @@ def fit_process(
         amplitude=amplitude,
         noise=amplitude * float(ratio[0]),
     )
-
-
-CABLE_FEATURES = (
-    "twist stiffness per mass",
-    "bend stiffness per mass",
-    "endpoint mass per mass",
-    "friction",
-    "spinning friction",
-    "rolling friction",
-    "linear damping",
-    "angular damping",
-)
-"""Names of the features, in the order of `cable_features`."""
-
-# Values far below these have no effect on a cast. The logarithm of the value plus its floor is
-# nearly linear below the floor, so that the network spends nothing on telling such cables apart.
-_STIFFNESS_FLOOR = 1e-4
-_ENDPOINT_FLOOR = 0.02
-_FRICTION_FLOOR = 0.02
-_LEVER_FLOOR = 0.02
-_LINEAR_FLOOR = 0.03
-_ANGULAR_FLOOR = 0.3
-
-
-def cable_features(params: CableParams, cable: Cable) -> NDArray[np.float64]:
-    """Return the features of cables.
-
-    Args:
-        params: Parameters, shared or one value per cable.
-        cable: Cable that gives the radius, which levers of friction are measured by.
-
-    Returns:
-        Logarithms of the quantities of `CABLE_FEATURES`, shape [cable, feature].
-    """
-    mass = np.asarray(params.mass, dtype=float)
-    quantities = (
-        (np.asarray(params.twist_stiffness) / mass, _STIFFNESS_FLOOR),
-        (np.asarray(params.bend_stiffness) / mass, _STIFFNESS_FLOOR),
-        (np.asarray(params.endpoint_mass) / mass, _ENDPOINT_FLOOR),
-        (np.asarray(params.friction), _FRICTION_FLOOR),
-        (np.asarray(params.spinning_friction) / cable.radius, _LEVER_FLOOR),
-        (np.asarray(params.rolling_friction) / cable.radius, _LEVER_FLOOR),
-        (np.asarray(params.linear_damping), _LINEAR_FLOOR),
-        (np.asarray(params.angular_damping), _ANGULAR_FLOOR),
-    )
-    columns = [np.log(np.atleast_1d(value) + floor) for value, floor in quantities]
-    return np.stack(np.broadcast_arrays(*columns), axis=-1)
-
-
-POINT_COUNT = 3
-"""Points that the network predicts: the endpoint, and the corners of the box around its path."""
-
-# Cables may lie this far beyond those of the training [share of a feature's range].
-_BEYOND = 0.02
-
-_ARRAYS = (
-    "feature_mean",
-    "feature_scale",
-    "cable_low",
-    "cable_high",
-    "endpoint_mean",
-    "margin_actions",
-)
-
-# What decides where a cast lands, besides the parameters. The size of the table and the arm do not.
-_DECISIVE = (
-    ("cable", "length"),
-    ("cable", "diameter"),
-    ("workspace", "reset_y"),
-    ("workspace", "grip_height"),
-)
-
-
-MANY_CABLES_CONFIG = TrainingConfig(
-    hidden_count=6,
-    epochs=40,
-    batch_size=512,
-    weight_decay=0.03,
-    held_out_fraction=0.05,
-    patience=40,
-)
-"""Settings of the training. Every cast has its own cable, so those held out have cables that the
-network never saw."""
-
-MARGIN_COUNT = 10_000
-"""Largest number of actions for which a cable's model knows the table margin."""
-
-
-def train_many_cables(
-    dataset: Dataset,
-    *,
-    config: TrainingConfig = MANY_CABLES_CONFIG,
-    seed: int = 0,
-    device: str = "cpu",
-    on_epoch: TrainingCallback | None = None,
-) -> ManyCablesModel:
-    """Train the model of many cables on a dataset in which every cast has its own cable.
-
-    Args:
-        dataset: Simulated casts with their parameters.
-        config: Settings of the training.
-        seed: Seed for the held-out rows, the initial weights and the order of the rows.
-        device: "cpu" or "cuda".
-        on_epoch: Called after every epoch with a row of the learning curve.
-
-    Raises:
-        InputError: The casts are of one cable, there are too few rows with a known endpoint, the
-            device is not available, or the training diverged.
-        MissingExtraError: torch is not installed.
-    """
-    if not dataset.has_many_cables:
-        raise InputError("the casts are of one cable: the model of many cables needs many")
-    split = split_rows(dataset, config, seed)
-    model = _untrained(dataset, split[0], config, seed)
-    return fit_model(
-        model,
-        dataset,
-        split,
-        casts=lambda rows: _normalized(model, dataset, rows),
-        predict=lambda fitted, rows: fitted.predict(
-            dataset.actions[rows], dataset.params.rows(rows)
-        ),
-        config=config,
-        seed=seed,
-        device=device,
-        on_epoch=on_epoch,
-    )
-
-
-def _untrained(
-    dataset: Dataset, training: NDArray[np.intp], config: TrainingConfig, seed: int
-) -> ManyCablesModel:
-    """Return a model with random weights and the normalisation of the training rows."""
-    cables = cable_features(dataset.params.rows(training), dataset.cable)
-    input_count = FEATURE_COUNT + len(CABLE_FEATURES)
-    return ManyCablesModel(
-        **normalization(dataset.actions[training], dataset.endpoint_xy[training]),
-        cable_low=cables.min(axis=0),
-        cable_high=cables.max(axis=0),
-        margin_actions=dataset.actions[training[:MARGIN_COUNT]],
-        weights=initial_weights(config, input_count, seed, 2 * POINT_COUNT),
-        info={"dataset": dataset_summary(dataset)},
-    )
-
-
-def _normalized(model: ManyCablesModel, dataset: Dataset, rows: NDArray[np.intp]) -> Casts:
-    """Return rows of a dataset as the network is trained on them."""
-    inputs = model.normalize(dataset.actions[rows], dataset.params.rows(rows))
-    x_min, x_max, y_min, y_max = dataset.extent[rows].T
-    points = np.stack([dataset.endpoint_xy[rows].T, [x_min, y_min], [x_max, y_max]])
-    outputs = (points.transpose(2, 0, 1) - model.endpoint_mean) / model.endpoint_scale
-    return inputs, outputs.reshape(len(rows), -1).astype(np.float32)

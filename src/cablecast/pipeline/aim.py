@@ -12,15 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError, check_count
-from cablecast.learning.network import ManyCablesModel
 from cablecast.learning.policy import ForwardSearchPolicy, check_targets
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
-from cablecast.pipeline.aim_learning import AimLearning, Learned
+from cablecast.pipeline.aim_learning import CANDIDATE_COUNT, AimLearning, Learned
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
-from cablecast.pipeline.many_cables import CANDIDATE_COUNT, REFINE_COUNT
 from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
@@ -78,8 +76,6 @@ def prepare_aim(
     *,
     casts: Dataset | None = None,
     tuned: Tuned | None = None,
-    model: ManyCablesModel | None = None,
-    refine: int = REFINE_COUNT,
     fit_all: bool = False,
     calibration_count: int = CALIBRATION_COUNT,
     count: int = SIMULATED_COUNT,
@@ -98,8 +94,6 @@ def prepare_aim(
         rig: Rig that `make_rig` returned; gives the set-up.
         casts: Casts on the rig that were made before; some are made where None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
-        model: Model of many cables, in place of one that is trained for this cable in minutes.
-        refine: Simulated casts that the model of many cables learns from first; none where 0.
         fit_all: True to fit the simulator anew now to all casts that the session in `out` has, and
             to learn anew from it. Later calls for the same folder go on with the newest such fit.
         calibration_count: Casts to make where none were given. With 0 the session aims at once
@@ -125,8 +119,6 @@ def prepare_aim(
     place = None if out is None else pathlib.Path(out)
     learning = AimLearning(
         setup=rig.setup,
-        model=model,
-        refine=refine,
         count=count,
         epochs=epochs,
         candidate_count=candidate_count,

@@ -6,10 +6,8 @@ from typing import Any
 
 from cablecast.data.dataset import Dataset
 from cablecast.errors import InputError, check_count, check_seed
-from cablecast.learning.network import ManyCablesModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
-from cablecast.pipeline import many_cables
 from cablecast.pipeline.aim_fits import fit_folder
 from cablecast.pipeline.places import require
 from cablecast.pipeline.simulate import simulate_to_aim
@@ -19,6 +17,9 @@ from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
+
+CANDIDATE_COUNT = 20_000
+"""Motions to choose from: fewer than `train` predicts, for a quick first plan."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,8 +54,6 @@ class AimLearning:
 
     Attributes:
         setup: Cable, workspace, arm and motion settings.
-        model: Model of many cables, in place of one that is trained for this cable.
-        refine: Simulated casts that the model of many cables learns from first.
         count: Simulated casts that the model learns from.
         epochs: Largest number of passes over them.
         candidate_count: Motions to choose from.
@@ -64,24 +63,20 @@ class AimLearning:
         folder: Folder that keeps the results; none where None.
 
     Raises:
-        InputError: A value is out of bounds, or the model is of another set-up.
+        InputError: A value is out of bounds.
         MissingExtraError: A library that training needs is missing.
     """
 
     setup: Setup
-    model: ManyCablesModel | None = None
-    refine: int = many_cables.REFINE_COUNT
     count: int
     epochs: int
-    candidate_count: int = many_cables.CANDIDATE_COUNT
+    candidate_count: int = CANDIDATE_COUNT
     seed: int = 0
     device: str = "cpu"
     folder: pathlib.Path | None = None
 
     def __post_init__(self):
         require("aiming", "torch", "safetensors")
-        if self.model is not None:
-            self.model.check_setup(self.setup)
         check_count("count", self.count, 50, ACTION_COUNT_MAX)
         check_count("candidate_count", self.candidate_count, 1, ACTION_COUNT_MAX)
         check_seed(self.seed)
@@ -167,11 +162,6 @@ class AimLearning:
             "out": None if place is None else place / MODEL_FOLDER,
             **shared,
         }
-        if self.model is not None:
-            known = Tuned.of(tuned, self.setup)
-            return many_cables.policy_for_cable(
-                self.model, known, self.setup, refine=self.refine, **search
-            )
         report = progress or ignore
         report(Progress(task="3/4 simulate"))
         simulated = simulate_to_aim(

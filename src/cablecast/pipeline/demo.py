@@ -14,9 +14,9 @@ from cablecast.pipeline.aim import (
     aim,
     prepare_aim,
 )
+from cablecast.pipeline.aim_learning import CANDIDATE_COUNT
 from cablecast.pipeline.aim_report import aim_evaluation, last_tries, write_aim_report
 from cablecast.pipeline.aim_session import WITHIN_PCT
-from cablecast.pipeline.many_cables import CANDIDATE_COUNT
 from cablecast.pipeline.places import require
 from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig

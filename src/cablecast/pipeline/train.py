@@ -135,11 +135,6 @@ def _check_casts(simulated: Dataset | None, real: Dataset | None) -> dict[str, D
                 f"{dataset.path or 'the dataset'} holds casts of kind {dataset.kind!r}, which are "
                 f"not {'simulated' if name == 'sim' else 'casts of a rig'}"
             )
-    if "sim" in casts and casts["sim"].has_many_cables:
-        raise InputError(
-            f"{casts['sim'].path or 'the dataset'} holds casts of many cables: `train_cables` "
-            "learns from those"
-        )
     return casts
 
 

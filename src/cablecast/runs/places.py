@@ -14,7 +14,6 @@ CASTS_FOLDERS = {"tune": "tune-data", "real": "real-data"}
 TUNE_FOLDER = "tune"
 DATASET_FOLDER = "dataset"
 MODEL_FOLDER = "model"
-CABLES_FOLDER = "model-many-cables"
 AIM_FOLDER = "aim"
 SELECT_FOLDER = "select"
 

@@ -19,10 +19,8 @@ import numpy as np
 from cablecast.conventions import polar_to_xy
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import CablecastError, InputError
-from cablecast.learning.network import ManyCablesModel
 from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
 from cablecast.pipeline.aim_session import AimSession
-from cablecast.pipeline.many_cables import REFINE_COUNT
 from cablecast.pipeline.places import require
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
@@ -401,8 +399,6 @@ def preparation(
     calibration_count: int,
     count: int,
     seed: int,
-    model: ManyCablesModel | None = None,
-    refine: int = REFINE_COUNT,
 ) -> Work:
     """Return the work that gets a desk ready: casts, fit, simulation, training.
 
@@ -412,8 +408,6 @@ def preparation(
         calibration_count: Casts that the rig makes.
         count: Simulated casts that the model learns from.
         seed: Seed of everything that is drawn by chance.
-        model: Model of many cables, in place of one that learns from simulated casts of this one.
-        refine: Simulated casts that the model of many cables learns from first.
     """
 
     def work(report: ProgressCallback) -> None:
@@ -422,8 +416,6 @@ def preparation(
             calibration_count=calibration_count,
             count=count,
             seed=seed,
-            model=model,
-            refine=refine,
             out=folder,
             progress=report,
         )
@@ -455,8 +447,6 @@ def serve(
     host: str,
     port: int,
     dark: bool = False,
-    model: ManyCablesModel | None = None,
-    refine: int = REFINE_COUNT,
     arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
@@ -471,19 +461,15 @@ def serve(
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
         dark: True for a page that begins dark.
-        model: Model of many cables, in place of one that learns from simulated casts of this one.
-        refine: Simulated casts that the model of many cables learns from first.
         arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
         ready: Told the address once the page can be opened.
 
     Raises:
         MissingExtraError: A library of the page is not installed.
-        InputError: The model is of another set-up, or the file of meshes shows another arm.
+        InputError: The file of meshes shows another arm.
     """
     require("the page", "viser", "trimesh", "torch", "safetensors")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
-    if model is not None:
-        model.check_setup(rig.setup)
     folder = pathlib.Path(folder)
     desk, worker = make_desk(rig, folder), Worker()
     prepare = preparation(
@@ -492,8 +478,6 @@ def serve(
         calibration_count=calibration_count,
         count=count,
         seed=seed,
-        model=model,
-        refine=refine,
     )
     page = Page(
         desk,
