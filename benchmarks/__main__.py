@@ -20,7 +20,6 @@ NAMES = {
     "scatter": "scatter of equal casts, and what tells it and the error beforehand",
     "uneven": "share of a miss that one correction leaves on uneven friction",
     "sessions": "first tries of a session with and without new fits to all its casts",
-    "informative": "fits to the casts that teach most beside fits to random ones",
     "sampler": "posterior of a fit beside draws of a sampler",
     "page": "latencies, memory and frames of the page of `cablecast view`",
     "cluster": "throughput of a Ray cluster on this machine beside one thread",

@@ -46,7 +46,6 @@ EnginePybullet()
 from cablecast.vision.tags import load_cv2
 load_cv2()
 """,
-    "tune": "import cma",
     "report": "import cablecast.report.page, cablecast.report.style, matplotlib, jinja2, shapely",
     "gym": """
 import gymnasium

@@ -31,19 +31,5 @@ def test_spread_casts_are_those_of_the_believed_cable_and_a_stopped_collection_g
 
 
 def test_an_unknown_choice_is_refused_with_the_known_ones(rig):
-    with pytest.raises(InputError, match="'random' must be uniform, grid, spread or informative"):
+    with pytest.raises(InputError, match="'random' must be uniform, grid or spread"):
         cc.collect(rig, count=3, sampling="random")
-
-
-def test_informative_casts_follow_the_posterior_of_earlier_ones(rig, monkeypatch):
-    monkeypatch.setattr("cablecast.tuning.informative._POOL_COUNT", 20)
-    believed = cc.collect(rig, count=2, sampling="informative")
-    quick = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
-    tuned = cc.tune(believed, config=quick, validation_count=0, segment_count=10, dt=2e-3)
-    following = cc.collect(rig, count=2, sampling="informative", tuned=tuned, seed=1)
-    unfitted = cc.collect(rig, count=2, sampling="informative", seed=1)
-    assert not np.array_equal(following.actions, unfitted.actions)
-    plain = {"tuned": cc.Tuned.of(None, SETUP)}
-    for wrong in ({"sampling": "spread"}, {"sampling": None}, plain):
-        with pytest.raises(InputError, match="tuned goes with informative casts"):
-            cc.collect(rig, count=2, **({"sampling": "informative", "tuned": tuned} | wrong))

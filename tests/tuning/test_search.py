@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cablecast.errors import InputError, UnknownNameError
-from cablecast.tuning.search import latin_hypercube, make_search
+from cablecast.errors import InputError
+from cablecast.tuning.search import SearchDE, latin_hypercube
 
 DIMENSION = 10
 START = np.full(DIMENSION, 0.9)
@@ -17,8 +17,8 @@ def bowl(points):
     return np.sum((((points - 0.3) @ axes) * np.geomspace(1.0, 10.0, DIMENSION)) ** 2, axis=-1)
 
 
-def run(method, generations, seed=0, size=40):
-    search = make_search(method, START, size, seed)
+def run(generations, seed=0, size=40):
+    search = SearchDE(START, size, seed)
     asked = []
     for _ in range(generations):
         candidates = search.ask()
@@ -27,39 +27,24 @@ def run(method, generations, seed=0, size=40):
     return search, asked
 
 
-@pytest.mark.parametrize("method", ["de", "cmaes"])
-def test_a_search_finds_the_bottom_of_a_tilted_bowl(method):
-    if method == "cmaes":
-        pytest.importorskip("cma")
-    search, asked = run(method, 300)
+def test_a_search_finds_the_bottom_of_a_tilted_bowl():
+    search, asked = run(300)
     best = search.population[np.argmin(search.losses)]
     np.testing.assert_allclose(best, 0.3, atol=1e-3)
     assert all(np.all((points >= 0.0) & (points <= 1.0)) for points in asked)
 
 
-@pytest.mark.parametrize("method", ["de", "cmaes"])
-def test_the_seed_alone_decides_what_is_asked_for(method):
-    if method == "cmaes":
-        pytest.importorskip("cma")
-    (_, first), (_, again), (_, other) = run(method, 5), run(method, 5), run(method, 5, seed=1)
+def test_the_seed_alone_decides_what_is_asked_for():
+    (_, first), (_, again), (_, other) = run(5), run(5), run(5, seed=1)
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
-
-
-def test_cma_es_leaves_numpys_global_generator_alone():
-    pytest.importorskip("cma")
-    np.random.seed(7)
-    expected = np.random.random()
-    np.random.seed(7)
-    run("cmaes", 3)
-    assert np.random.random() == expected
 
 
 def test_differential_evolution_falls_as_fast_as_scipys():
     from scipy.optimize import differential_evolution
 
     generations, size = 150, 40
-    ours = [run("de", generations, seed, size)[0].losses.min() for seed in range(5)]
+    ours = [run(generations, seed, size)[0].losses.min() for seed in range(5)]
     theirs = [
         differential_evolution(
             lambda x: bowl(x.T),
@@ -79,7 +64,7 @@ def test_differential_evolution_falls_as_fast_as_scipys():
 
 
 def test_members_of_the_population_never_get_worse():
-    search = make_search("de", START, 12, 0)
+    search = SearchDE(START, 12, 0)
     losses = np.full(12, np.inf)
     for _ in range(20):
         candidates = search.ask()
@@ -90,11 +75,11 @@ def test_members_of_the_population_never_get_worse():
 
 
 def test_the_starting_point_is_among_the_first_candidates():
-    np.testing.assert_array_equal(make_search("de", START, 12, 0).ask()[0], START)
+    np.testing.assert_array_equal(SearchDE(START, 12, 0).ask()[0], START)
 
 
 def test_shrinking_keeps_the_best():
-    search, _ = run("de", 10)
+    search, _ = run(10)
     best = np.sort(search.losses)[:7]
     search.shrink(7)
     np.testing.assert_array_equal(np.sort(search.losses), best)
@@ -108,13 +93,8 @@ def test_a_latin_hypercube_has_one_point_in_each_interval():
         assert sorted((column * 17).astype(int)) == list(range(17))
 
 
-def test_unknown_methods_and_tiny_populations_are_refused():
-    with pytest.raises(UnknownNameError, match="one of de, cmaes"):
-        make_search("annealing", START, 10, 0)
-    for method in ("de", "cmaes"):
-        if method == "cmaes":
-            pytest.importorskip("cma")
-        with pytest.raises(InputError, match="population_size = 3"):
-            make_search(method, START, 3, 0)
+def test_tiny_populations_and_negative_seeds_are_refused():
+    with pytest.raises(InputError, match="population_size = 3"):
+        SearchDE(START, 3, 0)
     with pytest.raises(InputError, match="seed = -1"):
-        make_search("de", START, 10, -1)
+        SearchDE(START, 10, -1)

@@ -55,22 +55,6 @@ def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
     assert resumed.simulation_count == whole.simulation_count
 
 
-def test_cma_es_resumes_bit_by_bit_too(cable, good, engine, tmp_path):
-    pytest.importorskip("cma")
-    config = dataclasses.replace(SHORT, method="cmaes")
-    whole = tune(cable, good, engine, config)
-
-    def stopping(state):
-        if state.generation == 4:
-            raise StoppedError
-
-    parts = Parts(tmp_path / "generations")
-    with pytest.raises(StoppedError):
-        tune(cable, good, engine, config, checkpoint=parts, progress=stopping)
-    resumed = tune(cable, good, engine, config, checkpoint=parts)
-    np.testing.assert_array_equal(resumed.population.to_array(), whole.population.to_array())
-
-
 def test_a_finished_search_simulates_no_generation_again(cable, good, engine, tmp_path):
     parts = Parts(tmp_path / "generations")
     tune(cable, good, engine, checkpoint=parts)
@@ -129,7 +113,6 @@ def test_a_quarter_of_the_tracks_validates_by_default(tracks):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"method": "annealing"}, "one of de, cmaes"),
         ({"population_size": 3}, "population_size = 3"),
         ({"population_size": 48.5}, "population_size = 48.5 is not a whole number"),
         ({"fine_population_size": 99}, "at most population_size = 48"),

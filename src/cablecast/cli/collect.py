@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 from cablecast.cli.options import argument
 
 if TYPE_CHECKING:
-    from cablecast.pipeline.tuned import Tuned
     from cablecast.setup import Setup
 
 
@@ -35,17 +34,10 @@ class Collect:
     count: Annotated[int | None, argument("INT", "80 to tune, 200 real")] = None
     """Number of casts."""
     sampling: Annotated[
-        typing.Literal["uniform", "grid", "spread", "informative"] | None,
-        argument(
-            "{uniform,grid,spread,informative}", "uniform to tune, grid for real, as in the paper"
-        ),
+        typing.Literal["uniform", "grid", "spread"] | None,
+        argument("{uniform,grid,spread}", "uniform to tune, grid for real, as in the paper"),
     ] = None
-    """Sampling of the actions that the arm can make; spread: simulated landings lie far apart;
-    informative: the tracks tell most of the cable's parameters."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "what the cable's file believes")] = (
-        None
-    )
-    """Fit to earlier casts (params.json of tune), after which informative casts tell most."""
+    """Sampling of the actions that the arm can make; spread: simulated landings lie far apart."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data or runs/CABLE/real-data")
     ] = None
@@ -69,22 +61,19 @@ class Collect:
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.checks import check_collect
         from cablecast.pipeline.collect import collect
-        from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS[self.purpose]
-        tuned = None if self.params is None else load_tuned(self.params, setup)
         check_collect(
             purpose=self.purpose,
             count=self.count,
             sampling=self.sampling,
-            tuned=tuned,
             seed=self.seed,
             out=out,
         )
         if self.dry_run:
-            return self._dry_run(setup, tuned)
+            return self._dry_run(setup)
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,
@@ -94,7 +83,6 @@ class Collect:
                 purpose=self.purpose,
                 count=self.count,
                 sampling=self.sampling,
-                tuned=tuned,
                 psi=self.psi,
                 seed=self.seed,
                 out=out,
@@ -104,7 +92,7 @@ class Collect:
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
         return None
 
-    def _dry_run(self, setup: "Setup", tuned: "Tuned | None") -> int:
+    def _dry_run(self, setup: "Setup") -> int:
         """Print what would be done, and return 2 if something would not go."""
         from cablecast.errors import InputError
         from cablecast.pipeline.dry_run import dry_run
@@ -116,7 +104,6 @@ class Collect:
             purpose=self.purpose,
             count=self.count,
             sampling=self.sampling,
-            tuned=tuned,
             psi=self.psi,
             seed=self.seed,
         )

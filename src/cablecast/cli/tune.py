@@ -34,16 +34,16 @@ class Tune:
     """Folder of the results."""
     seed: int = 0
     """Seed of the search."""
-    method: typing.Literal["least-squares", "de", "cmaes"] = "least-squares"
-    """Least squares with a prior, Differential Evolution as in the paper, or CMA-ES."""
+    method: typing.Literal["least-squares", "de"] = "least-squares"
+    """Least squares with a prior or Differential Evolution as in the paper."""
     population_size: int = 48
-    """Candidates of a generation (de and cmaes)."""
+    """Candidates of a generation (de)."""
     coarse_generations: int = 60
-    """Generations at a coarse resolution (de and cmaes)."""
+    """Generations at a coarse resolution (de)."""
     fine_population_size: int = 24
     """Candidates of a generation at full resolution (de)."""
     fine_generations: int = 25
-    """Generations at full resolution (de and cmaes)."""
+    """Generations at full resolution (de)."""
     validation_count: Annotated[
         int | None, argument("INT", "a quarter; 0 of fewer than 20 casts by least squares")
     ] = None
@@ -75,7 +75,6 @@ class Tune:
         check_same_setup(self.setup, self.cable, casts.setup, folder)
         # Made whatever the method: a number that no method can have is refused, not ignored.
         config: FitConfig | TuneConfig = TuneConfig(
-            method="de" if self.method == "least-squares" else self.method,
             population_size=self.population_size,
             coarse_generations=self.coarse_generations,
             fine_population_size=min(self.fine_population_size, self.population_size),

@@ -15,7 +15,6 @@ from cablecast.learning.landing import MIN_ROWS, LandingModel
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import require
-from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import Claim, refuse_other_work
 from cablecast.setup import Setup
 from cablecast.workspace import load_targets
@@ -39,7 +38,6 @@ def check_collect(
     purpose: str,
     count: int | None,
     sampling: str | None,
-    tuned: Tuned | None = None,
     seed: int,
     out: Folder = None,
 ) -> None:
@@ -51,11 +49,9 @@ def check_collect(
     """
     if purpose not in TRIAL_COUNTS:
         raise InputError(f"purpose {str(purpose)[:40]!r} must be one of {', '.join(TRIAL_COUNTS)}")
-    if sampling not in (None, "uniform", "grid", "spread", "informative"):
-        known = "uniform, grid, spread or informative"
+    if sampling not in (None, "uniform", "grid", "spread"):
+        known = "uniform, grid or spread"
         raise InputError(f"sampling {str(sampling)[:40]!r} must be {known}")
-    if tuned is not None and (sampling != "informative" or tuned.posterior is None):
-        raise InputError("tuned goes with informative casts, and is a fit by least squares")
     if count is not None:
         check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)

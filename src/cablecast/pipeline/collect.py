@@ -18,16 +18,14 @@ from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import ProgressCallback, resumed_counter
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
-from cablecast.tuning.informative import informative_actions
 from cablecast.tuning.spread import spread_actions
 
-AnySampling = Sampling | typing.Literal["spread", "informative"]
+AnySampling = Sampling | typing.Literal["spread"]
 
 SAMPLINGS: dict[str, Sampling] = {"tune": "uniform", "real": "grid"}
 """Choice of actions by purpose, as in the paper."""
@@ -39,7 +37,6 @@ def collect(
     purpose: Purpose = "tune",
     count: int | None = None,
     sampling: AnySampling | None = None,
-    tuned: Tuned | None = None,
     psi: bool = True,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
@@ -55,11 +52,8 @@ def collect(
         purpose: Purpose of the casts: "tune" (D_tune) or "real" (D_real). Each draws chances of
             its own on a rig that draws any.
         count: Number of casts; the paper's 80 or 200 where None.
-        sampling: Choice of actions: "uniform" over their ranges, on a "grid", "spread", so that
-            the simulated landings are spread over the table, or "informative", so that their tracks
-            tell most of the cable's parameters; as in the paper where None.
-        tuned: Fit to earlier casts, after which informative ones tell most; what the cable's file
-            believes where None.
+        sampling: Choice of actions: "uniform" over their ranges, on a "grid", or "spread", so that
+            the simulated landings are spread over the table; as in the paper where None.
         psi: Whether the wrist turns (the action set A2 of the paper).
         seed: Seed of the actions.
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
@@ -71,15 +65,15 @@ def collect(
     Raises:
         RigError: A cast failed too often.
         DatasetError: The folder holds something else. Casts that are finished are kept.
-        InputError: A count or seed is out of bounds, or `tuned` has no posterior or goes with
-            another choice.
+        InputError: A count or seed is out of bounds.
     """
-    check_collect(purpose=purpose, count=count, sampling=sampling, tuned=tuned, seed=seed, out=out)
+    check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
     ranges = ActionRanges.for_setup(setup, psi)
-    simulated = how in ("spread", "informative")
-    given = choose_actions(how, purpose, count, setup, ranges, seed, tuned) if simulated else None
+    given = None
+    if how == "spread":
+        given = choose_actions(how, purpose, count, setup, ranges, seed)
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(
             folder,
@@ -87,7 +81,7 @@ def collect(
             setup,
             purpose=purpose,
             count=count,
-            sampling=SAMPLINGS[purpose] if simulated else how,
+            sampling=SAMPLINGS[purpose] if how == "spread" else how,
             actions=given,
             seed=seed,
             ranges=ranges,
@@ -110,7 +104,6 @@ def choose_actions(
     setup: Setup,
     ranges: ActionRanges,
     seed: int,
-    tuned: Tuned | None = None,
 ) -> NDArray[np.float64]:
     """Return the actions of a collection, in the order in which they are made, shape [action, 4].
 
@@ -121,19 +114,13 @@ def choose_actions(
         setup: Cable, workspace, arm and motion settings.
         ranges: Ranges of the actions.
         seed: Seed of the actions.
-        tuned: Fit to earlier casts, for informative ones.
 
     Raises:
         InputError: Too few actions stay on the table.
     """
     count = count or TRIAL_COUNTS[purpose]
-    if sampling not in ("spread", "informative"):
+    if sampling != "spread":
         return sample_actions(sampling, count, setup, seed, ranges)
     coarse = FitConfig()
     engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
-    if sampling == "spread":
-        return spread_actions(setup, count, engine, ranges, seed)
-    posterior, material = (
-        (None, None) if tuned is None else (tuned.posterior, tuned.dynamics.material)
-    )
-    return informative_actions(setup, count, engine, posterior, material, ranges, seed)
+    return spread_actions(setup, count, engine, ranges, seed)

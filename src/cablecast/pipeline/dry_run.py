@@ -11,7 +11,6 @@ from cablecast.motion.action import Action, ActionRanges
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.ur.player import SetPoints, UrLink, check_path, check_ready
 from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
@@ -38,7 +37,6 @@ def dry_run(
     purpose: Purpose = "tune",
     count: int | None = None,
     sampling: AnySampling | None = None,
-    tuned: Tuned | None = None,
     psi: bool = True,
     seed: int = 0,
 ) -> list[Finding]:
@@ -52,7 +50,6 @@ def dry_run(
         purpose: Purpose of the casts.
         count: Number of casts; the paper's where None.
         sampling: Choice of actions; as in the paper where None.
-        tuned: Fit to earlier casts, for informative ones.
         psi: Whether the wrist turns.
         seed: Seed of the actions.
 
@@ -68,7 +65,6 @@ def dry_run(
         setup,
         ActionRanges.for_setup(setup, psi),
         seed,
-        tuned,
     )
     for number, values in enumerate(actions):
         action = Action.from_array(values)

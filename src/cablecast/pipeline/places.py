@@ -16,7 +16,6 @@ _EXTRAS = {
     "shapely": "report",
     "torch": "learn",
     "safetensors": "learn",
-    "cma": "tune",
     "mujoco": "mujoco",
     "cv2": "camera",
     "viser": "view",

@@ -91,8 +91,6 @@ def tune(
         raise InputError("tuning needs casts of a rig: these were simulated")
     if out is not None:
         require("drawing the tracks", "matplotlib")
-    if isinstance(config, TuneConfig) and config.method == "cmaes":
-        require("the search method cmaes", "cma")
     tracks = MeasuredTracks.from_dataset(casts, path_source=path)
     split = _split(tracks, config, validation_count)
     engine = make_engine(segment_count, dt, device)
@@ -196,8 +194,8 @@ def _search(
 
 
 def method_name(config: FitConfig | TuneConfig) -> str:
-    """Return the name of a method: "least-squares", "de" or "cmaes"."""
-    return "least-squares" if isinstance(config, FitConfig) else config.method
+    """Return the name of a method: "least-squares" or "de"."""
+    return "least-squares" if isinstance(config, FitConfig) else "de"
 
 
 def _split(

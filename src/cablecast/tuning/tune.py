@@ -36,7 +36,7 @@ from cablecast.motion.servo import ServoModel
 from cablecast.runs.folder import Parts
 from cablecast.tuning.ensemble import Ensemble, fit_ensemble
 from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit, run_fit
-from cablecast.tuning.search import METHODS, POPULATION_MAX, POPULATION_MIN, Checkpoint, make_search
+from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, Checkpoint, SearchDE
 from cablecast.tuning.space import (
     BOUND_DISTANCE,
     MaterialSpace,
@@ -103,7 +103,6 @@ class TuneConfig:
     parameters differ from those at full resolution.
 
     Attributes:
-        method: "de" (Differential Evolution, as in the paper) or "cmaes".
         population_size: Number of candidates of a coarse generation. The paper's was 10, one for
             each parameter.
         coarse_generations: Number of generations at the coarse resolution.
@@ -114,7 +113,6 @@ class TuneConfig:
         seed: Seed of the search.
     """
 
-    method: str = "de"
     population_size: int = 48
     coarse_generations: int = 60
     fine_population_size: int = 24
@@ -124,8 +122,6 @@ class TuneConfig:
     seed: int = 0
 
     def __post_init__(self):
-        if self.method not in METHODS:
-            raise InputError(f"unknown search method {self.method!r}: one of {', '.join(METHODS)}")
         for name, low, high in (
             ("population_size", POPULATION_MIN, POPULATION_MAX),
             ("coarse_generations", 0, GENERATION_MAX),
@@ -151,12 +147,7 @@ class TuneConfig:
     def candidate_count(self) -> int:
         """Number of candidates that the search simulates."""
         coarse = self.coarse_generations * self.population_size
-        return coarse + self.fine_population_size + self.fine_generations * self.fine_size
-
-    @property
-    def fine_size(self) -> int:
-        """Number of candidates of a fine generation; only Differential Evolution can shrink."""
-        return self.fine_population_size if self.method == "de" else self.population_size
+        return coarse + self.fine_population_size * (1 + self.fine_generations)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -276,9 +267,7 @@ def tune_params(
     """
     config = config or TuneConfig()
     space = SearchSpace.for_cable(cable)
-    search = make_search(
-        config.method, space.to_unit(cable.params), config.population_size, config.seed
-    )
+    search = SearchDE(space.to_unit(cable.params), config.population_size, config.seed)
     run = _Run(config, space, cable.length, Checkpoint(checkpoint), progress)
     coarse = TrackObjective(coarse_engine, cable, training)
     fine = TrackObjective(engine, cable, training)
@@ -293,9 +282,8 @@ def tune_params(
         run.report(search.losses)
     coarse_count = run.simulation_count
     search.shrink(config.fine_population_size)
-    if len(search.population):
-        search.restart(run.losses(FINE, fine, search.population))
-        run.report(search.losses)
+    search.restart(run.losses(FINE, fine, search.population))
+    run.report(search.losses)
     for _ in range(config.fine_generations):
         candidates = search.ask()
         search.tell(candidates, run.losses(FINE, fine, candidates))
@@ -369,7 +357,7 @@ class _Run:
         config, done = self.config, len(self.history)
         total = config.coarse_generations + 1 + config.fine_generations
         coarse_left = max(config.coarse_generations - done, 0) * config.population_size
-        fine_left = (total - max(done, config.coarse_generations)) * config.fine_size
+        fine_left = (total - max(done, config.coarse_generations)) * config.fine_population_size
         self.progress(
             TuneProgress(
                 stage=self._stage,
