@@ -194,3 +194,31 @@ def test_settings_of_another_version_are_refused_in_one_line(copied):
     dataset = dataclasses.replace(dataset, info=dataset.info | {"settings": settings})
     with pytest.raises(DatasetError, match=r"made by cablecast .*warp_factor.*make it anew"):
         _ = dataset.setup
+
+
+def test_rows_are_those_of_a_mask_or_of_indices(unbroken):
+    whole = read_dataset(unbroken)
+    order = [4, 1, 4]
+    some = whole.rows(order)
+    for name in ("actions", "endpoint_xy", "status", "duration", "extent"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[order])
+    assert (len(some), some.info["settings"]["count"], some.path) == (3, 3, None)
+    assert (some.kind, some.setup) == (whole.kind, whole.setup)
+    masked = whole.rows(np.arange(len(whole)) < 2)
+    assert masked.fingerprint == whole.rows([0, 1]).fingerprint
+    assert len({whole.fingerprint, some.fingerprint, masked.fingerprint}) == 3
+    assert len(whole.rows([])) == 0
+
+
+def test_every_column_of_chosen_rows_is_theirs(tmp_path):
+    collect(tmp_path, StickRig())
+    whole = read_dataset(tmp_path)
+    some = whole.rows([2, 0])
+    assert some.extra.keys() == whole.extra.keys()
+    assert [some.extra["times"][k] for k in (0, 1)] == [whole.extra["times"][k] for k in (2, 0)]
+
+
+@pytest.mark.parametrize("chosen", [[COUNT], [True, False]])
+def test_rows_that_a_dataset_lacks_are_refused(unbroken, chosen):
+    with pytest.raises(DatasetError, match=f"has {COUNT} rows"):
+        read_dataset(unbroken).rows(chosen)

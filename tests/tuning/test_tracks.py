@@ -27,14 +27,7 @@ def test_one_trial_alone_is_that_of_a_dataset_of_its_own(dataset):
     lengths = [len(times) for times in dataset.extra["times"]]
     first = int(np.argmin(lengths))
     order = np.r_[first, np.delete(np.arange(len(dataset)), first)]
-    ordered = dataclasses.replace(
-        dataset,
-        actions=dataset.actions[order],
-        endpoint_xy=dataset.endpoint_xy[order],
-        status=dataset.status[order],
-        duration=dataset.duration[order],
-        extra={name: [column[row] for row in order] for name, column in dataset.extra.items()},
-    )
+    ordered = dataset.rows(order)
     own, alone = MeasuredTracks.from_dataset(ordered, count=1), every.alone(first)
     assert alone.times.shape[1] < every.times.shape[1]
     for name in ("times", "endpoint_xy", "final_xy", "status", "actions"):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cable import Cable, CableParams
@@ -127,6 +127,39 @@ class Dataset:
         )
         margin = self.setup.workspace.edge_distance(corners).min(axis=1)
         return np.where(np.isfinite(margin), margin, -np.inf)
+
+    def rows(self, chosen: ArrayLike) -> "Dataset":
+        """Return the dataset of some rows, in memory.
+
+        Args:
+            chosen: Mask, shape [row], or indices of rows, in the order of the new dataset.
+
+        Raises:
+            DatasetError: The mask has another length, or an index is out of range.
+        """
+        chosen = np.asarray(chosen)
+        try:
+            rows = np.arange(len(self))[chosen if chosen.size else chosen.astype(int)]
+        except IndexError as error:
+            raise DatasetError(f"{self._name} has {len(self)} rows: {error}") from None
+        settings = self.info.get("settings", {})
+        # What describes the files of the whole does not describe its rows.
+        kept = {
+            name: self.info[name] for name in ("kind", "cablecast_version") if name in self.info
+        }
+        return Dataset(
+            actions=self.actions[rows],
+            endpoint_xy=self.endpoint_xy[rows],
+            status=self.status[rows],
+            duration=self.duration[rows],
+            extent=self.extent[rows],
+            extra={name: [values[row] for row in rows] for name, values in self.extra.items()},
+            info={
+                **kept,
+                "fingerprint": fingerprint([self.fingerprint, rows.tolist()]),
+                "settings": {**settings, "count": len(rows)},
+            },
+        )
 
     @property
     def _name(self) -> str:
