@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import xy_to_polar
+from cablecast.conventions import polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, TargetError, check_keys, check_ranges
 
 Array = NDArray[np.float64]
@@ -116,24 +116,45 @@ class Workspace:
         """Return the radius of the reachable half disc, r_max + r_c [m] (section III)."""
         return self.r_max + cable_length
 
-    def check_target(self, target_xy: ArrayLike, cable_length: float) -> Array:
-        """Check targets and return them as an array.
+    def check_targets(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: ArrayLike | None = None,
+        theta_deg: ArrayLike | None = None,
+        cable_length: float,
+    ) -> Array:
+        """Check targets, Cartesian or polar, and return them as x and y.
 
         Args:
-            target_xy: Targets [m], shape [..., 2].
+            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
+            r: Distances from the robot's base [m], a number or shape [target].
+            theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
+                shape [target].
             cable_length: Cable length r_c [m].
 
+        Returns:
+            Targets [m], shape [target, 2].
+
         Raises:
-            TargetError: A target is not finite, farther than r_max + r_c, or off the table.
+            InputError: Both forms are given, or neither, or values of the wrong kind or shape.
+            TargetError: A target is not finite, has a negative radius, is farther than r_max + r_c,
+                or off the table.
         """
-        target_xy = np.asarray(target_xy, dtype=float)
-        if target_xy.shape[-1:] != (2,):
-            raise TargetError(f"targets have shape {target_xy.shape}: it must be [..., 2]")
-        for xy in target_xy.reshape(-1, 2):
+        if (target_xy is None) == (r is None and theta_deg is None):
+            raise InputError("targets are given as either target_xy or r and theta_deg")
+        if target_xy is None:
+            target_xy = _targets_from_polar(r, theta_deg)
+        targets = np.atleast_2d(_numbers("target_xy", target_xy))
+        if targets.ndim != 2 or targets.shape[1] != 2:
+            raise InputError(
+                f"target_xy has shape {np.shape(target_xy)}: it must be [2] or [target, 2]"
+            )
+        bound = self.reach(cable_length)
+        for xy in targets:
             if not np.all(np.isfinite(xy)):
                 raise TargetError(f"target ({xy[0]}, {xy[1]}) is not finite")
             r, theta = xy_to_polar(xy)
-            bound = self.reach(cable_length)
             where = f"target r = {r:.3f} m, theta = {np.degrees(theta):.1f} deg"
             if r > bound:
                 raise TargetError(f"{where} is out of reach: r must be at most {bound:.3f} m")
@@ -142,7 +163,7 @@ class Workspace:
                     f"{where} is off the table: |x| <= {self.half_width:g} m and "
                     f"{self.y_min:g} <= y <= {self.y_max:g} m, but x = {xy[0]:.3f}, y = {xy[1]:.3f}"
                 )
-        return target_xy
+        return targets
 
     def to_dict(self) -> dict[str, float]:
         """Return plain values for a config or YAML file."""
@@ -167,3 +188,32 @@ def load_targets() -> Array:
     file = importlib.resources.files("cablecast").joinpath("data/targets_32.csv")
     rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
     return np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
+
+
+def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDArray[np.float64]:
+    """Return targets [m] from radii [m] and angles [deg], shape [target, 2]."""
+    if r is None or theta_deg is None:
+        raise InputError("a target needs both r and theta_deg")
+    radius, angle = _numbers("r", r), _numbers("theta_deg", theta_deg)
+    try:
+        radius, angle = np.broadcast_arrays(np.atleast_1d(radius), np.atleast_1d(angle))
+    except ValueError:
+        shapes = f"{radius.shape} and {angle.shape}"
+        raise InputError(f"r and theta_deg have shapes {shapes}, which do not match") from None
+    if radius.ndim != 1:
+        raise InputError(f"r and theta_deg have shape {radius.shape}: it must be [target]")
+    for one_r, one_theta in zip(radius, angle, strict=True):
+        if not (np.isfinite(one_r) and np.isfinite(one_theta)):
+            raise TargetError(
+                f"target r = {one_r:g} m, theta = {one_theta:g} deg must be finite numbers"
+            )
+        if one_r < 0:
+            raise TargetError(f"target r = {one_r:g} m must not be negative")
+    return polar_to_xy(np.stack([radius, np.radians(angle)], axis=-1))
+
+
+def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {str(values)[:80]!r} must be numbers") from None

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.learning.policy import Plan, check_targets
+from cablecast.learning.policy import Plan
 from cablecast.setup import Setup
 
 
@@ -14,7 +14,9 @@ class PolicyStub:
         self.info = {"name": "stub"}
 
     def plan(self, target_xy=None, *, r=None, theta_deg=None):
-        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        targets = self.setup.workspace.check_targets(
+            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
+        )
         return Plan(
             setup=self.setup,
             target_xy=targets,

@@ -49,7 +49,6 @@ from cablecast.learning.landing import LandingModel, central_shifts, deviations
 from cablecast.learning.policy import (
     TABLE_MARGIN,
     ForwardSearchPolicy,
-    check_targets,
     refine_actions,
     within_ranges,
 )
@@ -646,15 +645,15 @@ class Aimer:
         """Choose the action with the least expected loss.
 
         Args:
-            target_xy: Target [m], shape [2].
+            target_xy: Target within reach and on the table [m], shape [2].
             tried: True if earlier casts were aimed at this target. A small change of one of them
                 nearly always wins, so fewer other candidates are judged.
             sight: Limits of the camera's sight; unknown where None.
 
         Raises:
-            TargetError: The target is not finite, out of reach, or off the table.
+            InputError: The arm can follow none of the policy's actions near the target.
         """
-        target = check_targets(self.policy.setup, target_xy)[0]
+        target = np.asarray(target_xy, dtype=float)
         goals = [target]
         if sight is not None and sight.is_blind_at(target):
             goals += [sight.seen_near(target, margin) for margin in _BLIND_MARGINS]

@@ -81,7 +81,6 @@ class Aim:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.errors import check_count, check_number
-        from cablecast.learning.policy import check_targets
         from cablecast.pipeline.aim import aim, prepare_aim
         from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import AIM_FOLDER, cable_folder
@@ -92,10 +91,10 @@ class Aim:
         check_count("tries", self.tries, 1, 1000)
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
-        targets = check_targets(
-            setup,
+        targets = setup.workspace.check_targets(
             r=[r for r, _ in self.target],
             theta_deg=[theta_deg for _, theta_deg in self.target],
+            cable_length=setup.cable.length,
         )
         casts = None if self.casts is None else read_dataset(self.casts)
         tuned = None if self.params is None else load_tuned(self.params, setup)

@@ -313,7 +313,7 @@ def evaluate_policy(
     """
     check_count("repeats", repeats, high=100_000)
     setup = policy.setup
-    target_xy = np.atleast_2d(setup.workspace.check_target(targets, setup.cable.length))
+    target_xy = setup.workspace.check_targets(targets, cable_length=setup.cable.length)
     plan = policy.plan(target_xy)
     motions = plan.trajectories
     inside = np.asarray(plan.inside_coverage, dtype=bool)

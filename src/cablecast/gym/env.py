@@ -24,7 +24,6 @@ from cablecast.data.simulate import simulate_actions
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import ActionError, InputError, check_count, check_number
-from cablecast.learning.policy import check_targets
 from cablecast.motion.action import (
     PSI_MAX,
     Action,
@@ -105,7 +104,9 @@ class CastTask:
         check_number("spread", self.spread, 0.0, 1.0, "")
         check_number("fail_reward", self.fail_reward, -1e6, 0.0, "%")
         if self.targets is not None:
-            self.targets = check_targets(self.setup, self.targets)
+            self.targets = self.setup.workspace.check_targets(
+                self.targets, cable_length=self.setup.cable.length
+            )
         self.space = SearchSpace.for_cable(self.setup.cable)
         self.ranges = ActionRanges.for_setup(self.setup)
         self._unit = self.space.to_unit(self.params)
@@ -378,7 +379,8 @@ class _Casts:
         targets = self.task.draw_targets(self.count, rng)
         cables = self.task.draw_cables(self.count, rng)
         if target_xy is not None:
-            xy = check_targets(self.task.setup, target_xy)
+            setup = self.task.setup
+            xy = setup.workspace.check_targets(target_xy, cable_length=setup.cable.length)
             if len(xy) not in (1, self.count):
                 raise InputError(
                     f"{len(xy)} targets for {self.count} environments: one, or as many"

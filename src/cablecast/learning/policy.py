@@ -23,12 +23,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import mirror_xy, polar_to_xy, side_of
+from cablecast.conventions import mirror_xy, side_of
 from cablecast.errors import (
     CablecastError,
     CheckpointError,
     InputError,
-    TargetError,
     UnreadableFileError,
     check_keys,
     check_number,
@@ -143,73 +142,8 @@ class Policy(Protocol):
         r: ArrayLike | None = None,
         theta_deg: ArrayLike | None = None,
     ) -> Plan:
-        """Plan a motion for each target; see `check_targets` for the arguments."""
+        """Plan a motion for each target; see `Workspace.check_targets` for the arguments."""
         ...
-
-
-def check_targets(
-    setup: Setup,
-    target_xy: ArrayLike | None = None,
-    *,
-    r: ArrayLike | None = None,
-    theta_deg: ArrayLike | None = None,
-) -> NDArray[np.float64]:
-    """Check the target arguments of `Policy.plan` and return the targets.
-
-    Args:
-        setup: Set-up with the table, the reach and the cable.
-        target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
-        r: Distances from the robot's base [m], a number or shape [target].
-        theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
-            shape [target].
-
-    Returns:
-        Targets [m], shape [target, 2].
-
-    Raises:
-        InputError: Both forms are given, or neither, or values of the wrong kind or shape.
-        TargetError: A target is not finite, has a negative radius, is out of reach, or off the
-            table.
-    """
-    if (target_xy is None) == (r is None and theta_deg is None):
-        raise InputError("a plan takes either target_xy or r and theta_deg")
-    if target_xy is None:
-        target_xy = _from_polar(r, theta_deg)
-    targets = np.atleast_2d(_numbers("target_xy", target_xy))
-    if targets.ndim != 2 or targets.shape[1] != 2:
-        raise InputError(
-            f"target_xy has shape {np.shape(target_xy)}: it must be [2] or [target, 2]"
-        )
-    return setup.workspace.check_target(targets, setup.cable.length)
-
-
-def _from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDArray[np.float64]:
-    """Return targets [m] from radii [m] and angles [deg], shape [target, 2]."""
-    if r is None or theta_deg is None:
-        raise InputError("a plan needs both r and theta_deg")
-    radius, angle = _numbers("r", r), _numbers("theta_deg", theta_deg)
-    try:
-        radius, angle = np.broadcast_arrays(np.atleast_1d(radius), np.atleast_1d(angle))
-    except ValueError:
-        shapes = f"{radius.shape} and {angle.shape}"
-        raise InputError(f"r and theta_deg have shapes {shapes}, which do not match") from None
-    if radius.ndim != 1:
-        raise InputError(f"r and theta_deg have shape {radius.shape}: it must be [target]")
-    for one_r, one_theta in zip(radius, angle, strict=True):
-        if not (np.isfinite(one_r) and np.isfinite(one_theta)):
-            raise TargetError(
-                f"target r = {one_r:g} m, theta = {one_theta:g} deg must be finite numbers"
-            )
-        if one_r < 0:
-            raise TargetError(f"target r = {one_r:g} m must not be negative")
-    return polar_to_xy(np.stack([radius, np.radians(angle)], axis=-1))
-
-
-def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {str(values)[:80]!r} must be numbers") from None
 
 
 FORMAT = "cablecast.forward_search"
@@ -586,7 +520,9 @@ class ForwardSearchPolicy:
             InputError: Both forms of targets are given, or neither.
             TargetError: A target is not finite, out of reach, or off the table.
         """
-        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        targets = self.setup.workspace.check_targets(
+            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
+        )
         side = side_of(targets)
         choose = self._least_sensitive if np.isnan(self.spread[0]) else self._least_risky
         chosen, actions, predicted_xy, spread = choose(mirror_xy(targets, side))
@@ -754,7 +690,9 @@ class PolarCastingPolicy:
             TargetError: A target is not finite, out of reach of arm and cable, or off the table.
             JointLimitError: The arm cannot follow the motion.
         """
-        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        targets = self.setup.workspace.check_targets(
+            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
+        )
         nearest = self.reach.nearest(targets)
         return Plan(
             setup=self.setup,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError, check_count
-from cablecast.learning.policy import ForwardSearchPolicy, check_targets
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.aim_casts import AimProposal, AimTrial
 from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
@@ -240,7 +240,9 @@ def aim(
         RigError: A cast failed too often. Earlier casts are kept.
     """
     session = session if isinstance(session, AimSession) else AimSession(session)
-    targets = check_targets(session.setup, target_xy, r=r, theta_deg=theta_deg)
+    targets = session.setup.workspace.check_targets(
+        target_xy, r=r, theta_deg=theta_deg, cable_length=session.setup.cable.length
+    )
     report = progress or ignore
     for done, target in enumerate(targets):
         # Never between the tries at a target: a correction relies on the model of the last try.

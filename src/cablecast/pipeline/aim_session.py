@@ -17,7 +17,7 @@ from cablecast.data.dataset import Dataset
 from cablecast.data.record import trial_values
 from cablecast.data.store import CastStore, StoredCast
 from cablecast.errors import InputError, RigError, check_count, check_number
-from cablecast.learning.policy import ForwardSearchPolicy, check_targets
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim_beliefs import make_beliefs
@@ -275,7 +275,9 @@ class AimSession:
         Raises:
             TargetError: The target is not finite, out of reach, or off the table.
         """
-        targets = check_targets(self.setup, target_xy, r=r, theta_deg=theta_deg)
+        targets = self.setup.workspace.check_targets(
+            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
+        )
         if len(targets) != 1:
             raise InputError(f"a proposal has one target, not {len(targets)}")
         earlier = self.trials_at(targets[0])

@@ -137,7 +137,7 @@ def check_way(setups: Sequence[Setup], device: str) -> None:
 
         check_device(device)
     for setup in setups:
-        setup.workspace.check_target(load_targets(), setup.cable.length)
+        setup.workspace.check_targets(load_targets(), cable_length=setup.cable.length)
 
 
 def check_demo(
