@@ -19,10 +19,10 @@ from benchmarks.common import Table
 from benchmarks.places import Place, PlaceArgs
 from cablecast.cable import CableParams
 from cablecast.cli.progress import console_progress
+from cablecast.engines import make_engine
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.pipeline.engine import make_engine
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.fit import TRACK_WEIGHT
 from cablecast.tuning.space import ParamPosterior, SearchSpace
@@ -176,7 +176,7 @@ def spreads(tuned: cc.Tuned, draws: CableParams, count: int) -> NDArray[np.float
     rows = np.repeat(np.arange(count), len(values))
     params = CableParams.from_array(np.tile(values, (count, 1)))
     rollout = tuned.dynamics.with_params(params).rollout(
-        make_engine(*ENGINE), tuned.setup, cast_grip_paths(actions, tuned.setup)[rows]
+        make_engine("warp", *ENGINE), tuned.setup, cast_grip_paths(actions, tuned.setup)[rows]
     )
     landings = rollout.endpoint_xy[:, -1].reshape(count, len(values), 2)
     apart = np.linalg.norm(landings - np.nanmedian(landings, axis=1)[:, None], axis=2)
@@ -216,7 +216,7 @@ def main(args: Args) -> int:
                     continue
                 known = tuned.posterior
                 tracks = MeasuredTracks.from_dataset(casts)
-                objective = TrackObjective(make_engine(30, 1e-3), casts.cable, tracks)
+                objective = TrackObjective(make_engine("warp", 30, 1e-3), casts.cable, tracks)
                 points = sample(
                     track_likelihood(objective, known.space, known.misfit),
                     known.prior.mean,

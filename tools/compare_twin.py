@@ -26,13 +26,13 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.camera import sync_camera
 from cablecast.pipeline.tune import tune
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.rig import RigUR
 from cablecast.rigs.ur.twin.laboratory import TwinConfig, TwinProcess
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
+from cablecast.tuning.tuned import Tuned
 from cablecast.vision.trials import CameraOfTrials
 
 ROOT = pathlib.Path(__file__).parents[1]

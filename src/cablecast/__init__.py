@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from cablecast.pipeline.track_video import track_video as track_video
     from cablecast.pipeline.train import train as train
     from cablecast.pipeline.tune import tune as tune
-    from cablecast.pipeline.tuned import Tuned as Tuned
-    from cablecast.pipeline.tuned import load_tuned as load_tuned
     from cablecast.rigs.base import Rig as Rig
     from cablecast.rigs.base import RigLifecycle as RigLifecycle
     from cablecast.rigs.make import make_rig as make_rig
@@ -64,6 +62,8 @@ if TYPE_CHECKING:
     )
     from cablecast.tuning.fit import FitConfig as FitConfig
     from cablecast.tuning.tune import TuneConfig as TuneConfig
+    from cablecast.tuning.tuned import Tuned as Tuned
+    from cablecast.tuning.tuned import load_tuned as load_tuned
     from cablecast.workspace import Workspace as Workspace
     from cablecast.workspace import load_targets as load_targets
 
@@ -94,7 +94,7 @@ _HOMES = {
     "Trajectory": "cablecast.motion.trajectory",
     "TrialStatus": "cablecast.cast",
     "TuneConfig": "cablecast.tuning.tune",
-    "Tuned": "cablecast.pipeline.tuned",
+    "Tuned": "cablecast.tuning.tuned",
     "Workspace": "cablecast.workspace",
     "aim": "cablecast.pipeline.aim",
     "collect": "cablecast.pipeline.collect",
@@ -102,7 +102,7 @@ _HOMES = {
     "load_cable": "cablecast.cable",
     "load_setup": "cablecast.setup",
     "load_targets": "cablecast.workspace",
-    "load_tuned": "cablecast.pipeline.tuned",
+    "load_tuned": "cablecast.tuning.tuned",
     "make_rig": "cablecast.rigs.make",
     "plan_motion": "cablecast.pipeline.plan",
     "plan_trajectory": "cablecast.motion.trajectory",

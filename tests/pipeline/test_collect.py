@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import cablecast as cc
+from cablecast.engines import make_engine
 from cablecast.errors import InputError
-from cablecast.pipeline.engine import make_engine
 from cablecast.rigs.engine import RigEngine
 from cablecast.tuning.spread import spread_actions
 
@@ -23,7 +23,7 @@ def test_spread_casts_are_those_of_the_believed_cable_and_a_stopped_collection_g
 ):
     casts = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
     coarse = cc.FitConfig()
-    engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
+    engine = make_engine("warp", coarse.coarse_segment_count, coarse.coarse_dt)
     expected = spread_actions(SETUP, 3, engine, seed=2)
     np.testing.assert_array_equal(casts.actions, expected)
     again = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")

@@ -82,8 +82,8 @@ class Aim:
         from cablecast.data.dataset import read_dataset
         from cablecast.errors import check_count, check_number
         from cablecast.pipeline.aim import aim, prepare_aim
-        from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import AIM_FOLDER, cable_folder
+        from cablecast.tuning.tuned import load_tuned
 
         if not self.target:
             raise InputError("aim needs at least one --target R THETA")

@@ -55,8 +55,8 @@ class Demo:
         from cablecast.pipeline.checks import check_demo
         from cablecast.pipeline.demo import EVALUATION_FOLDER, FOLDERS, demo
         from cablecast.pipeline.evaluate import REPORT_FILE
-        from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import RUNS_FOLDER, cable_folder
+        from cablecast.tuning.tuned import load_tuned
 
         check_number("within", self.within, 0.01, 100.0, "%")
         check_count("tries", self.tries, 1, 1000)

@@ -43,8 +43,8 @@ class Select:
         from cablecast.cli.options import load_lab
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.select import FIGURE_FILE, load_repeated, select
-        from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import SELECT_FOLDER, cable_folder
+        from cablecast.tuning.tuned import load_tuned
 
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / SELECT_FOLDER

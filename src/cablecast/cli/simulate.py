@@ -48,8 +48,8 @@ class Simulate:
         from cablecast.cli.options import load_lab
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.simulate import simulate
-        from cablecast.pipeline.tuned import load_tuned
         from cablecast.runs.places import DATASET_FOLDER, cable_folder
+        from cablecast.tuning.tuned import load_tuned
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / DATASET_FOLDER

@@ -21,6 +21,7 @@ from cablecast.cable import CableParams
 from cablecast.cast import TrialStatus
 from cablecast.conventions import side_of
 from cablecast.data.simulate import simulate_actions
+from cablecast.engines import make_engine
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import ActionError, InputError, check_count, check_number
@@ -33,13 +34,12 @@ from cablecast.motion.action import (
 )
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.trajectory import plan_trajectory
-from cablecast.pipeline.engine import make_engine
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.tuning.space import SearchSpace
+from cablecast.tuning.tuned import Tuned
 
 Array = NDArray[np.float64]
 ActionForm = typing.Literal["normalised", "raw"]
@@ -428,7 +428,7 @@ def _make(
         return made
 
     if rig == "engine":
-        return task, EngineCaster(make_engine(device=device), setup, tuned.dynamics)
+        return task, EngineCaster(make_engine("warp", device=device), setup, tuned.dynamics)
     return task, RigCaster(make_rig(rig, setup, rig_seed))
 
 

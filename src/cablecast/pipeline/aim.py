@@ -19,9 +19,9 @@ from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
 from cablecast.pipeline.aim_learning import CANDIDATE_COUNT, AimLearning, Learned
 from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
 from cablecast.pipeline.collect import collect
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.tuning.tuned import Tuned
 
 CALIBRATION_COUNT = 5
 """Casts that the simulator is fitted to before the first aimed one."""

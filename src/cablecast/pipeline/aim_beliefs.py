@@ -6,10 +6,10 @@ import numpy as np
 
 from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.aiming.residual import LocalSize, ResidualScales
+from cablecast.engines import make_engine
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.pipeline.engine import make_engine
-from cablecast.pipeline.tuned import Tuned
+from cablecast.tuning.tuned import Tuned
 
 # Casts that tell how far apart the simulators of an ensemble usually land.
 _ACTION_COUNT, _SEED = 240, 7
@@ -44,9 +44,9 @@ def make_beliefs(tuned: Tuned | None) -> Beliefs:
     ensemble = EnsembleLandings(
         tuned.setup,
         [dataclasses.replace(member, servo=tuned.dynamics.servo) for member in fitted.members],
-        make_engine(fitted.segment_count, fitted.dt),
+        make_engine("warp", fitted.segment_count, fitted.dt),
         tuned.dynamics,
-        make_engine(fitted.fine_segment_count, fitted.fine_dt),
+        make_engine("warp", fitted.fine_segment_count, fitted.fine_dt),
         tuned.posterior,
     )
     actions = feasible_uniform(_ACTION_COUNT, tuned.setup, seed=_SEED)

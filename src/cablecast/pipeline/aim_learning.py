@@ -13,10 +13,10 @@ from cablecast.pipeline.places import require
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
-from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
+from cablecast.tuning.tuned import Tuned, load_tuned
 
 CANDIDATE_COUNT = 20_000
 """Motions to choose from: fewer than `train` predicts, for a quick first plan."""

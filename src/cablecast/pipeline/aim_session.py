@@ -26,10 +26,10 @@ from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_lessons import Lessons
 from cablecast.pipeline.aim_words import BLIND_NOTE, DRIFT_NOTE, change_text, reason_text
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import ProgressCallback
 from cablecast.setup import Setup
+from cablecast.tuning.tuned import Tuned
 
 WITHIN_PCT = 3.0
 """Distance from the target at which a cast has hit [% of cable length]."""

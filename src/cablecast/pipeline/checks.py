@@ -129,9 +129,9 @@ def check_way(setups: Sequence[Setup], device: str) -> None:
         InputError: The device is not here.
         TargetError: A target of the evaluation is out of reach of arm and cable, or off the table.
     """
-    from cablecast.pipeline.engine import make_engine
+    from cablecast.engines import make_engine
 
-    make_engine(device=device)
+    make_engine("warp", device=device)
     if device != "cpu":
         from cablecast.learning.checkpoint import check_device
 

@@ -14,9 +14,9 @@ from cablecast.data.record import (
     collect_dataset,
     sample_actions,
 )
+from cablecast.engines import make_engine
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.checks import check_collect
-from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
@@ -122,5 +122,5 @@ def choose_actions(
     if sampling != "spread":
         return sample_actions(sampling, count, setup, seed, ranges)
     coarse = FitConfig()
-    engine = make_engine(coarse.coarse_segment_count, coarse.coarse_dt)
+    engine = make_engine("warp", coarse.coarse_segment_count, coarse.coarse_dt)
     return spread_actions(setup, count, engine, ranges, seed)

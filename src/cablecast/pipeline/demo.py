@@ -18,11 +18,11 @@ from cablecast.pipeline.aim_learning import CANDIDATE_COUNT
 from cablecast.pipeline.aim_report import aim_evaluation, last_tries, write_aim_report
 from cablecast.pipeline.aim_session import WITHIN_PCT
 from cablecast.pipeline.places import require
-from cablecast.pipeline.tuned import Tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.tuning.tuned import Tuned
 from cablecast.workspace import load_targets
 
 EVALUATION_FOLDER = "evaluate"

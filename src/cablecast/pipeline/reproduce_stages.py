@@ -17,13 +17,13 @@ from cablecast.pipeline.select import load_repeated, select
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
-from cablecast.pipeline.tuned import load_tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import Parts
 from cablecast.runs.progress import ProgressCallback, Stage
 from cablecast.setup import Setup
 from cablecast.tuning.tune import TuneConfig
+from cablecast.tuning.tuned import load_tuned
 
 CABLES = ("cable_1", "cable_2", "cable_3")
 METHODS = ("polar", "gaussian-process", "real", "sim", "fine-tuning", "correction")

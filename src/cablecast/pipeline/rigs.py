@@ -1,9 +1,9 @@
 """The simulator of a model as a rig, so that the model's own error can be told from the world's."""
 
 from cablecast.data.dataset import settings_dynamics
+from cablecast.engines import make_engine
 from cablecast.errors import InputError
 from cablecast.learning.landing import LandingModel
-from cablecast.pipeline.engine import make_engine
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
@@ -23,6 +23,8 @@ def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
     settings = info["settings"]
     if "params" not in settings:
         raise InputError("the model has seen no simulated cast: its simulator is unknown")
-    engine = make_engine(settings["engine"]["segment_count"], settings["engine"]["dt"], device)
+    engine = make_engine(
+        "warp", settings["engine"]["segment_count"], settings["engine"]["dt"], device
+    )
     dynamics = settings_dynamics(info, "the model")
     return make_rig(RigEngine(engine, model.setup, dynamics), model.setup)

@@ -5,6 +5,7 @@ import os
 from typing import Any
 
 from cablecast.cable import Cable, CableParams
+from cablecast.engines import make_engine
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError, check_count, check_number
 from cablecast.evaluation.coverage import (
@@ -21,14 +22,13 @@ from cablecast.evaluation.coverage import (
     polar_casting_region,
 )
 from cablecast.files import write_bytes
-from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.repeat import Repeated
-from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import RunFolder, settings_differences
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, connected
 from cablecast.setup import Setup
+from cablecast.tuning.tuned import Tuned
 
 COVERAGE_FOLDER = "coverage"
 FIGURE_FILE = "coverage.png"
@@ -90,7 +90,7 @@ def select(
     check_count("grid_psi", grid_psi, 1, 40)
     require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))
     tuned = Tuned.of(tuned, setup)
-    engine = spread(make_engine(device=device), workers)
+    engine = spread(make_engine("warp", device=device), workers)
     rows = _scatter_rows(repeated, setup.cable)
     settings = {
         **setup.to_settings(),

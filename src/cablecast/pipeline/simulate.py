@@ -7,14 +7,14 @@ from typing import Any
 from cablecast.cable import CableParams
 from cablecast.data.dataset import Dataset
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
+from cablecast.engines import make_engine
 from cablecast.motion.action import ActionRanges
-from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary
-from cablecast.pipeline.tuned import Tuned
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
 from cablecast.runs.workers import LOCAL, check_workers
 from cablecast.setup import Setup
+from cablecast.tuning.tuned import Tuned
 
 
 def simulate(
@@ -59,7 +59,7 @@ def simulate(
     """
     check_workers(workers)
     tuned = Tuned.of(tuned, setup)
-    engine = make_engine(segment_count, dt, device)
+    engine = make_engine("warp", segment_count, dt, device)
     task = f"Simulating {setup.cable.name}"
     (progress or ignore)(Progress(task=f"Choosing {count} motions that the arm can make"))
     with folder_or_temporary(out) as folder:

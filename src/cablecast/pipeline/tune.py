@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from cablecast.data.dataset import Dataset
 from cablecast.data.simulate import engine_settings
+from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError
 from cablecast.files import write_bytes
-from cablecast.pipeline.engine import make_engine
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.pipeline.tuned import Tuned, load_tuned
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, connected
@@ -30,6 +29,7 @@ from cablecast.tuning.tune import (
     tune_params,
     write_params,
 )
+from cablecast.tuning.tuned import Tuned, load_tuned
 
 if TYPE_CHECKING:
     from cablecast.tuning.tune import TuneResult
@@ -93,8 +93,9 @@ def tune(
         require("drawing the tracks", "matplotlib")
     tracks = MeasuredTracks.from_dataset(casts, path_source=path)
     split = _split(tracks, config, validation_count)
-    engine = make_engine(segment_count, dt, device)
+    engine = make_engine("warp", segment_count, dt, device)
     coarse = make_engine(
+        "warp",
         min(config.coarse_segment_count, engine.segment_count),
         max(config.coarse_dt, engine.dt),
         device,

@@ -22,12 +22,12 @@ from cablecast.pipeline.collect import collect
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
-from cablecast.pipeline.tuned import load_tuned
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.places import CASTS_FOLDERS, DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import Progress, ProgressCallback
 from cablecast.tuning.tune import PARAMS_FILE
+from cablecast.tuning.tuned import load_tuned
 
 Work = Callable[[ProgressCallback], None]
 

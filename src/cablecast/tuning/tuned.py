@@ -5,9 +5,9 @@ import pathlib
 from typing import Any
 
 from cablecast.cable import CableParams
+from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError
-from cablecast.pipeline.engine import make_engine
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import Ensemble, believed_ensemble
 from cablecast.tuning.space import ParamPosterior
@@ -50,7 +50,7 @@ class Tuned:
             setup: Set-up with the cable, its believed values and deviations.
             seed: Seed of the others.
         """
-        ensemble = believed_ensemble(setup.cable, make_engine(), seed)
+        ensemble = believed_ensemble(setup.cable, make_engine("warp"), seed)
         posterior = ParamPosterior.before_casts(setup.cable)
         return cls(
             setup=setup, dynamics=ensemble.members[0], ensemble=ensemble, posterior=posterior
