@@ -112,7 +112,6 @@ def test_how_to_reach_robot_and_camera_does_not_change_what_was_done():
         ({"payload_mass": 30.0}, r"robot payload_mass = 30 kg is outside \[0, 20\]"),
         ({"payload_cog": (0.0, 0.0)}, "must be three numbers"),
         ({"box_low": (-1.0, 0.1, 0.9)}, "must be below box_high"),
-        ({"mode": "fast"}, "is not one of program, stream"),
         ({"seen_safe": "yes"}, "must be true or false"),
         ({"obstacles": (1,)}, "must be at most 20 capsules"),
     ],

@@ -29,8 +29,9 @@ from cablecast.data.record import collect_dataset
 from cablecast.errors import CablecastError
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.player import check_path, check_ready, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, IDLE, RESET_DT, RESETTING, RigUR
+from cablecast.rigs.ur.link import Phase, check_ready
+from cablecast.rigs.ur.program import check_path, joint_move
+from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RigUR
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, TwinProcess
 from cablecast.rigs.ur.twin.truth import TruthCamera
 from cablecast.setup import Setup, load_setup
@@ -86,9 +87,9 @@ class RigQuick(RigUR):
         for place in (aside, self.setup.arm.inverse(home)):
             way = joint_move(self._at_rest(link), place, APPROACH_SPEED, RESET_DT)
             check_path(way, self.setup, "the way back")
-            self._play("cablecast_approach", way, RESETTING)
+            self._play("cablecast_approach", way, Phase.RESET)
         self._wait(link, 0.2)
-        link.set_phase(IDLE)
+        link.set_phase(Phase.IDLE)
 
 
 def part_of(fault: str) -> str:

@@ -3,7 +3,6 @@
 import dataclasses
 import ipaddress
 import re
-import typing
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,8 +11,6 @@ import numpy as np
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 Point = tuple[float, float, float]
-CastMode = typing.Literal["program", "stream"]
-CAST_MODES: tuple[str, ...] = typing.get_args(CastMode)
 
 _HOST_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,250}[A-Za-z0-9])?")
 _OBSTACLE_COUNT_MAX = 20
@@ -58,8 +55,6 @@ class RobotConfig:
         position_margin: Distance that every joint keeps from its limit of position [rad].
         seen_safe: Whether the person has seen casts of this lab file and found them safe. Until
             then the first casts of a session are rehearsed at a quarter of their speed.
-        mode: "program" uploads the whole path, and the controller steps through it; "stream" sends
-            each set point from a process of its own.
         lookahead: Lookahead time of servoj [s].
         gain: Gain of servoj [-].
         watchdog: Longest silence of this computer before the controller stops the arm [s]. Braking
@@ -82,7 +77,6 @@ class RobotConfig:
     clearance: float = 0.01
     position_margin: float = 0.05
     seen_safe: bool = False
-    mode: CastMode = "program"
     lookahead: float = 0.03
     gain: float = 1000.0
     watchdog: float = 0.2
@@ -124,8 +118,6 @@ class RobotConfig:
             )
         if not isinstance(self.seen_safe, bool):
             raise InputError(f"robot seen_safe = {self.seen_safe!r} must be true or false")
-        if self.mode not in CAST_MODES:
-            raise InputError(f"robot mode = {self.mode!r} is not one of {', '.join(CAST_MODES)}")
         if len(self.obstacles) > _OBSTACLE_COUNT_MAX or not all(
             isinstance(obstacle, Obstacle) for obstacle in self.obstacles
         ):

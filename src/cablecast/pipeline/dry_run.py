@@ -11,7 +11,8 @@ from cablecast.motion.action import Action, ActionRanges
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
-from cablecast.rigs.ur.player import SetPoints, UrLink, check_path, check_ready
+from cablecast.rigs.ur.link import UrLink, check_ready
+from cablecast.rigs.ur.program import SetPoints, check_path
 from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
 

@@ -16,13 +16,8 @@ from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import plan_trajectory
-from cablecast.rigs.ur.player import (
-    BEAT_REGISTER,
-    SetPoints,
-    check_path,
-    joint_move,
-    motion_program,
-)
+from cablecast.rigs.ur.agent import BEAT_REGISTER
+from cablecast.rigs.ur.program import SetPoints, check_path, joint_move, motion_program
 from cablecast.rigs.ur.twin.controller import TwinLimits
 from cablecast.rigs.ur.twin.urscript import Program
 from cablecast.setup import Setup

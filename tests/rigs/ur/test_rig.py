@@ -20,16 +20,10 @@ from cablecast.motion.action import Action
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.player import (
-    CastAbortedError,
-    Played,
-    Report,
-    SetPoints,
-    check_path,
-    check_ready,
-    joint_move,
-)
-from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RESETTING, RigUR, check_reports
+from cablecast.rigs.ur.link import Phase, Report, check_ready
+from cablecast.rigs.ur.player import CastAbortedError, MotionRecord
+from cablecast.rigs.ur.program import SetPoints, check_path, joint_move
+from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RigUR, check_reports
 from cablecast.rigs.ur.twin.truth import TruthCamera
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
@@ -45,7 +39,7 @@ class RigQuick(RigUR):
         home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
         way = joint_move(self._at_rest(link), home, APPROACH_SPEED, RESET_DT)
         check_path(way, self.setup, "the way back")
-        self._play("cablecast_approach", way, RESETTING)
+        self._play("cablecast_approach", way, Phase.RESET)
         self._wait(link, 0.2)
 
 
@@ -88,7 +82,7 @@ def _last(events, what, name):
     return [e for e in events if e["what"] == what and e["name"] == name][-1]
 
 
-def test_a_cast_whose_speed_falls_is_aborted_and_nothing_is_learned_from_it(stick, cast):
+def test_a_cast_whose_speed_falls_is_aborted_and_is_no_data(stick, cast):
     with quick_rig(stick) as rig:
         rig.reset()
         stick[0].admin.fault("speed_slider", "cast", 0.3)
@@ -101,7 +95,7 @@ def test_a_cast_whose_speed_falls_is_aborted_and_nothing_is_learned_from_it(stic
 
 
 @pytest.mark.parametrize("lost", [(0.0, 0.2), (0.5, 0.7), (1.0, 1.5)])
-def test_a_cast_of_which_reports_were_lost_teaches_nothing(lost):
+def test_a_cast_of_which_reports_were_lost_is_aborted(lost):
     points = SetPoints(np.zeros((126, 6)), 0.008)
     still = np.zeros(6)
     times = 50.0 + np.arange(-20, 160) * 0.008
@@ -110,14 +104,14 @@ def test_a_cast_of_which_reports_were_lost_teaches_nothing(lost):
         rest = (still, still, still, 1.0, 1, 7, True, 0.0, None, 2, 1, 1)
         return [Report(t, t, *rest) for t in times]
 
-    check_reports(Played(50.0, reports(times)), points)
+    check_reports(MotionRecord(50.0, reports(times)), points)
     left = times[(times < 50.0 + lost[0]) | (times > 50.0 + lost[1])]
     if lost[0] < points.duration:
         with pytest.raises(CastAbortedError, match=r"no report came for 0\.[12]\d s of the cast"):
-            check_reports(Played(50.0, reports(left)), points)
+            check_reports(MotionRecord(50.0, reports(left)), points)
     else:
         # What is lost after the cast was over is no part of it.
-        check_reports(Played(50.0, reports(left)), points)
+        check_reports(MotionRecord(50.0, reports(left)), points)
 
 
 def test_an_interrupt_stops_the_arm(stick, cast):

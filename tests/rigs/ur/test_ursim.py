@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.rigs.ur.player import CastAbortedError, Player, UrLink, check_ready, joint_move
+from cablecast.rigs.ur.link import UrLink, check_ready
+from cablecast.rigs.ur.player import CastAbortedError, Player
+from cablecast.rigs.ur.program import joint_move
 
 pytestmark = [
     pytest.mark.ursim,

@@ -1,7 +1,4 @@
-"""Motions of a reset: from where the arm stands to the begin of the paper's reset, and that.
-
-RigUR: a UR arm with a cable in its gripper, and the camera over its table.
-"""
+"""RigUR: a UR arm with a cable in its gripper, and the camera over its table."""
 
 import contextlib
 import dataclasses
@@ -18,17 +15,9 @@ from cablecast.errors import CablecastError, InputError, RigError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.ur.player import (
-    CastAbortedError,
-    Played,
-    Player,
-    Report,
-    SetPoints,
-    UrLink,
-    check_path,
-    check_ready,
-    joint_move,
-)
+from cablecast.rigs.ur.link import Phase, Report, UrLink, check_ready
+from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
+from cablecast.rigs.ur.program import SetPoints, check_path, joint_move
 from cablecast.setup import Setup
 from cablecast.vision.tracker import TrialCamera, TrialTiming
 
@@ -43,9 +32,236 @@ _LEVEL_TOLERANCE = 0.05
 """Largest turn of that kind which the way to the start makes in passing [rad]."""
 _SAFE_HEIGHT = 0.25
 
+RESET_COUNT = 3
+"""Number of resets before a cable that does not lie straight is given up."""
+REHEARSAL_SPEED, REHEARSAL_COUNT = 0.25, 3
+"""Share of the speed, and number, of rehearsed casts of a lab file that nobody has seen."""
+STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
+"""Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
+ahead [share]."""
+
+_STILL_TIME = 0.3
+_HANG_STILL_TIME = 1.0
+_JOINT_TAIL = 0.4
+REPORT_GAP_MAX = 0.1
+"""Longest time of a cast without a report [s]. Between two reports so far apart a joint that speeds
+up at 20 rad/s² is 25 mrad from the straight line that stands for its way."""
+
+
+class RigUR(RigLifecycle):
+    """A UR arm behind the Rig contract.
+
+    Nothing is connected before the first reset; what can be checked without the arm, is checked
+    when the rig is made.
+
+    Args:
+        setup: Lab file with a robot section, and an arm that was measured.
+        camera: Camera over the table.
+
+    Raises:
+        InputError: The set-up has no robot, or its arm was not measured.
+    """
+
+    def __init__(self, setup: Setup, camera: TrialCamera):
+        super().__init__()
+        self.robot = check_lab(setup)
+        self.setup = setup
+        self.camera = camera
+        self._link: UrLink | None = None
+        self._rehearsed = REHEARSAL_COUNT if self.robot.seen_safe else 0
+        self.last_timing: TrialTiming | None = None
+        settings = setup.to_settings()
+        self.description: dict[str, Any] = {
+            "rig": "ur",
+            "is_twin": self.robot.is_loopback,
+            "cable": setup.cable.name,
+            "lookahead": self.robot.lookahead,
+            "gain": self.robot.gain,
+            "payload_mass": self.robot.payload_mass,
+            # How well it is calibrated today is no setting of a collection that goes on tomorrow.
+            "camera": camera.description.get("camera", "unknown"),
+            "workspace": settings["workspace"],
+            "arm": settings["arm"],
+        }
+
+    def reset(self) -> None:
+        """Bring the cable to its start as the paper does, and look whether it lies straight.
+
+        Raises:
+            RigError: The arm may not move, or the cable does not lie straight after three resets.
+        """
+        self._check_open()
+        self._is_reset = False
+        seen = "nowhere"
+        for _ in range(RESET_COUNT):
+            self._reset_once()
+            place = self.camera.locate(self._connected().latest().time)
+            if place is not None and self._lies_straight(place):
+                super().reset()
+                return
+            seen = "nowhere" if place is None else f"at x, y = {np.round(place, 3).tolist()} m"
+        raise RigError(
+            f"the cable does not lie straight after {RESET_COUNT} resets: its end is seen {seen}. "
+            "Look whether it slipped in the gripper, is twisted, or its marker is hidden"
+        )
+
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
+        """Play one motion, wait until the cable lies still, and return what was seen."""
+        self._use_reset()
+        points = self.set_points(trajectory)
+        check_path(points, self.setup, "this cast")
+        link = self._connected()
+        check_ready(link, self.robot)
+        if self._rehearsed < REHEARSAL_COUNT:
+            self._play("cablecast_rehearsal", points.slowed(REHEARSAL_SPEED), Phase.CAST)
+            self._rehearsed += 1
+            self.reset()
+            self._use_reset()
+        self.camera.start()
+        filming = True
+        try:
+            try:
+                record = self._play("cablecast_cast", points, Phase.CAST)
+                check_reports(record, points)
+            except CastAbortedError as aborted:
+                return self._aborted(aborted)
+            timing, log = self._settle(link, record, points)
+            link.set_phase(Phase.READOUT)
+            filming = False
+            track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
+            self.last_timing = timing
+            link.set_phase(Phase.IDLE)
+            return track
+        finally:
+            if filming:
+                self.camera.cancel()
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return the latest picture of the camera, BGR; None where it keeps none."""
+        # A camera need not keep its pictures: the protocol does not ask for it.
+        camera: Any = self.camera
+        return camera.picture() if hasattr(camera, "picture") else None
+
+    def sight(self) -> CameraSight | None:
+        """Return what the camera cannot see; None where it does not say."""
+        camera: Any = self.camera
+        return camera.sight() if hasattr(camera, "sight") else None
+
+    def close(self) -> None:
+        """Stop the arm, and let go of controller and camera."""
+        if self._closed:
+            return
+        super().close()
+        try:
+            if self._link is not None:
+                link, self._link = self._link, None
+                if link.is_alive and link.latest().is_playing:
+                    Player(link, self.robot).stop()
+                with contextlib.suppress(RigError):
+                    link.set_phase(Phase.IDLE)
+                link.close()
+        finally:
+            self.camera.close()
+
+    def set_points(self, trajectory: Trajectory) -> SetPoints:
+        """Return the set points of a motion.
+
+        Raises:
+            RigError: It has no joints.
+        """
+        path = trajectory.joint_path
+        if path is None:
+            raise RigError("a real arm needs the joints of a motion, and this one has none")
+        return SetPoints(path.q, self.setup.motion.control_dt)
+
+    def _connected(self) -> UrLink:
+        """Return the connection, made anew where it was lost."""
+        if self._link is not None and not self._link.is_alive:
+            lost, self._link = self._link, None
+            lost.close()
+        if self._link is None:
+            self._link = UrLink(self.robot)
+        return self._link
+
+    def _reset_once(self) -> None:
+        link = self._connected()
+        check_ready(link, self.robot)
+        self.camera.check(link.latest().time)
+        way, reset = reset_motions(self._at_rest(link), self.setup)
+        self._play("cablecast_approach", way, Phase.RESET)
+        self._play("cablecast_reset", reset, Phase.RESET)
+        self._wait(link, _HANG_STILL_TIME)
+        link.set_phase(Phase.IDLE)
+
+    def _play(self, name: str, points: SetPoints, phase: Phase) -> MotionRecord:
+        link = self._connected()
+        link.set_phase(phase)
+        return Player(link, self.robot).play(name, points)
+
+    def _settle(
+        self, link: UrLink, record: MotionRecord, points: SetPoints
+    ) -> tuple[TrialTiming, ControllerLog]:
+        """Wait until the cable has come to rest, and return when all of it took place."""
+        link.set_phase(Phase.SETTLE)
+        end = record.start_time + points.duration + self.robot.settle_time
+        while (report := link.latest()).time < end:
+            if not report.is_playing:
+                time.sleep(0.005)
+        check_ready(link, self.robot)
+        reports = link.since(record.start_time)
+        tail = record.start_time + points.duration + _JOINT_TAIL
+        used = [r for r in reports if r.time <= tail]
+        timing = TrialTiming(
+            start_time=record.start_time,
+            end_time=end,
+            clock_pairs=np.array([[r.time, r.host_time] for r in reports]),
+            joint_path=_measured(used, record.start_time),
+        )
+        return timing, _controller_log(used)
+
+    def _at_rest(self, link: UrLink) -> NDArray[np.float64]:
+        """Return the joint angles of the standing arm, without the noise of one report."""
+        self._wait(link, _STILL_TIME)
+        since = link.latest().time - _STILL_TIME / 2
+        return np.mean([r.q for r in link.since(since)], axis=0)
+
+    def _wait(self, link: UrLink, duration: float) -> None:
+        """Wait by the controller's clock."""
+        end = link.latest().time + duration
+        while link.latest().time < end:
+            time.sleep(0.005)
+
+    def _lies_straight(self, place: NDArray[np.float64]) -> bool:
+        length = self.setup.cable.length
+        ahead = place[1] - self.setup.workspace.reset_y
+        return bool(abs(place[0]) < STRAIGHT_ASIDE * length and ahead > STRAIGHT_AHEAD * length)
+
+    def _aborted(self, reason: CastAbortedError) -> EndpointTrack:
+        """Return the track of a cast that must not become data."""
+        self.last_abort = str(reason)
+        return EndpointTrack(
+            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
+        )
+
+
+def check_lab(setup: Setup) -> RobotConfig:
+    """Return the robot of a lab file, if it may be driven.
+
+    Raises:
+        InputError: There is no robot, or its arm was not measured.
+    """
+    if setup.robot is None:
+        raise InputError("the lab file has no robot section: --rig ur needs one")
+    if not setup.arm.measured:
+        raise InputError(
+            "the arm of the lab file is not measured: a motion for another geometry drives the "
+            "fingers into the table. Measure its five values, and set measured: true"
+        )
+    return setup.robot
+
 
 def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[SetPoints, SetPoints]:
-    """Return the way to the begin of a reset, and the reset, both checked.
+    """Return the way to the start of the paper's reset, and that reset, both checked.
 
     Args:
         q: Joint angles of the standing arm [rad], shape [6].
@@ -89,238 +305,6 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[SetPoints, SetP
     return way, reset
 
 
-RESET_COUNT = 3
-"""Number of resets before a cable that does not lie straight is given up."""
-REHEARSAL_SPEED, REHEARSAL_COUNT = 0.25, 3
-"""Share of the speed, and number, of rehearsed casts of a lab file that nobody has seen."""
-STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
-"""Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
-ahead [share]."""
-
-IDLE, RESETTING, CASTING, SETTLING, READING = range(5)
-"""Phases that the rig says to the controller, for a person who looks, and for the twin."""
-
-_STILL_TIME = 0.3
-_HANG_STILL_TIME = 1.0
-_JOINT_TAIL = 0.4
-REPORT_GAP_MAX = 0.1
-"""Longest time of a cast without a report [s]. Between two reports so far apart a joint that speeds
-up at 20 rad/s² is 25 mrad from the straight line that stands for its way."""
-
-
-class RigUR(RigLifecycle):
-    """A UR arm behind the Rig contract.
-
-    Nothing is connected before the first reset; what can be checked without the arm, is checked
-    when the rig is made.
-
-    Args:
-        setup: Lab file with a robot section, and an arm that was measured.
-        camera: Camera over the table.
-
-    Raises:
-        InputError: The set-up has no robot, or its arm was not measured.
-    """
-
-    def __init__(self, setup: Setup, camera: TrialCamera):
-        super().__init__()
-        self.robot = check_lab(setup)
-        self.setup = setup
-        self.camera = camera
-        self._link: UrLink | None = None
-        self._rehearsed = REHEARSAL_COUNT if self.robot.seen_safe else 0
-        self.last_timing: TrialTiming | None = None
-        settings = setup.to_settings()
-        self.description: dict[str, Any] = {
-            "rig": "ur",
-            "is_twin": self.robot.is_loopback,
-            "cable": setup.cable.name,
-            "mode": self.robot.mode,
-            "lookahead": self.robot.lookahead,
-            "gain": self.robot.gain,
-            "payload_mass": self.robot.payload_mass,
-            # How well it is calibrated today is no setting of a collection that goes on tomorrow.
-            "camera": camera.description.get("camera", "unknown"),
-            "workspace": settings["workspace"],
-            "arm": settings["arm"],
-        }
-
-    def reset(self) -> None:
-        """Bring the cable to its start as the paper does, and look whether it lies straight.
-
-        Raises:
-            RigError: The arm may not move, or the cable does not lie straight after three resets.
-        """
-        self._check_open()
-        self._is_reset = False
-        seen = "nowhere"
-        for _ in range(RESET_COUNT):
-            self._reset_once()
-            place = self.camera.locate(self._connected().latest().time)
-            if place is not None and self._lies_straight(place):
-                super().reset()
-                return
-            seen = "nowhere" if place is None else f"at x, y = {np.round(place, 3).tolist()} m"
-        raise RigError(
-            f"the cable does not lie straight after {RESET_COUNT} resets: its end is seen {seen}. "
-            "Look whether it slipped in the gripper, is twisted, or its marker is hidden"
-        )
-
-    def execute(self, trajectory: Trajectory) -> EndpointTrack:
-        """Play one motion, wait until the cable lies still, and return what was seen."""
-        self._use_reset()
-        points = self.set_points(trajectory)
-        check_path(points, self.setup, "this cast")
-        link = self._connected()
-        check_ready(link, self.robot)
-        if self._rehearsed < REHEARSAL_COUNT:
-            self._play("cablecast_rehearsal", points.slowed(REHEARSAL_SPEED), CASTING)
-            self._rehearsed += 1
-            self.reset()
-            self._use_reset()
-        self.camera.start()
-        filming = True
-        try:
-            try:
-                played = self._play("cablecast_cast", points, CASTING)
-                check_reports(played, points)
-            except CastAbortedError as aborted:
-                return self._aborted(aborted)
-            timing, log = self._settle(link, played, points)
-            link.set_phase(READING)
-            filming = False
-            track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
-            self.last_timing = timing
-            link.set_phase(IDLE)
-            return track
-        finally:
-            if filming:
-                self.camera.cancel()
-
-    def picture(self) -> NDArray[np.uint8] | None:
-        """Return the latest picture of the camera, BGR; None where it keeps none."""
-        # A camera need not keep its pictures: the protocol does not ask for it.
-        camera: Any = self.camera
-        return camera.picture() if hasattr(camera, "picture") else None
-
-    def sight(self) -> CameraSight | None:
-        """Return what the camera cannot see; None where it does not say."""
-        camera: Any = self.camera
-        return camera.sight() if hasattr(camera, "sight") else None
-
-    def close(self) -> None:
-        """Stop the arm, and let go of controller and camera."""
-        if self._closed:
-            return
-        super().close()
-        try:
-            if self._link is not None:
-                link, self._link = self._link, None
-                if link.is_alive and link.latest().is_playing:
-                    Player(link, self.robot).stop()
-                with contextlib.suppress(RigError):
-                    link.set_phase(IDLE)
-                link.close()
-        finally:
-            self.camera.close()
-
-    def set_points(self, trajectory: Trajectory) -> SetPoints:
-        """Return the set points of a motion.
-
-        Raises:
-            RigError: It has no joints.
-        """
-        path = trajectory.joint_path
-        if path is None:
-            raise RigError("a real arm needs the joints of a motion, and this one has none")
-        return SetPoints(path.q, self.setup.motion.control_dt)
-
-    def _connected(self) -> UrLink:
-        """Return the connection, made anew where it was lost."""
-        if self._link is not None and not self._link.is_alive:
-            lost, self._link = self._link, None
-            lost.close()
-        if self._link is None:
-            self._link = UrLink(self.robot)
-        return self._link
-
-    def _reset_once(self) -> None:
-        link = self._connected()
-        check_ready(link, self.robot)
-        self.camera.check(link.latest().time)
-        way, reset = reset_motions(self._at_rest(link), self.setup)
-        self._play("cablecast_approach", way, RESETTING)
-        self._play("cablecast_reset", reset, RESETTING)
-        self._wait(link, _HANG_STILL_TIME)
-        link.set_phase(IDLE)
-
-    def _play(self, name: str, points: SetPoints, phase: int) -> Played:
-        link = self._connected()
-        link.set_phase(phase)
-        return Player(link, self.robot).play(name, points)
-
-    def _settle(
-        self, link: UrLink, played: Played, points: SetPoints
-    ) -> tuple[TrialTiming, ControllerLog]:
-        """Wait until the cable has come to rest, and return when all of it took place."""
-        link.set_phase(SETTLING)
-        end = played.start_time + points.duration + self.robot.settle_time
-        while (report := link.latest()).time < end:
-            if not report.is_playing:
-                time.sleep(0.005)
-        check_ready(link, self.robot)
-        reports = link.since(played.start_time)
-        tail = played.start_time + points.duration + _JOINT_TAIL
-        used = [r for r in reports if r.time <= tail]
-        timing = TrialTiming(
-            start_time=played.start_time,
-            end_time=end,
-            clock_pairs=np.array([[r.time, r.host_time] for r in reports]),
-            joint_path=_measured(used, played.start_time),
-        )
-        return timing, _controller_log(used)
-
-    def _at_rest(self, link: UrLink) -> NDArray[np.float64]:
-        """Return the joint angles of the standing arm, without the noise of one report."""
-        self._wait(link, _STILL_TIME)
-        since = link.latest().time - _STILL_TIME / 2
-        return np.mean([r.q for r in link.since(since)], axis=0)
-
-    def _wait(self, link: UrLink, duration: float) -> None:
-        """Wait by the controller's clock."""
-        end = link.latest().time + duration
-        while link.latest().time < end:
-            time.sleep(0.005)
-
-    def _lies_straight(self, place: NDArray[np.float64]) -> bool:
-        length = self.setup.cable.length
-        ahead = place[1] - self.setup.workspace.reset_y
-        return bool(abs(place[0]) < STRAIGHT_ASIDE * length and ahead > STRAIGHT_AHEAD * length)
-
-    def _aborted(self, reason: CastAbortedError) -> EndpointTrack:
-        """Return the track of a cast that nothing is learned from."""
-        self.last_abort = str(reason)
-        return EndpointTrack(
-            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
-        )
-
-
-def check_lab(setup: Setup) -> RobotConfig:
-    """Return the robot of a lab file, if it may be driven.
-
-    Raises:
-        InputError: There is no robot, or its arm was not measured.
-    """
-    if setup.robot is None:
-        raise InputError("the lab file has no robot section: --rig ur needs one")
-    if not setup.arm.measured:
-        raise InputError(
-            "the arm of the lab file is not measured: a motion for another geometry drives the "
-            "fingers into the table. Measure its five values, and set measured: true"
-        )
-    return setup.robot
-
-
 def _measured(reports: list[Report], start: float) -> JointPath:
     """Return the joints that the arm reported, with times since the motion began."""
     return JointPath(
@@ -340,18 +324,18 @@ def _controller_log(reports: list[Report]) -> ControllerLog:
     )
 
 
-def check_reports(played: Played, points: SetPoints) -> None:
+def check_reports(record: MotionRecord, points: SetPoints) -> None:
     """Refuse a cast of which too little was reported: nobody knows how the arm moved there.
 
     Args:
-        played: Cast that was carried out.
+        record: Cast that was carried out.
         points: Its set points.
 
     Raises:
         CastAbortedError: No report came for longer than `REPORT_GAP_MAX`.
     """
-    start, end = played.start_time, played.start_time + points.duration
-    times = np.array([r.time for r in played.reports])
+    start, end = record.start_time, record.start_time + points.duration
+    times = np.array([r.time for r in record.reports])
     times = np.clip(np.concatenate([[start], times, [end]]), start, end)
     gap = float(np.diff(times).max())
     if gap > REPORT_GAP_MAX:

@@ -6,16 +6,8 @@ import pytest
 
 from cablecast.errors import InputError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.ur.player import (
-    BEAT_REGISTER,
-    STATE_REGISTER,
-    STOP_REGISTER,
-    TICK_REGISTER,
-    ProgramState,
-    SetPoints,
-    joint_move,
-    motion_program,
-)
+from cablecast.rigs.ur.agent import BEAT_REGISTER, STATE_REGISTER, STOP_REGISTER, TICK_REGISTER
+from cablecast.rigs.ur.program import ProgramState, SetPoints, joint_move, motion_program
 from cablecast.rigs.ur.twin import controller as dashboard
 from cablecast.rigs.ur.twin.controller import (
     OUTPUTS,

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from cablecast.rigs.ur.player import BEAT_REGISTER, joint_move, motion_program
+from cablecast.rigs.ur.agent import BEAT_REGISTER, PHASE_REGISTER
+from cablecast.rigs.ur.link import Phase
+from cablecast.rigs.ur.program import joint_move, motion_program
 from cablecast.rigs.ur.twin.controller import DATA_PACKAGE, SETUP_INPUTS, frame
 from cablecast.rigs.ur.twin.laboratory import (
-    PHASE_REGISTER,
-    RIG_PHASES,
     Fault,
     TwinConfig,
     TwinLaboratory,
@@ -63,8 +63,8 @@ def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_se
         recipe = next(iter(client.state["inputs"]))
         # Both arrive as one piece.
         written = b"".join(
-            frame(DATA_PACKAGE, struct.pack(">Bi", recipe, RIG_PHASES.index(phase)))
-            for phase in ("readout", "idle")
+            frame(DATA_PACKAGE, struct.pack(">Bi", recipe, phase))
+            for phase in (Phase.READOUT, Phase.IDLE)
         )
         laboratory.faults.append(Fault("speed_slider", "readout"))
         laboratory.tick()

@@ -18,12 +18,6 @@ Frames of the Real-Time Data Exchange, version 2, as a controller sends and read
 Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide". Every frame begins with its
 length, header included, and its type; all numbers are big-endian.
 
-The program that ur-rtde uploads, as the twin carries it out: commands arrive in registers.
-
-The text of ur-rtde's program is not interpreted. The twin knows it by its name and does what its
-commands ask for, as far as a rig uses them: move, stream set points, stop, and watch for silence.
-The numbers of commands and registers were read from the program that ur-rtde 1.6.5 sends.
-
 RTDE server of the twin: recipes, data packages, and who may write what.
 """
 
@@ -138,10 +132,9 @@ START_TIMESTAMP = 1000.0
 
 CB3_VERSION, E_SERIES_VERSION = (3, 15, 8, 106339), (5, 12, 6, 1102099)
 
-TIMED = {"servoj", "movej", "stopj", "sleep", "sync"}
+TIMED = {"servoj", "stopj"}
 _EVENT_COUNT = 10_000
 _MESSAGE_COUNT = 200
-_MOVEJ_SPEED, _MOVEJ_ACCELERATION = 1.05, 1.4
 
 
 @dataclasses.dataclass
@@ -182,14 +175,12 @@ class Controller:
         self.limits = TwinLimits(setup, self.dt)
         self.inputs: dict[str, Any] = collections.defaultdict(int)
         self.int_registers = [0] * 48
-        self.double_registers = [0.0] * 48
         self.events: collections.deque[dict[str, Any]] = collections.deque(maxlen=_EVENT_COUNT)
         self.messages: collections.deque[str] = collections.deque(maxlen=_MESSAGE_COUNT)
         self.payload = robot.payload_mass
         self.payload_cog = list(robot.payload_cog)
         self.remote_control = True
         self._running: _Running | None = None
-        self._noise = np.random.default_rng([lab_seed, 77])
         self.boot()
 
     def boot(self) -> None:
@@ -203,7 +194,6 @@ class Controller:
         self.arm.freeze()
         self.limits.forget()
         self.int_registers = [0] * 48
-        self.double_registers = [0.0] * 48
         self.inputs.clear()
 
     @property
@@ -239,11 +229,8 @@ class Controller:
             self.log("program refused", reason="not in remote control")
             return
         try:
-            if is_ur_rtde_program(text):
-                running = _Running("rtde_control", UrRtdeProgram(self).run())
-            else:
-                program = Program(text)
-                running = _Running(program.name, program.run(self._instant(), TIMED))
+            program = Program(text)
+            running = _Running(program.name, program.run(self._instant(), TIMED))
         except ScriptError as error:
             self.messages.append(str(error))
             self.log("program refused", reason=str(error))
@@ -321,11 +308,7 @@ class Controller:
         name, values, named = command
         if name == "servoj":
             return self._servoj(*values, **named)
-        if name == "movej":
-            return self._movej(*values, **named)
-        if name == "stopj":
-            return self._stopj(*values)
-        return self._wait(float(values[0]) if values else self.dt)
+        return self._stopj(*values)
 
     def _servoj(
         self,
@@ -355,26 +338,6 @@ class Controller:
 
         return advance
 
-    def _movej(
-        self, q: Any, a: float = _MOVEJ_ACCELERATION, v: float = _MOVEJ_SPEED, **_: Any
-    ) -> Callable[[], bool]:
-        target, start = np.array(q, dtype=float), self.target_q.copy()
-        distance = float(np.abs(target - start).max())
-        # A quintic whose peaks of speed and acceleration stay within v and a.
-        duration = max(1.875 * distance / v, np.sqrt(5.78 * distance / a), self.dt)
-        progress = 0.0
-
-        def advance() -> bool:
-            nonlocal progress
-            if progress >= duration and self.at_rest:
-                return True
-            progress += self.dt * self.speed_slider
-            u = min(progress / duration, 1.0)
-            self.target_q = start + u**3 * (10 - 15 * u + 6 * u * u) * (target - start)
-            return False
-
-        return advance
-
     def _stopj(self, a: float = 2.0) -> Callable[[], bool]:
         def advance() -> bool:
             if np.all(self.target_qd == 0.0) and self.at_rest:
@@ -383,10 +346,6 @@ class Controller:
             return False
 
         return advance
-
-    def _wait(self, duration: float) -> Callable[[], bool]:
-        end = self.time + duration
-        return lambda: self.time >= end - 1e-9
 
     def _brake(self, deceleration: float) -> None:
         """Slow the set points down, all joints at once."""
@@ -399,17 +358,12 @@ class Controller:
     def _instant(self) -> dict[str, Callable[..., Any]]:
         return {
             "read_input_integer_register": lambda i: int(self.inputs[f"input_int_register_{i}"]),
-            "read_input_float_register": lambda i: float(self.inputs[f"input_double_register_{i}"]),
             "write_output_integer_register": self._write_int,
-            "write_output_float_register": self._write_double,
             "textmsg": lambda *parts: self.messages.append(" ".join(map(str, parts))),
         }
 
     def _write_int(self, index: int, value: Any) -> None:
         self.int_registers[index] = int(value)
-
-    def _write_double(self, index: int, value: Any) -> None:
-        self.double_registers[index] = float(value)
 
 
 ENCODER_ERROR = 5e-5
@@ -532,7 +486,6 @@ class Reporter:
         }
         for index in range(48):
             state[f"output_int_register_{index}"] = c.int_registers[index]
-            state[f"output_double_register_{index}"] = c.double_registers[index]
         return state
 
 
@@ -886,97 +839,6 @@ class Recipe:
             taken, flat = flat[:count], flat[count:]
             values[name] = taken if count > 1 else taken[0]
         return values
-
-
-READY, DONE = 1, 2
-_MOVEJ, _SERVOJ, _SERVO_STOP, _STOPL, _STOPJ = 1, 11, 16, 7, 8
-_WITHIN_LIMITS_POSE, _WITHIN_LIMITS_JOINTS, _WATCHDOG, _END = 36, 37, 35, 255
-_SERVO_BRAKE = 10.0
-
-
-def is_ur_rtde_program(text: str) -> bool:
-    """Return whether a program is the one that ur-rtde uploads."""
-    return "def rtde_control():" in text
-
-
-class UrRtdeProgram:
-    """Carries out the commands of ur-rtde.
-
-    Args:
-        controller: The `Controller` that it runs on.
-    """
-
-    def __init__(self, controller: Any):
-        self.controller = controller
-        self._executed = False
-        self._servo: tuple[Any, ...] | None = None
-        self._watchdog = 0.0
-        self._silence = 0.0
-
-    def run(self) -> Run:
-        """Run until the stop command, and yield what takes time."""
-        c = self.controller
-        c.int_registers[0] = READY
-        c.inputs["input_int_register_0"] = 0
-        while True:
-            command = int(c.inputs["input_int_register_0"])
-            if self._is_silent():
-                c.log("watchdog", silence=self._silence)
-                yield "stopj", (_SERVO_BRAKE,), {}
-                return
-            if command == _END:
-                yield "stopj", (_SERVO_BRAKE,), {}
-                return
-            if command == _SERVOJ:
-                q = [self._double(i) for i in range(6)]
-                self._servo = (q, self._double(8), self._double(9), self._double(10))
-                c.int_registers[0] = READY
-            elif command == 0:
-                self._executed = False
-                c.int_registers[0] = READY
-            elif not self._executed:
-                yield from self._carry_out(command)
-                self._executed = True
-                c.int_registers[0] = DONE
-            if self._servo is None:
-                yield "sync", (), {}
-            else:
-                q, t, lookahead, gain = self._servo
-                yield (
-                    "servoj",
-                    (q,),
-                    {"t": max(t, c.dt), "lookahead_time": lookahead, "gain": gain},
-                )
-
-    def _carry_out(self, command: int) -> Run:
-        c = self.controller
-        if command == _MOVEJ:
-            q = [self._double(i) for i in range(6)]
-            yield "movej", (q,), {"v": self._double(6), "a": self._double(7)}
-        elif command == _SERVO_STOP:
-            self._servo = None
-            yield "stopj", (_SERVO_BRAKE,), {}
-        elif command in (_STOPL, _STOPJ):
-            self._servo = None
-            yield "stopj", (max(self._double(0), 0.5),), {}
-        elif command == _WATCHDOG:
-            self._watchdog = self._double(0)
-        elif command in (_WITHIN_LIMITS_POSE, _WITHIN_LIMITS_JOINTS):
-            q = np.array([self._double(i) for i in range(6)])
-            c.limits.forget()
-            c.int_registers[1] = int(c.limits.violation(q) is None)
-            c.limits.forget()
-        else:
-            c.log("command not known to the twin", command=command)
-
-    def _is_silent(self) -> bool:
-        """Return whether the client has written nothing for longer than its watchdog allows."""
-        c = self.controller
-        self._silence = c.time - float(c.inputs.get("written at", c.time))
-        return self._watchdog > 0.0 and self._silence > 1.0 / self._watchdog
-
-    def _double(self, index: int) -> float:
-        return float(self.controller.inputs[f"input_double_register_{index}"])
 
 
 _LATE_TIME = 0.3

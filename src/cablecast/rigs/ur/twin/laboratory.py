@@ -38,6 +38,9 @@ from cablecast.errors import (
     check_seed,
 )
 from cablecast.motion.polar import reset_pose
+from cablecast.rigs.ur.agent import PHASE_REGISTER, STATE_REGISTER
+from cablecast.rigs.ur.link import Phase
+from cablecast.rigs.ur.program import ProgramState
 from cablecast.rigs.ur.twin import controller as dashboard
 from cablecast.rigs.ur.twin.controller import (
     MODE_POWER_OFF,
@@ -58,11 +61,6 @@ CAMERA_DT = 0.008
 RESET_GLANCE, RESET_GLANCE_PERIOD = 0.06, 0.5
 """While the arm carries the cable back, the camera is shown this much of every period [s]: nobody
 looks then, and drawing whole resets would take minutes."""
-PHASE_REGISTER = 20
-"""Input register in which a rig says what it is doing: the index in `RIG_PHASES`."""
-RIG_PHASES = ("idle", "reset", "cast", "settle", "readout")
-STATE_REGISTER = 12
-MOVING = 2
 
 _HISTORY_TIME = 120.0
 _LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
@@ -368,7 +366,7 @@ class TwinLaboratory:
         """Name of what the rig is doing, for faults that wait for it."""
         controller = self.controller
         index = int(controller.inputs[f"input_int_register_{PHASE_REGISTER}"])
-        phase = RIG_PHASES[index] if 0 <= index < len(RIG_PHASES) else "idle"
+        phase = next((phase.name.lower() for phase in Phase if phase == index), "idle")
         if phase == "cast" and not self._is_casting():
             return "approach"
         return phase
@@ -376,9 +374,7 @@ class TwinLaboratory:
     def _is_casting(self) -> bool:
         """Return whether a program moves the arm along its path."""
         controller = self.controller
-        if controller.program_name == "rtde_control":
-            return not controller.at_rest
-        moving = controller.int_registers[STATE_REGISTER] == MOVING
+        moving = controller.int_registers[STATE_REGISTER] == ProgramState.MOVING
         return controller.is_running_program and moving
 
     def _make_faults(self) -> None:

@@ -1,0 +1,180 @@
+"""Process of its own that talks to the controller through ur-rtde; `UrLink` starts and commands it.
+
+ur-rtde ends its whole process when a connection breaks at the wrong moment, keeps Python's lock
+while it connects, and prints to standard output. Here none of that reaches the process that drives
+the arm. The heartbeat comes from here, too: it stops as soon as the owner is gone, or silent.
+
+Commands come in and answers go out as JSON, one a line.
+"""
+
+import contextlib
+import json
+import os
+import sys
+import threading
+import time
+from typing import Any, TextIO
+
+BEAT_REGISTER = 18
+"""Input: a number that this computer changes as long as all is well."""
+STOP_REGISTER = 19
+"""Input: number of the program that shall stop."""
+PHASE_REGISTER = 20
+"""Input: a `Phase`, what the rig is doing."""
+STATE_REGISTER = 12
+"""Output: a `ProgramState`."""
+TICK_REGISTER = 13
+"""Output: number of the set point that is being approached, from 1; 0 before the motion."""
+NUMBER_REGISTER = 14
+"""Output: number of the program, so that one is not taken for another."""
+
+OWNER_TIME_MAX = 0.5
+"""Longest time for which the heart beats without a word from the owner [s]."""
+_POLL = 0.0005
+_CONNECT_TIME_MAX_MS = 3000
+
+
+class Agent:
+    """Connections of ur-rtde to one controller.
+
+    Args:
+        out: Stream of answers.
+        address: Name or address of the controller.
+        dashboard_port: Port of its dashboard server.
+        beat_period: Time between two heartbeats [s].
+    """
+
+    def __init__(self, out: TextIO, address: str, dashboard_port: int, beat_period: float):
+        import dashboard_client
+        import rtde_io
+        import rtde_receive
+
+        self._out = out
+        self._beat_period = beat_period
+        self._lock = threading.Lock()
+        self._write_lock = threading.Lock()
+        self._alive_until = 0.0
+        self._beat = 0
+        self._beat_at = 0.0
+        self._dashboard: Any = dashboard_client.DashboardClient(address, dashboard_port)
+        self._dashboard.connect(_CONNECT_TIME_MAX_MS)
+        self._receive: Any = rtde_receive.RTDEReceiveInterface(address)
+        self._io: Any = rtde_io.RTDEIOInterface(address)
+        for target in (self._record, self._pulse):
+            threading.Thread(target=target, daemon=True).start()
+
+    def say(self, **values: Any) -> None:
+        """Send one answer."""
+        with self._lock:
+            self._out.write(json.dumps(values) + "\n")
+            self._out.flush()
+
+    def obey(self, command: dict[str, Any]) -> None:
+        """Carry out one command."""
+        do = command["do"]
+        if do == "alive":
+            self._alive_until = time.monotonic() + OWNER_TIME_MAX
+        elif do == "rest":
+            self._alive_until = 0.0
+        elif do == "write":
+            with self._write_lock:
+                written = self._io.setInputIntRegister(command["register"], command["value"])
+            if not written:
+                self.say(error=f"register {command['register']} was not written")
+        elif do == "ask":
+            try:
+                self.say(answer=str(getattr(self._dashboard, command["question"])()))
+            except Exception as error:
+                self.say(answer=None, error=_one_line(error))
+
+    def _pulse(self) -> None:
+        """Change the beat's register as long as the owner wants."""
+        while True:
+            time.sleep(self._beat_period)
+            self._pulse_once()
+
+    def _pulse_once(self) -> None:
+        """Beat, unless the owner is silent or the last beat was just now."""
+        now = time.monotonic()
+        if now > self._alive_until or now - self._beat_at < self._beat_period / 2:
+            return
+        self._beat_at = now
+        self._beat = (self._beat + 1) % 1_000_000
+        with contextlib.suppress(Exception), self._write_lock:
+            self._io.setInputIntRegister(BEAT_REGISTER, self._beat)
+
+    def _record(self) -> None:
+        """Send every report that is read whole, in the order of the attributes of `Report`."""
+        r = self._receive
+        before = -1.0
+        while True:
+            try:
+                now = r.getTimestamp()
+                if now == before:
+                    time.sleep(_POLL)
+                    continue
+                report = [
+                    now,
+                    time.monotonic(),
+                    r.getActualQ(),
+                    r.getActualQd(),
+                    r.getTargetQ(),
+                    r.getSpeedScaling() * r.getTargetSpeedFraction(),
+                    r.getSafetyStatusBits(),
+                    r.getRobotMode(),
+                    r.getRuntimeState() == 2,
+                    r.getPayload(),
+                    self._payload_cog(),
+                    r.getOutputIntRegister(STATE_REGISTER),
+                    r.getOutputIntRegister(TICK_REGISTER),
+                    r.getOutputIntRegister(NUMBER_REGISTER),
+                ]
+                # A report that changed while it was read is read again.
+                if r.getTimestamp() == now:
+                    before = now
+                    self.say(report=report)
+                    # On a busy computer this thread may be the only one that runs in time.
+                    self._pulse_once()
+            except (BrokenPipeError, ValueError):
+                os._exit(0)
+            except Exception:
+                # A connection that breaks: the owner notices the silence.
+                time.sleep(0.01)
+
+    def _payload_cog(self) -> list[float] | None:
+        """Return the centre of the payload; None where the controller does not report it."""
+        try:
+            return self._receive.getPayloadCog()
+        except RuntimeError:
+            return None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def main() -> None:
+    """Connect, say so, and obey until the owner is gone."""
+    # What libraries print must not get between the answers.
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    try:
+        agent = Agent(out, **json.loads(sys.stdin.readline()))
+    except ModuleNotFoundError as error:
+        out.write(json.dumps({"missing": str(error.name)}) + "\n")
+        out.flush()
+        return
+    except Exception as error:
+        out.write(json.dumps({"failed": _one_line(error)}) + "\n")
+        out.flush()
+        os._exit(1)
+    agent.say(connected=True)
+    with contextlib.suppress(KeyboardInterrupt, BrokenPipeError):
+        for line in sys.stdin:
+            agent.obey(json.loads(line))
+    # ur-rtde's own end may hang or abort, and nothing is left to do.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

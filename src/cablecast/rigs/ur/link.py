@@ -1,0 +1,375 @@
+"""Connection to a UR controller: reports, programs, heartbeat, dashboard, readiness."""
+
+import collections
+import contextlib
+import dataclasses
+import enum
+import json
+import queue
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.robot import RobotConfig
+from cablecast.errors import MissingExtraError, RigError
+from cablecast.rigs.ur.agent import PHASE_REGISTER, STOP_REGISTER
+
+RTDE_PORT = 30004
+"""Port of RTDE; ur-rtde knows no other."""
+_CONNECT_TIME_MAX = 3.0
+_AGENT_TIME_MAX = 20.0
+_ANSWER_TIME_MAX = 5.0
+_ALIVE_PERIOD = 0.05
+_REPORT_COUNT_MAX = 100_000
+_BEATS_PER_WATCHDOG = 10
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """One report of the controller.
+
+    Attributes:
+        time: Controller's clock [s].
+        host_time: `time.monotonic` of this computer when it was read [s].
+        q: Measured joint angles [rad].
+        qd: Measured joint rates [rad/s].
+        target_q: Set points that the controller follows [rad].
+        speed_scaling: Speed scaling, the slider's included [-].
+        safety_bits: Safety status bits of RTDE.
+        robot_mode: Robot mode of RTDE; 7 is running.
+        is_playing: True while a program runs.
+        payload: Payload that is set [kg].
+        payload_cog: Centre of that payload in the flange frame [m], shape [3]; None where the
+            controller does not report it.
+        state: State that the program wrote.
+        tick: Set point that the program has reached.
+        number: Number of the program.
+    """
+
+    time: float
+    host_time: float
+    q: NDArray[np.float64]
+    qd: NDArray[np.float64]
+    target_q: NDArray[np.float64]
+    speed_scaling: float
+    safety_bits: int
+    robot_mode: int
+    is_playing: bool
+    payload: float
+    payload_cog: NDArray[np.float64] | None
+    state: int
+    tick: int
+    number: int
+
+    def __post_init__(self):
+        for name in ("q", "qd", "target_q"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
+        if self.payload_cog is not None:
+            object.__setattr__(self, "payload_cog", np.array(self.payload_cog, dtype=float))
+
+
+class Phase(enum.IntEnum):
+    """What the rig is doing, for a person who looks at the controller, and for the twin."""
+
+    IDLE = 0
+    RESET = 1
+    CAST = 2
+    SETTLE = 3
+    READOUT = 4
+
+
+class UrLink:
+    """Connection to one controller, through a process of its own (rigs/ur/agent.py).
+
+    Args:
+        robot: Address and ports.
+
+    Raises:
+        MissingExtraError: ur-rtde is not installed.
+        RigError: The controller does not answer.
+    """
+
+    def __init__(self, robot: RobotConfig):
+        self.robot = robot
+        self.reports: collections.deque[Report] = collections.deque(maxlen=_REPORT_COUNT_MAX)
+        self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._alive_said = 0.0
+        for name, port in (
+            ("dashboard", robot.dashboard_port),
+            ("RTDE", RTDE_PORT),
+            ("program", robot.program_port),
+        ):
+            _probe(robot.address, port, name)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "cablecast.rigs.ur.agent"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            # What ur-rtde prints is no message of ours.
+            stderr=subprocess.DEVNULL,
+            text=True,
+            # Ctrl-C is for the one who drives the arm, who still needs the connection to stop it.
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        try:
+            self._connect()
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> None:
+        robot = self.robot
+        self._tell(
+            address=robot.address,
+            dashboard_port=robot.dashboard_port,
+            beat_period=robot.watchdog / _BEATS_PER_WATCHDOG,
+        )
+        answer = self._answer(_AGENT_TIME_MAX)
+        if "missing" in answer:
+            raise MissingExtraError("ur-rtde", "ur", "--rig ur")
+        if "connected" not in answer:
+            raise RigError(
+                f"the controller at {robot.address} refused the connection: {answer.get('failed')}"
+            )
+        self.wait_for_report()
+
+    @property
+    def is_alive(self) -> bool:
+        """True while reports arrive."""
+        if self._process.poll() is not None or not self.reports:
+            return False
+        return time.monotonic() - self.reports[-1].host_time < self.robot.silence_max
+
+    def latest(self) -> Report:
+        """Return the newest report.
+
+        Raises:
+            RigError: None has come for too long.
+        """
+        if not self.is_alive:
+            raise RigError(
+                f"the controller at {self.robot.address} has been silent for "
+                f"{self.robot.silence_max:g} s: look whether it has power and the network cable "
+                "is in; the arm stops by itself. The same command resumes"
+            )
+        return self.reports[-1]
+
+    def since(self, when: float) -> list[Report]:
+        """Return the reports after a time by the controller's clock, oldest first."""
+        found: list[Report] = []
+        for index in range(1, len(self.reports) + 1):
+            report = self.reports[-index]
+            if report.time <= when:
+                break
+            # The deque grows at its end meanwhile, so that one may come up twice.
+            if not found or report.time < found[-1].time:
+                found.append(report)
+        return found[::-1]
+
+    def wait_for_report(self) -> Report:
+        """Wait for a report that is read after this was called, and return it."""
+        begin = time.monotonic()
+        deadline = begin + _CONNECT_TIME_MAX
+        while not self.reports or self.reports[-1].host_time < begin:
+            if self.reports:
+                self.latest()
+            elif time.monotonic() > deadline:
+                raise RigError(f"the controller at {self.robot.address} reports nothing")
+            time.sleep(0.001)
+        return self.reports[-1]
+
+    def keep_alive(self) -> None:
+        """Let the heart beat on for a while; call it as long as the arm is watched."""
+        now = time.monotonic()
+        if now - self._alive_said > _ALIVE_PERIOD:
+            self._alive_said = now
+            self._tell(do="alive")
+
+    def rest(self) -> None:
+        """Let the heart stop, and with it any program of ours."""
+        self._alive_said = 0.0
+        with contextlib.suppress(RigError):
+            self._tell(do="rest")
+
+    def ask_to_stop(self, number: int) -> None:
+        """Ask the program of a number to stop; one that comes later does not heed it."""
+        self._tell(do="write", register=STOP_REGISTER, value=number)
+
+    def set_phase(self, phase: Phase) -> None:
+        """Say what the rig is doing."""
+        self._tell(do="write", register=PHASE_REGISTER, value=phase)
+
+    def send_program(self, text: str) -> None:
+        """Send a program, which runs at once.
+
+        Raises:
+            RigError: The controller does not take it.
+        """
+        try:
+            with socket.create_connection(
+                (self.robot.address, self.robot.program_port), _CONNECT_TIME_MAX
+            ) as connection:
+                connection.sendall(text.encode())
+        except OSError as error:
+            raise RigError(
+                f"the controller at {self.robot.address} takes no program: {error}"
+            ) from None
+
+    def ask(self, question: str) -> str:
+        """Return the dashboard's answer to a question: one of ur-rtde's `DashboardClient` methods.
+
+        Raises:
+            RigError: The dashboard does not answer.
+        """
+        self._tell(do="ask", question=question)
+        answer = self._answer(_ANSWER_TIME_MAX)
+        if answer.get("answer") is None:
+            raise RigError(
+                f"the dashboard at {self.robot.address} does not answer: {answer.get('error')}"
+            )
+        return answer["answer"]
+
+    def close(self) -> None:
+        """Let go of the controller; it may be called twice."""
+        self.rest()
+        with contextlib.suppress(OSError, ValueError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        try:
+            self._process.wait(2.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(2.0)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _tell(self, **command: Any) -> None:
+        try:
+            stream = self._process.stdin
+            if stream is None:
+                raise OSError("no stream")
+            stream.write(json.dumps(command) + "\n")
+            stream.flush()
+        except (OSError, ValueError):
+            raise RigError(
+                f"the connection to the controller at {self.robot.address} broke: look whether it "
+                "has power and the network cable is in. The same command resumes"
+            ) from None
+
+    def _answer(self, time_max: float) -> dict[str, Any]:
+        try:
+            return self._answers.get(timeout=time_max)
+        except queue.Empty:
+            raise RigError(
+                f"the controller at {self.robot.address} did not answer within {time_max:g} s"
+            ) from None
+
+    def _read(self) -> None:
+        """Sort what the process says."""
+        stream = self._process.stdout
+        for line in stream or ():
+            values = json.loads(line)
+            if "report" in values:
+                self.reports.append(Report(*values["report"]))
+            else:
+                self._answers.put(values)
+        self._answers.put({"failed": "its process ended", "error": "its process ended"})
+
+
+def _probe(address: str, port: int, name: str) -> None:
+    """Refuse an address where nothing listens; ur-rtde would print, and hang."""
+    try:
+        socket.create_connection((address, port), _CONNECT_TIME_MAX).close()
+    except OSError as error:
+        raise RigError(
+            f"no {name} server answers at {address}:{port} ({error.strerror or error}): look "
+            "whether the controller has power, is in the same network, and its services are on"
+        ) from None
+
+
+_ROBOT_RUNNING = 7
+_FIND_OUT = "find out why, release the button, and start the robot on the pendant"
+_READ_LOG = "read the pendant's log and clear the cause"
+_STOPS = {
+    7: ("emergency stop", _FIND_OUT),
+    6: ("emergency stop of the robot", _FIND_OUT),
+    5: ("emergency stop of the system", _FIND_OUT),
+    2: (
+        "protective stop",
+        "look what the arm touched or which limit it met, make the way free, and enable the robot "
+        "on the pendant",
+    ),
+    3: ("recovery mode", "move the arm back within its limits by hand, as the pendant says"),
+    4: ("safeguard stop", "step out of the guarded space and reset the safeguard"),
+    8: ("safety violation", _READ_LOG),
+    9: ("fault", _READ_LOG),
+    10: ("stop for safety", _READ_LOG),
+}
+"""Names of RTDE's safety status bits, and what to do; the most telling first. Bit 0 is normal."""
+_RESUME = "cablecast never clears a stop; the same command resumes with this trial"
+PAYLOAD_TOLERANCE = 0.05
+"""Largest difference between the payload of the lab file and that on the controller [kg]."""
+CENTER_TOLERANCE = 0.02
+"""Largest distance between the centre of the payload in the lab file and on the controller [m]."""
+SPEED_TOLERANCE = 1e-3
+
+
+def check_safe(report: Report) -> None:
+    """Refuse a report of an arm that is stopped for safety.
+
+    Raises:
+        RigError: It is stopped; says why, and what a person has to do.
+    """
+    for bit, (name, advice) in _STOPS.items():
+        if report.safety_bits >> bit & 1:
+            raise RigError(f"{name}: {advice}. {_RESUME}")
+    if not report.safety_bits & 1:
+        raise RigError(
+            f"the safety system is not in its normal mode: read the pendant's log. {_RESUME}"
+        )
+
+
+def check_ready(link: UrLink, robot: RobotConfig) -> Report:
+    """Refuse to move unless the controller is ready for it, and return its newest report.
+
+    Args:
+        link: Connection to the controller.
+        robot: Payload that must be set.
+
+    Raises:
+        RigError: It is not; says what a person has to do.
+    """
+    report = link.wait_for_report()
+    check_safe(report)
+    if report.robot_mode != _ROBOT_RUNNING:
+        raise RigError(
+            f"the robot is in mode {report.robot_mode}, not running: power it on and release its "
+            "brakes on the pendant"
+        )
+    if link.ask("polyscopeVersion").strip()[:1] >= "5" and link.ask("isInRemoteControl") != "True":
+        raise RigError("the robot is in local control: switch the pendant to remote control")
+    if abs(report.speed_scaling - 1.0) > SPEED_TOLERANCE:
+        raise RigError(
+            f"the speed slider of the pendant is at {100 * report.speed_scaling:.0f} %: set it to "
+            "100 %, or casts land elsewhere"
+        )
+    if abs(report.payload - robot.payload_mass) > PAYLOAD_TOLERANCE:
+        raise RigError(
+            f"the payload on the controller is {report.payload:.2f} kg, that of the lab file "
+            f"{robot.payload_mass:.2f} kg: weigh gripper and cable, and set both alike"
+        )
+    center = report.payload_cog
+    if center is not None and np.linalg.norm(center - robot.payload_cog) > CENTER_TOLERANCE:
+        raise RigError(
+            f"the payload's centre on the controller is at {center.round(3).tolist()} m, that of "
+            f"the lab file at {list(robot.payload_cog)} m: measure it, and set both alike"
+        )
+    return report
