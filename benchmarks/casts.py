@@ -29,7 +29,7 @@ from benchmarks.places import (
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import difference_interval, median_interval
-from cablecast.rigs.virtual.camera_error import CameraErrorModel
+from cablecast.rigs.virtual.sensing import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
 
 COLUMNS = ("rig", "cable", "casts", "method", "targets", "try", "median", "q1", "q3", "missed")

@@ -18,9 +18,8 @@ from cablecast.files import write_bytes, write_text
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.camera import Film, VirtualCamera
-from cablecast.rigs.virtual.camera_calibrate import board_pictures
-from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.rigs.virtual.camera import Film, VirtualCamera, board_pictures
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup, load_setup
 from cablecast.vision.tags import load_cv2

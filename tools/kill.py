@@ -87,7 +87,7 @@ def make_film(folder: pathlib.Path) -> None:
     import numpy as np
 
     from cablecast.rigs.virtual.camera import VirtualCamera
-    from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+    from cablecast.rigs.virtual.drawing import FilmedTrial
     from cablecast.setup import Setup
     from cablecast.vision.video import write_video
 

@@ -20,8 +20,8 @@ from cablecast.files import write_bytes
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck, draw_report

@@ -26,7 +26,7 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.motion.polar import PolarCastConfig, reset_path
 from cablecast.motion.trajectory import Trajectory, joint_path
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.reset_library import ResetLibrary, hidden_digest, library_path
+from cablecast.rigs.virtual.trials import ResetLibrary, hidden_digest, library_path
 from cablecast.setup import Setup
 
 NODE_SPACING = 0.02

@@ -114,9 +114,8 @@ def test_a_lab_without_a_camera_is_refused(tmp_path, capsys):
 
 def test_pictures_of_a_board_become_the_lens_in_the_lab_file(lab, tmp_path, capsys):
     cv2 = pytest.importorskip("cv2")
-    from cablecast.rigs.virtual.camera import VirtualCamera
-    from cablecast.rigs.virtual.camera_calibrate import board_pictures
-    from cablecast.rigs.virtual.camera_config import CameraConfig
+    from cablecast.rigs.virtual.camera import VirtualCamera, board_pictures
+    from cablecast.rigs.virtual.config import CameraConfig
     from cablecast.vision.calibration import Board
 
     camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))

@@ -10,8 +10,8 @@ pytest.importorskip("cv2")
 from cablecast.cli import main
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera import VirtualCamera
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup, load_setup
 from cablecast.vision.video import FilmWriter
 

@@ -21,7 +21,7 @@ START = 12 / 60
 def film():
     """Return a short made-up motion, filmed."""
     from cablecast.rigs.virtual.camera import VirtualCamera
-    from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+    from cablecast.rigs.virtual.drawing import FilmedTrial
 
     times = np.arange(36) * 0.01
     u = np.clip(times / 0.3, 0, 1)

@@ -10,9 +10,8 @@ pytest.importorskip("cv2")
 
 from cablecast.camera.tags import Tag, TagLayout, default_layout
 from cablecast.errors import InputError
-from cablecast.rigs.virtual.camera import VirtualCamera
-from cablecast.rigs.virtual.camera_calibrate import board_pictures
-from cablecast.rigs.virtual.camera_config import CameraConfig
+from cablecast.rigs.virtual.camera import VirtualCamera, board_pictures
+from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.tags import detect_tags, tag_picture
 from cablecast.workspace import Workspace

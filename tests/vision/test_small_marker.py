@@ -11,8 +11,8 @@ import cv2
 
 from cablecast.cable import load_cable
 from cablecast.rigs.virtual.camera import VirtualCamera
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.tracker import EndpointTracker, TrackerConfig
 from cablecast.vision.video import encode_jpeg
 

@@ -16,9 +16,9 @@ from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.camera import SYNC_ACTION, sync_camera
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.virtual.camera import Film, VirtualCamera
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_drawing import FilmedTrial
 from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision.clock import SeenMotion, reported_speed, sync_by_motion
 from cablecast.vision.tracker import MarkerConfig

@@ -14,8 +14,8 @@ from cablecast.cast import TrialStatus
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
-from cablecast.rigs.virtual.camera_config import CameraConfig, LightConfig
-from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+from cablecast.rigs.virtual.config import CameraConfig, LightConfig
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.tracker import (
     EndpointTracker,
     TrackerConfig,

@@ -15,10 +15,9 @@ from cablecast.cable import load_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.cast import TrialStatus
 from cablecast.errors import CameraError, InputError
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_drawing import FilmedTrial
-from cablecast.rigs.virtual.camera_live import MOVED_TAG
-from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision.tracker import TrialCamera
 from cablecast.vision.trials import CameraOfTrials

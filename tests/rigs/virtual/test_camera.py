@@ -10,7 +10,7 @@ from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
-from cablecast.rigs.virtual.camera_error import CameraErrorModel
+from cablecast.rigs.virtual.sensing import CameraErrorModel
 
 CABLE_RADIUS = 0.0055
 ARM = ArmUR()
@@ -132,7 +132,7 @@ def test_a_damaged_error_model_is_refused(change, tmp_path):
 @pytest.fixture(scope="module")
 def clips(virtual_camera, calibration):
     """Filmed and tracked motions, half of them by the arm."""
-    from cablecast.rigs.virtual.camera_clips import clip_trial, measure
+    from tools.fit_camera_error import clip_trial, measure
 
     # Other motions than those that the model was fitted to.
     clips = measure(virtual_camera, calibration, 8, seed=77)
@@ -189,7 +189,7 @@ def test_a_fit_to_clips_finds_the_errors_that_they_were_made_with(
 
 
 def test_a_piece_of_a_frame_equals_that_part_of_the_whole(virtual_camera):
-    from cablecast.rigs.virtual.camera_clips import clip_trial
+    from tools.fit_camera_error import clip_trial
 
     film = virtual_camera.film(clip_trial(np.random.default_rng([0, 1]), 1), seed=4)
     whole = film.frame(25)
@@ -204,7 +204,7 @@ def test_a_piece_of_a_frame_equals_that_part_of_the_whole(virtual_camera):
 
 
 def test_films_of_equal_seeds_are_equal_and_others_differ_in_light_and_noise(virtual_camera):
-    from cablecast.rigs.virtual.camera_clips import clip_trial
+    from tools.fit_camera_error import clip_trial
 
     trial = clip_trial(np.random.default_rng([0, 0]), 0)
     window = (800, 400, 1000, 600)
@@ -215,7 +215,7 @@ def test_films_of_equal_seeds_are_equal_and_others_differ_in_light_and_noise(vir
 
 def test_shapes_too_far_apart_in_time_are_not_filmed(cable):
     pytest.importorskip("cv2")
-    from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+    from cablecast.rigs.virtual.drawing import FilmedTrial
 
     with pytest.raises(InputError, match=r"0\.100 s"):
         FilmedTrial(

@@ -11,9 +11,8 @@ pytest.importorskip("cv2")
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError, UnknownNameError
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_live import FAULTS, MOVED_TAG
-from cablecast.rigs.virtual.camera_stream import CameraStream
+from cablecast.rigs.virtual.camera_stream import FAULTS, MOVED_TAG, CameraStream
+from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.setup import Setup
 from cablecast.vision.live import LiveCamera
 from cablecast.vision.tags import detect_tags

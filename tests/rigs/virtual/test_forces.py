@@ -7,10 +7,8 @@ import pytest
 
 from cablecast.cable import Attachment, load_cable
 from cablecast.rigs.virtual._hidden import HiddenTable, hidden_cable
-from cablecast.rigs.virtual.forces import GRAVITY, CableForces
-from cablecast.rigs.virtual.scene import build_scene
-from cablecast.rigs.virtual.state import CableMotion
-from cablecast.rigs.virtual.table import friction_map
+from cablecast.rigs.virtual.forces import GRAVITY, CableForces, friction_map
+from cablecast.rigs.virtual.scene import CableMotion, build_scene
 from cablecast.workspace import Workspace
 
 COUNT = 21

@@ -17,9 +17,8 @@ pytest.importorskip("mujoco")
 
 from cablecast.rigs.virtual import RigVirtual, TrialNoise, VirtualConfig, laboratory
 from cablecast.rigs.virtual._hidden import HiddenTable, hidden_cable
-from cablecast.rigs.virtual.reset_library import ASIDE_MAX, find_library
 from cablecast.rigs.virtual.scene import build_scene
-from cablecast.rigs.virtual.trials import Trial, reset_shape
+from cablecast.rigs.virtual.trials import ASIDE_MAX, Trial, find_library, reset_shape
 
 # A table far behind the robot: the cable hangs free above the floor, and touches nothing.
 IN_THE_AIR = Workspace(grip_height=0.5, table_near_y=-5.0, table_depth=0.3)

@@ -7,7 +7,7 @@ pytest.importorskip("mujoco")
 
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.live import LiveArm, LiveCable
+from cablecast.rigs.virtual.laboratory import LiveArm, LiveCable
 
 CONFIG = VirtualConfig(segment_count=12, sensing="exact", thread_count=1)
 DT, REST_TIME = 0.008, 2.5

@@ -6,7 +6,7 @@ from tools import make_reset_library
 from tools.make_reset_library import cast_and_reset, joined, make_library, simulate_resets
 
 from cablecast.errors import InputError
-from cablecast.rigs.virtual.reset_library import ResetLibrary, find_library
+from cablecast.rigs.virtual.trials import ResetLibrary, find_library
 from cablecast.setup import Setup
 
 SETUP = Setup(cable="cable_2")

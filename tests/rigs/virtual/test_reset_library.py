@@ -8,7 +8,7 @@ import pytest
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import CABLE_NAMES, load_cable
 from cablecast.errors import DatasetError
-from cablecast.rigs.virtual.reset_library import (
+from cablecast.rigs.virtual.trials import (
     ResetLibrary,
     find_library,
     hidden_digest,

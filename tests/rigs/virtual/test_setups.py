@@ -10,9 +10,9 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.virtual._hidden import hidden_table
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_error import CameraErrorModel
-from cablecast.rigs.virtual.table import friction_map
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.rigs.virtual.forces import friction_map
+from cablecast.rigs.virtual.sensing import CameraErrorModel
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -176,7 +176,7 @@ def test_the_bias_over_a_turned_table_is_that_of_the_camera_turned():
 @pytest.mark.parametrize("workspace", [TURNED, AROUND], ids=["turned", "around the robot"])
 def test_the_tracker_finds_the_endpoint_in_films_of_another_table(workspace):
     pytest.importorskip("cv2")
-    from cablecast.rigs.virtual.camera_drawing import FilmedTrial
+    from cablecast.rigs.virtual.drawing import FilmedTrial
     from cablecast.rigs.virtual.sensing import SensorCamera
 
     setup = Setup(workspace=workspace, arm=ArmUR(model="ur5e", base_yaw_deg=90.0))

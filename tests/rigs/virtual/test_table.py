@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.rigs.virtual._hidden import HiddenTable, hidden_table
-from cablecast.rigs.virtual.table import friction_map
+from cablecast.rigs.virtual.forces import friction_map
 from cablecast.workspace import Workspace
 
 WORKSPACE = Workspace()

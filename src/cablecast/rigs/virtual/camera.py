@@ -2,6 +2,10 @@
 
 A piece equals that part of the whole frame, so a tracker that asks only for the surroundings of the
 marker sees the same as one that is given the whole video, and in a small part of the time.
+
+Calibrates the virtual camera as a person does the real one: a board, then the tags.
+
+CameraStill: one picture of the virtual table, as the camera above it would take it.
 """
 
 import functools
@@ -10,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.tags import TagLayout, default_layout
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_drawing import Drawing, FilmedTrial
-from cablecast.rigs.virtual.camera_shutter import RollingDrawing
-from cablecast.rigs.virtual.camera_table import draw_background
-from cablecast.vision.calibration import Board, Calibration
+from cablecast.cast import EndpointTrack
+from cablecast.motion.trajectory import JointPath, joints_at
+from cablecast.rigs.virtual.config import CameraConfig, Mount
+from cablecast.rigs.virtual.drawing import Drawing, FilmedTrial, RollingDrawing, draw_background
+from cablecast.setup import Setup
+from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, Grab, MarkerConfig, TrackerConfig, Window
 from cablecast.workspace import Workspace
@@ -271,3 +276,90 @@ def track_film(film: Film, calibration: Calibration, start_known: bool = True) -
     for frame in range(film.frame_count):
         tracker.update(film.time(frame), film.grab(frame))
     return tracker
+
+
+_BOARD_COUNT = 12
+_EMPTY_COUNT = 3
+
+
+def board_pictures(
+    camera: VirtualCamera, seed: int = 0, board: Board | None = None
+) -> list[NDArray[np.uint8]]:
+    """Draw pictures of a calibration board, held over the table at several angles.
+
+    Args:
+        camera: Camera to hold the board before.
+        seed: Seed of the board's places and of the noise.
+        board: Board to hold; the default one where None.
+    """
+    cv2 = load_cv2()
+    rng = np.random.default_rng([seed, 41])
+    board, mount = board or Board(), Mount.over(camera.workspace)
+    pictures = []
+    for index in range(_BOARD_COUNT):
+        # Face up, tilted by up to half a radian, anywhere from just above the table to halfway up.
+        R = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0] @ np.diag([1.0, -1.0, -1.0])
+        across, along = rng.uniform(-0.8, 0.8), rng.uniform(-0.4, 0.4)
+        up = rng.uniform(0.5, 1.3)
+        if mount.quarter_turns:
+            across, along = along, across
+        centre = np.array(
+            [mount.scale * across, mount.centre_y + mount.scale * along, mount.scale * up]
+        )
+        pictures.append(camera.board_frame(board, R, centre, seed + index))
+    return pictures
+
+
+def calibrate_virtual_camera(camera: VirtualCamera, seed: int = 0) -> Calibration:
+    """Return a calibration from rendered pictures alone.
+
+    Args:
+        camera: Camera to calibrate.
+        seed: Seed of the board's places and of the noise.
+    """
+    lens = calibrate_lens(board_pictures(camera, seed), Board()).lens
+    frames = [camera.empty_frame(seed + 1000 + index) for index in range(_EMPTY_COUNT)]
+    return calibrate_view(frames, camera.layout, lens=lens)
+
+
+class CameraStill:
+    """Draws how a trial ended.
+
+    Args:
+        setup: Gives the table, its tags, the cable and the arm.
+        lab_seed: Seed of the laboratory, and so of the table's looks.
+
+    Raises:
+        MissingExtraError: OpenCV is not installed.
+    """
+
+    def __init__(self, setup: Setup, lab_seed: int = 0):
+        self._setup = setup
+        layout = None if setup.camera is None else setup.camera.tags
+        self._camera = VirtualCamera(None, setup.workspace, layout, lab_seed)
+
+    def picture(self, track: EndpointTrack, seed: int = 0) -> Image | None:
+        """Return the table at the end of a trial, BGR, shape [v, u, 3].
+
+        Args:
+            track: Trial with its nodes.
+            seed: Seed of light and noise.
+
+        Returns:
+            The picture; None where the trial has no shape to draw.
+        """
+        if track.nodes is None or not np.all(np.isfinite(track.nodes[-1])):
+            return None
+        now, path = np.zeros(1), None
+        if track.joint_path is not None:
+            q = joints_at(track.joint_path, track.times[-1:])
+            path = JointPath(times=now, q=q, qd=np.zeros_like(q))
+        trial = FilmedTrial(
+            cable=self._setup.cable,
+            times=now,
+            nodes=track.nodes[-1:],
+            joint_path=path,
+            arm=self._setup.arm,
+        )
+        film = self._camera.film(trial, seed)
+        return film.frame(film.LEAD)

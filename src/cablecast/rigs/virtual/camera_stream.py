@@ -1,4 +1,6 @@
-"""CameraStream: the virtual camera as a stream on the loopback address, as OpenCV opens one.
+"""Process of the virtual camera: draws what it is shown, frame by frame, and broadcasts it.
+
+CameraStream: the virtual camera as a stream on the loopback address, as OpenCV opens one.
 
 The camera has a clock of its own. Its frames are taken at whole multiples of its frame time in the
 laboratory's clock, whatever time it takes to draw them; so `show` waits where the drawing is slower
@@ -6,17 +8,243 @@ than the laboratory, and whoever looks at the stream goes by the times of its fr
 """
 
 import contextlib
+import dataclasses
 import multiprocessing
+import signal
 import threading
+from collections import deque
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from cablecast.camera.tags import TagLayout
 from cablecast.errors import RigError, UnknownNameError, check_number
-from cablecast.rigs.virtual.camera_config import CameraConfig
-from cablecast.rigs.virtual.camera_live import FAULTS, serve
+from cablecast.motion.trajectory import JointPath
+from cablecast.rigs.virtual.camera import Film, VirtualCamera
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.rigs.virtual.drawing import FilmedTrial, draw_background
 from cablecast.setup import Setup
+from cablecast.vision.broadcast import Broadcast
+from cablecast.vision.tracker import MarkerConfig
+from cablecast.vision.video import encode_jpeg
+
+FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
+"""Faults of the camera: the same picture again and again, darkness, no stream at all, an exposure
+that something else than we set, and a tag that somebody has moved."""
+
+MOVED_TAG = 2
+"""Place in the layout of the tag that the fault moves."""
+
+_GAP_MAX = 0.025
+"""Longest time between two instants between which frames are drawn [s]."""
+_STILL = 1e-7
+"""Largest change of a joint or a node of a scene that stands still [rad or m]."""
+_STILL_COUNT = 4
+"""Pictures of a still scene, each with noise of its own, that are sent in turn."""
+_MOVE = (0.06, -0.04)
+"""Way by which the fault moves a tag [m]."""
+_EXPOSED = 1.9
+"""Brightness of a picture after the exposure was changed, as a multiple of the usual."""
+_DARK = 2.0
+
+_State = tuple[float, NDArray[np.float64] | None, NDArray[np.float64]]
+
+
+class LiveFilm(Film):
+    """A film of what is shown instant by instant.
+
+    Args:
+        camera: Camera that films.
+        setup: Gives cable and arm.
+        seed: Seed of light and noise.
+    """
+
+    LEAD = 0
+
+    def __init__(self, camera: VirtualCamera, setup: Setup, seed: int):
+        self._setup = setup
+        self._states: deque[_State] = deque()
+        self.gain = 1.0
+        nodes = np.zeros((1, 2, 3))
+        super().__init__(camera, self._trial([(0.0, None, nodes[0])]), seed, MarkerConfig())
+        config = camera.config
+        # Half an exposure on both sides of a frame, and half the time to read all of its rows.
+        self.reach = (config.exposure + config.row_time * config.height) / 2
+        self._next: int | None = None
+
+    def show(self, state: _State) -> None:
+        """Add an instant."""
+        if self._states and not 0.0 < state[0] - self._states[-1][0] <= _GAP_MAX:
+            self._states.clear()
+            self._next = None
+        self._states.append(state)
+        if self._next is None:
+            self._next = int(np.ceil((state[0] + self.reach) / self.frame_dt - 1e-9))
+
+    def due(self) -> int | None:
+        """Return the number of the next frame if all of it was shown, and make it ready."""
+        if self._next is None or not self._states:
+            return None
+        frame = self._next
+        if self._states[-1][0] < self.time(frame) + self.reach:
+            return None
+        self._next += 1
+        begin = self.time(frame) - self.reach
+        # One instant before the exposure, and its neighbour for a smooth curve.
+        while len(self._states) > 3 and self._states[2][0] <= begin:
+            self._states.popleft()
+        self.trial = self._trial(list(self._states))
+        self._drawn = None
+        return frame
+
+    @property
+    def still(self) -> NDArray[np.float64] | None:
+        """Scene of the frame that is due, as one row of numbers; None if anything moves."""
+        first, last = _scene(self._states[0]), _scene(self._states[-1])
+        return last if _same(first, last) else None
+
+    def _trial(self, states: list[_State]) -> FilmedTrial:
+        times = np.array([time for time, _, _ in states])
+        q = [joints for _, joints, _ in states if joints is not None]
+        path = None
+        if len(q) == len(states):
+            angles = np.array(q)
+            path = JointPath(times=times, q=angles, qd=np.zeros_like(angles))
+        return FilmedTrial(
+            cable=self._setup.cable,
+            times=times,
+            nodes=np.array([nodes for _, _, nodes in states]),
+            joint_path=path,
+            arm=self._setup.arm,
+        )
+
+    def _gains(self, time: float) -> NDArray[np.float64]:
+        return self.gain * super()._gains(time)
+
+
+class Studio:
+    """The camera, its faults and its broadcast.
+
+    Args:
+        setup: Gives the table, its tags, the cable and the arm.
+        config: Settings of the camera.
+        seed: Seed of the table's looks, of light and noise.
+        clock: Time of the camera's clock when the laboratory's shows zero [s].
+        port: Port of the stream.
+    """
+
+    def __init__(self, setup: Setup, config: CameraConfig, seed: int, clock: float, port: int):
+        layout = None if setup.camera is None else setup.camera.tags
+        self.camera = VirtualCamera(config, setup.workspace, layout, seed)
+        self.film = LiveFilm(self.camera, setup, seed)
+        self.broadcast = Broadcast(config.width, config.height, config.frame_rate, port)
+        self.broadcast.latest = encode_jpeg(self.camera.empty_frame(seed))
+        self._clock = clock
+        self._seed = seed
+        self._fault: str | None = None
+        self._still: list[bytes] = []
+        self._still_scene = np.empty(0)
+        self._table = self.camera.background
+
+    def show(self, state: _State) -> None:
+        """Add an instant, and send the frames that are due."""
+        self.film.show(state)
+        while (frame := self.film.due()) is not None:
+            if self.broadcast.viewer_count:
+                self.broadcast.send(self._picture(frame), self._clock + self.film.time(frame))
+
+    def fault(self, name: str | None) -> None:
+        """Begin a fault, or end all."""
+        self._fault, self._still = name, []
+        self.film.gain = _EXPOSED if name == "exposed" else 1.0
+        self.camera.background = self._moved() if name == "moved_tag" else self._table
+        if name == "unplugged":
+            self.broadcast.unplug()
+        else:
+            self.broadcast.plug()
+
+    def _picture(self, frame: int) -> bytes:
+        """Return a frame as JPEG."""
+        latest = self.broadcast.latest
+        if self._fault == "frozen" and latest is not None:
+            return latest
+        config = self.camera.config
+        if self._fault == "black":
+            noise = np.random.default_rng([self._seed, frame, 9])
+            size = (config.height, config.width, 3)
+            return encode_jpeg((_DARK * noise.random(size)).astype(np.uint8))
+        scene = self.film.still
+        if scene is None:
+            return encode_jpeg(self.film.frame(frame))
+        if not _same(scene, self._still_scene):
+            self._still, self._still_scene = [], scene
+        if len(self._still) < _STILL_COUNT:
+            self._still.append(encode_jpeg(self.film.frame(frame)))
+            return self._still[-1]
+        return self._still[frame % _STILL_COUNT]
+
+    def _moved(self) -> NDArray[np.uint8]:
+        """Return the picture of the table with one tag moved."""
+        camera = self.camera
+        tags = list(camera.layout.tags)
+        place = min(MOVED_TAG, len(tags) - 1)
+        tag = tags[place]
+        tags[place] = dataclasses.replace(tag, x=tag.x + _MOVE[0], y=tag.y + _MOVE[1])
+        layout = TagLayout(tags=tuple(tags))
+        view, config, workspace = camera.view, camera.config, camera.workspace
+        return draw_background(view, config, workspace, layout, self._seed)[0]
+
+
+def _scene(state: _State) -> NDArray[np.float64]:
+    """Return an instant as one row of numbers."""
+    _, joints, nodes = state
+    return np.concatenate([np.empty(0) if joints is None else joints, nodes.ravel()])
+
+
+def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Return whether two scenes are equal but for what no picture shows."""
+    return a.shape == b.shape and float(np.max(np.abs(b - a))) < _STILL
+
+
+def serve(
+    pipe: Any,
+    room: Any,
+    setup: Setup,
+    config: CameraConfig,
+    seed: int,
+    clock: float,
+    port: int,
+) -> None:
+    """Film what comes through a pipe until it ends; see `CameraStream`.
+
+    Args:
+        pipe: Connection to the process that shows the laboratory.
+        room: Semaphore to release for each instant that was filmed.
+        setup: Gives the table, its tags, the cable and the arm.
+        config: Settings of the camera.
+        seed: Seed of the table's looks, of light and noise.
+        clock: Time of the camera's clock when the laboratory's shows zero [s].
+        port: Port of the stream.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    studio = Studio(setup, config, seed, clock, port)
+    pipe.send(studio.broadcast.url)
+    while True:
+        try:
+            kind, *content = pipe.recv()
+        except (EOFError, OSError):
+            return
+        if kind == "state":
+            studio.show((content[0], content[1], content[2]))
+            room.release()
+        elif kind == "fault":
+            studio.fault(content[0])
+        elif kind == "finish":
+            pipe.send(True)
+        else:
+            return
+
 
 _START_TIMEOUT = 60.0
 _AHEAD_MAX = 10

@@ -1,8 +1,18 @@
-"""Settings of the virtual laboratory: its numerics, and how far two equal trials differ."""
+"""Settings of the virtual laboratory: its numerics, and how far two equal trials differ.
+
+Settings of the camera over the virtual table: its lens, its place, and its troubles.
+
+Only the renderer reads them. The tracker works with what it calibrates from rendered pictures.
+"""
 
 import dataclasses
+import math
 
-from cablecast.errors import InputError, check_count, check_ranges, check_seed
+import numpy as np
+
+from cablecast.camera.lens import CameraView, Lens
+from cablecast.errors import InputError, check_count, check_number, check_ranges, check_seed
+from cablecast.workspace import Workspace
 
 SENSING_NAMES = ("exact", "error_model", "camera")
 """Ways of seeing the cable: exactly as it is, with the measured errors of the camera, or with that
@@ -123,3 +133,225 @@ class VirtualConfig:
             },
             "virtual rig",
         )
+
+
+HEIGHT_MIN = 1.0
+"""Height of the lowest camera that the arm cannot reach [m]."""
+
+USUAL_CENTRE_Y = 0.75
+"""y of the middle of the paper's table [m]."""
+
+_CLUTTER_SHARE_MIN = 0.5
+"""Smallest table with other green things on it, as a share of the paper's width and depth."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LightConfig:
+    """Changes of the light.
+
+    Attributes:
+        drift: Amplitude of a slow change of brightness [-].
+        drift_period: Period of that change [s].
+        flicker: Amplitude of what mains light leaves after the exposure [-].
+        flicker_rate: Beat of the lamps against the frames [1/s].
+        tint: Amplitude of the change of colour [-].
+        step: Largest sudden change of brightness, by a lamp or a cloud [-].
+        falloff: Loss of light from the table's middle to its far corners [-].
+    """
+
+    drift: float = 0.08
+    drift_period: float = 7.0
+    flicker: float = 0.02
+    flicker_rate: float = 13.3
+    tint: float = 0.02
+    step: float = 0.12
+    falloff: float = 0.25
+
+    def __post_init__(self):
+        check_ranges(
+            self,
+            {
+                "drift": (0.0, 0.6, ""),
+                "drift_period": (0.01, 100.0, "s"),
+                "flicker": (0.0, 0.6, ""),
+                "flicker_rate": (0.0, 100.0, "1/s"),
+                "tint": (0.0, 0.6, ""),
+                "step": (0.0, 0.6, ""),
+                "falloff": (0.0, 0.6, ""),
+            },
+            "light",
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraConfig:
+    """The camera over the virtual table: a webcam on a stand, mounted nearly level.
+
+    The defaults see the paper's table; `over` mounts the camera for another one.
+
+    Attributes:
+        width: Width of the images [px].
+        height: Height of the images [px].
+        frame_rate: Frames per second [1/s].
+        exposure: Time during which a row is exposed [s].
+        row_time: Time by which each row is exposed later than the one above it [s].
+        focal: Focal length [px]; the paper's camera has about 1360 at this size.
+        centre_offset: Offset of the optical axis from the image's middle, u and v [px].
+        distortion: Coefficients k1, k2, p1, p2, k3 of OpenCV's model [-].
+        position: Place of the camera in the base frame [m].
+        tilt: Turns about the x, y and z axes of the base frame away from straight down with y
+            upwards in the image [rad].
+        noise: Standard deviation of a pixel's noise, of 255.
+        blur: Standard deviation of the lens's blur [px].
+        tag_error: Standard deviation of the places where tags are stuck [m].
+        light: Changes of the light.
+        distractors: Whether other green things lie on the table.
+    """
+
+    width: int = 1920
+    height: int = 1080
+    frame_rate: float = 60.0
+    exposure: float = 0.006
+    row_time: float = 0.0
+    focal: float = 1366.0
+    centre_offset: tuple[float, float] = (7.5, -5.0)
+    distortion: tuple[float, float, float, float, float] = (-0.062, 0.021, 6e-4, -4e-4, 0.0)
+    position: tuple[float, float, float] = (0.012, 0.752, 2.24)
+    tilt: tuple[float, float, float] = (0.008, -0.006, 0.010)
+    noise: float = 3.0
+    blur: float = 0.7
+    tag_error: float = 0.001
+    light: LightConfig = dataclasses.field(default_factory=LightConfig)
+    distractors: bool = True
+
+    def __post_init__(self):
+        for name in ("width", "height"):
+            check_count(f"camera {name}", getattr(self, name), 16, 16384)
+        check_ranges(
+            self,
+            {
+                "frame_rate": (1.0, 1000.0, "1/s"),
+                "exposure": (0.0, 0.1, "s"),
+                "row_time": (0.0, 1e-3, "s"),
+                "focal": (10.0, 1e5, "px"),
+                "noise": (0.0, 40.0, ""),
+                "blur": (0.0, 5.0, "px"),
+                "tag_error": (0.0, 0.05, "m"),
+            },
+            "camera",
+        )
+        if self.exposure * self.frame_rate > 1.0:
+            raise InputError(
+                f"camera exposure = {self.exposure} s is longer than a frame at "
+                f"{self.frame_rate:g} frames/s"
+            )
+        check_number("camera position z", self.position[2], HEIGHT_MIN, 50.0, "m")
+
+    @classmethod
+    def over(cls, workspace: Workspace) -> "CameraConfig":
+        """Return the camera as a person mounts it over a table: high enough to see all of it.
+
+        Over a table that is deeper than wide it is turned by a quarter. Over a smaller table it
+        stays as high as over the paper's, out of the arm's way.
+
+        Args:
+            workspace: Gives the table's size and place.
+        """
+        usual, mount = cls(), Mount.over(workspace)
+        x, y, z = usual.position
+        return cls(
+            position=(x, y + (mount.centre_y - USUAL_CENTRE_Y), z * mount.scale),
+            tilt=(*usual.tilt[:2], usual.tilt[2] + mount.quarter_turns * math.pi / 2),
+        )
+
+    def resized(self, width: int) -> "CameraConfig":
+        """Return the same camera with images of another width, for faster drawing.
+
+        Args:
+            width: Width of the images [px].
+        """
+        scale = width / self.width
+        return dataclasses.replace(
+            self,
+            width=width,
+            height=round(self.height * scale),
+            focal=self.focal * scale,
+            centre_offset=(self.centre_offset[0] * scale, self.centre_offset[1] * scale),
+            row_time=self.row_time / scale,
+        )
+
+    @property
+    def view(self) -> CameraView:
+        """The true lens at the true place."""
+        lens = Lens(
+            width=self.width,
+            height=self.height,
+            focal=(self.focal, self.focal),
+            centre=(
+                (self.width - 1) / 2 + self.centre_offset[0],
+                (self.height - 1) / 2 + self.centre_offset[1],
+            ),
+            distortion=self.distortion,
+        )
+        return CameraView(lens=lens, rotation=camera_rotation(self.tilt), position=self.position)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Mount:
+    """Place of a camera over a table, compared with that over the paper's table.
+
+    Attributes:
+        centre_y: y of the table's middle [m].
+        scale: Height of the camera as a multiple of that over the paper's table [-].
+        quarter_turns: 1 where the camera is turned by a quarter about the vertical, else 0.
+    """
+
+    centre_y: float
+    scale: float
+    quarter_turns: int
+
+    @classmethod
+    def over(cls, workspace: Workspace) -> "Mount":
+        """Return the place over a table that shows all of it."""
+        wide, deep = workspace.half_width, (workspace.y_max - workspace.y_min) / 2
+        turned = deep > wide
+        if turned:
+            wide, deep = deep, wide
+        return cls(
+            centre_y=(workspace.y_min + workspace.y_max) / 2,
+            scale=max(1.0, wide / Workspace().half_width, deep / USUAL_CENTRE_Y),
+            quarter_turns=int(turned),
+        )
+
+
+def clutter_place(x: float, y: float, workspace: Workspace) -> tuple[float, float] | None:
+    """Return where something that lies on the paper's table lies on another one.
+
+    Args:
+        x: Place on the paper's table [m].
+        y: Place on the paper's table [m].
+        workspace: Gives the other table's size and place.
+
+    Returns:
+        x and y [m]; None for a table too small to be cluttered.
+    """
+    across = workspace.half_width / Workspace().half_width
+    along = (workspace.y_max - workspace.y_min) / (2 * USUAL_CENTRE_Y)
+    if min(across, along) < _CLUTTER_SHARE_MIN:
+        return None
+    return x * across, workspace.y_min + y * along
+
+
+def camera_rotation(tilt: tuple[float, float, float]) -> tuple[tuple[float, float, float], ...]:
+    """Return the rotation of a camera that looks down, y of the base frame upwards in its image.
+
+    Args:
+        tilt: Turns about x, y and z of the base frame [rad].
+    """
+    cx, cy, cz = np.cos(tilt)
+    sx, sy, sz = np.sin(tilt)
+    Rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    Ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    Rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    R = np.diag([1.0, -1.0, -1.0]) @ (Rz @ Ry @ Rx).T
+    return tuple(tuple(row) for row in R.tolist())

@@ -1,10 +1,19 @@
-"""Forces on the cable that MuJoCo's rod does not have: air, the table's face, and memory.
+"""The table's face: foam boards that are not all alike, worn here and there, with seams between.
+
+Compiled sums of the forces that MuJoCo's rod does not have: see forces.py.
+
+One thread computes one cable, from its free end towards the grip, so that what a vertex takes from
+its neighbours is at hand. Multiplications and additions are not fused: a trial's numbers are the
+same on every processor, and whatever is computed beside it.
+
+Forces on the cable that MuJoCo's rod does not have: air, the table's face, and memory.
 
 MuJoCo knows one friction coefficient for the whole cable. The table here differs from it from place
 to place, and along and across the cable; the difference is added where the cable's surface slides.
 A rod of MuJoCo's is straight at rest. A real one keeps a curl, and some of every sharp bend.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -14,10 +23,348 @@ from numpy.typing import NDArray
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY
 from cablecast.engines.warp_.device import start_warp
-from cablecast.rigs.virtual._hidden import HiddenCable
-from cablecast.rigs.virtual.force_kernel import Properties, sum_forces
-from cablecast.rigs.virtual.state import CableMotion
-from cablecast.rigs.virtual.table import CELL, FrictionMap
+from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
+from cablecast.rigs.virtual.scene import CableMotion
+from cablecast.workspace import Workspace
+
+CELL = 0.005
+"""Resolution of the map [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrictionMap:
+    """Friction of each place of the table, as a multiple of the mean.
+
+    Attributes:
+        origin: Corner of the map with the smallest x and y [m], shape [2].
+        factors: Factor of each cell [-], shape [x, y].
+    """
+
+    origin: NDArray[np.float64]
+    factors: NDArray[np.float64]
+
+    def factor(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the factors at some places; beyond the rim those of the rim.
+
+        Args:
+            xy: Places [m], shape [..., 2].
+
+        Returns:
+            Factors [-], shape [...].
+        """
+        last = np.array(self.factors.shape) - 1
+        index = np.floor((xy - self.origin) / CELL)
+        # A cable that has blown up has no place.
+        index = np.where(np.isfinite(index), index, 0.0)
+        index = np.clip(index, 0, last).astype(np.intp)
+        return self.factors[index[..., 0], index[..., 1]]
+
+
+def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
+    """Draw the face of a table.
+
+    The face belongs to the table, and moves and turns with it.
+
+    Args:
+        table: Unevenness of the table, and its seed.
+        workspace: Gives the table's size and place.
+    """
+    origin = np.array([-workspace.half_width, workspace.y_min])
+    size = np.array([2 * workspace.half_width, workspace.y_max - workspace.y_min])
+    quarter_turns = round(workspace.table_yaw_deg / 90.0) % 4
+    factors = _face(table, size[::-1] if quarter_turns % 2 else size)
+    # Turned to the right, which is against the sense of rot90.
+    return FrictionMap(origin=origin, factors=np.rot90(factors, -quarter_turns))
+
+
+def _face(table: HiddenTable, size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the factors of a table that is not turned, shape [x, y].
+
+    Args:
+        table: Unevenness of the table, and its seed.
+        size: Extent along x and y [m], shape [2].
+    """
+    rng = np.random.default_rng(table.seed)
+    origin = np.array([-float(size[0]) / 2, 0.0])
+    counts = [round(float(extent) / CELL) + 1 for extent in size]
+    x, y = (origin[axis] + (np.arange(counts[axis]) + 0.5) * CELL for axis in (0, 1))
+    worn = np.zeros((len(x), len(y)))
+    # A sum of waves in random directions is a smooth random field.
+    for _ in range(table.wave_count):
+        wave = rng.normal(size=2) / table.wear_length
+        phase = rng.uniform(0.0, 2 * np.pi)
+        worn += np.cos(wave[0] * x[:, None] + wave[1] * y + phase)
+    worn *= table.wear * np.sqrt(2.0 / table.wave_count)
+    column, from_x = _boards(x, origin[0] + table.first_seam[0], table.board_size[0])
+    row, from_y = _boards(y, table.first_seam[1], table.board_size[1])
+    boards = table.board * rng.normal(size=(column.max() + 1, row.max() + 1))
+    factors = np.exp(worn + boards[column[:, None], row])
+    seam = np.minimum(from_x[:, None], from_y) < table.seam_width / 2
+    factors[seam] *= 1.0 + table.seam
+    return factors
+
+
+def _boards(
+    places: NDArray[np.float64], first: float, size: float
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the index of the board at each place, and the distance to its nearest seam [m]."""
+    board = np.floor((places - first) / size)
+    within = (places - first) - board * size
+    return (board - board.min()).astype(np.intp), np.minimum(within, size - within)
+
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportGeneralTypeIssues=false
+
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_SLIP_SPEED = wp.constant(wp.float64(0.01))
+"""Sliding speed below which the correction of the friction fades out [m/s]: at rest MuJoCo's own
+contact holds the cable."""
+_TOUCH = wp.constant(wp.float64(0.001))
+"""Largest height above its lying place at which a vertex touches the table [m]."""
+_STEEP = wp.constant(wp.float64(0.3))
+"""Horizontal share of the direction below which the upper side is not well defined [-]: that of a
+cable steeper than about 70 deg."""
+_TINY = wp.constant(wp.float64(1e-12))
+
+
+@wp.struct
+class Properties:
+    """Properties that all vertices of all cables share.
+
+    Attributes:
+        radius: Radius of the cable [m].
+        friction: Mean Coulomb coefficient of the table [-].
+        grain: Half the relative difference of friction along and across the cable [-].
+        bend_stiffness: EI [N m^2].
+        yield_curvature: Curvature beyond which the cable yields [1/m].
+        yield_time: Time in which an excess of curvature decays [s].
+        map_origin: Corner of the friction map with the smallest x and y [m].
+        map_cell: Resolution of the map [m].
+    """
+
+    radius: wp.float64
+    friction: wp.float64
+    grain: wp.float64
+    bend_stiffness: wp.float64
+    yield_curvature: wp.float64
+    yield_time: wp.float64
+    map_origin: wp.vec2d
+    map_cell: wp.float64
+
+
+@wp.func
+def _dot(a: wp.vec3d, b: wp.vec3d):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@wp.func
+def _direction(behind: wp.vec3d, ahead: wp.vec3d):
+    edge = ahead - behind
+    return edge / wp.sqrt(_dot(edge, edge))
+
+
+@wp.func
+def _cell(place: wp.float64, origin: wp.float64, size: wp.float64, count: int):
+    """Return the index of a map's cell; beyond the rim that of the rim."""
+    index = wp.floor((place - origin) / size)
+    # A cable that has blown up has no place.
+    if not wp.isfinite(index):
+        return int(0)
+    return int(wp.clamp(index, wp.float64(0.0), wp.float64(count - 1)))
+
+
+@wp.func
+def _local_friction(place: wp.vec3d, factors: wp.array2d[wp.float64], cable: Properties):
+    """Return the mean Coulomb coefficient at a place of the table [-]."""
+    x = _cell(place[0], cable.map_origin[0], cable.map_cell, factors.shape[0])
+    y = _cell(place[1], cable.map_origin[1], cable.map_cell, factors.shape[1])
+    return cable.friction * factors[x, y]
+
+
+@wp.func
+def _air(velocity: wp.vec3d, ahead: wp.vec3d, direction: wp.vec3d, drag: wp.float64):
+    """Return half the drag of an edge, quadratic in its normal velocity [N]."""
+    v = (velocity + ahead) / wp.float64(2.0)
+    v = v - _dot(v, direction) * direction
+    return -(drag * wp.sqrt(_dot(v, v))) * v / wp.float64(2.0)
+
+
+@wp.func
+def _table(
+    place: wp.vec3d,
+    v: wp.vec3d,
+    direction: wp.vec3d,
+    rolling: wp.float64,
+    weight: wp.float64,
+    base: wp.float64,
+    local: wp.float64,
+    cable: Properties,
+):
+    """Return the difference between the friction of a place and direction and MuJoCo's [N].
+
+    With s the sliding velocity of the cable's underside, t along and n across the cable, the table
+    pulls with -weight (mu_along s_t t + mu_across s_n n) / |s|; MuJoCo does so with one
+    coefficient, and this is the difference.
+    """
+    one = wp.float64(1.0)
+    size = wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1] + _TINY)
+    x, y = direction[0] / size, direction[1] / size
+    slip_along = v[0] * x + v[1] * y
+    # Across is to the right of the cable; a positive roll carries its underside to the left.
+    slip_across = v[0] * y - v[1] * x
+    slip_across = slip_across - cable.radius * rolling
+    speed2 = slip_along * slip_along + slip_across * slip_across
+    pull = wp.float64(0.0)
+    if place[2] < cable.radius + _TOUCH and place[2] > wp.float64(0.0):
+        pull = weight
+    pull = pull / wp.sqrt(speed2 + _SLIP_SPEED * _SLIP_SPEED)
+    scale = base / cable.friction
+    along = -pull * (scale * local * (one - cable.grain) - base) * slip_along
+    across = -pull * (scale * local * (one + cable.grain) - base) * slip_across
+    return wp.vec3d(along * x + across * y, along * y - across * x, wp.float64(0.0))
+
+
+@wp.func
+def _moment(
+    behind: wp.vec3d,
+    ahead: wp.vec3d,
+    cos: wp.float64,
+    sin: wp.float64,
+    cell: wp.float64,
+    elapsed: wp.float64,
+    cable: Properties,
+    curl: wp.array3d[wp.float64],
+    world: int,
+    vertex: int,
+):
+    """Return the moment EI kappa_0 of the curl at a vertex [N m], after letting it creep.
+
+    The elastic moment is EI (kappa - kappa_0); MuJoCo applies EI kappa. As a material with a yield
+    stress and a viscosity, d kappa_0 / dt = (excess of |kappa - kappa_0|) / time.
+
+    Args:
+        behind: Direction of the edge before the vertex [-].
+        ahead: Direction of the edge after it [-].
+        cos: Cosine of the roll of the edge after it [-].
+        sin: Sine of that roll [-].
+        cell: Length that belongs to the vertex [m].
+        elapsed: Time in which the cable yields [s].
+        cable: Properties of the cable.
+        curl: Curvature at rest, sideways and upwards [1/m], shape [world, 2, vertex].
+        world: Index of the cable.
+        vertex: Index of the vertex among those between two edges.
+    """
+    one = wp.float64(1.0)
+    bent = wp.max(one + _dot(ahead, behind), wp.float64(0.1))
+    curvature = wp.cross(behind, ahead) * (wp.float64(2.0) / (bent * cell))
+    # The cable's upper and right-hand side, turned by its roll.
+    t = ahead + behind
+    t = t / wp.sqrt(_dot(t, t) + _TINY)
+    above = -t[2] * t
+    above = wp.vec3d(above[0], above[1], above[2] + one)
+    above = above / wp.max(wp.sqrt(_dot(above, above)), _STEEP)
+    right = wp.cross(t, above)
+    up = cos * above + sin * right
+    side = cos * right - sin * above
+    # A curl to the side turns the cable about its upward side, one upwards about the other.
+    sideways = _dot(curvature, up) - curl[world, 0, vertex]
+    upwards = _dot(curvature, side) - curl[world, 1, vertex]
+    size = wp.sqrt(sideways * sideways + upwards * upwards)
+    excess = wp.max(size - cable.yield_curvature, wp.float64(0.0))
+    share = wp.min(elapsed / cable.yield_time, one) * excess / wp.max(size, wp.float64(1e-9))
+    curl[world, 0, vertex] = curl[world, 0, vertex] + sideways * share
+    curl[world, 1, vertex] = curl[world, 1, vertex] + upwards * share
+    moment = curl[world, 0, vertex] * up + curl[world, 1, vertex] * side
+    return cable.bend_stiffness * moment
+
+
+@wp.kernel
+def sum_forces(
+    worlds: wp.array[wp.int32],
+    vertices: wp.array2d[wp.vec3d],
+    velocity: wp.array2d[wp.vec3d],
+    cos_roll: wp.array2d[wp.float64],
+    sin_roll: wp.array2d[wp.float64],
+    roll_rate: wp.array2d[wp.float64],
+    elapsed: wp.float64,
+    edge: wp.array[wp.float64],
+    weight: wp.array[wp.float64],
+    drag: wp.array[wp.float64],
+    damping: wp.array[wp.float64],
+    friction: wp.array[wp.float64],
+    factors: wp.array2d[wp.float64],
+    cable: Properties,
+    curl: wp.array3d[wp.float64],
+    force: wp.array2d[wp.vec3d],
+):
+    """Sum the forces on the vertices after the gripped two of each active cable.
+
+    Args:
+        worlds: Index of each active cable in the batch, shape [active].
+        vertices: Positions up to the endpoint [m], shape [active, vertex].
+        velocity: Velocities of the vertices [m/s], same shape.
+        cos_roll: Cosine of the roll of each edge but the gripped one [-], shape
+            [active, edge - 1].
+        sin_roll: Sine of that roll [-], same shape.
+        roll_rate: Rate of that roll [rad/s], same shape.
+        elapsed: Time since the last evaluation [s], in which the cable yields.
+        edge: Lengths of the edges [m], shape [edge].
+        weight: Weight of each free vertex [N], shape [vertex - 2].
+        drag: Drag of each edge per squared speed [N s^2/m^2], shape [edge].
+        damping: Linear damping of each free vertex [N s/m], shape [vertex - 2].
+        friction: Coulomb coefficient that MuJoCo applies [-], shape [world].
+        factors: Map of the friction [-], shape [x, y].
+        cable: Properties of the cable.
+        curl: Curvature at rest, sideways and upwards [1/m], shape [world, 2, vertex - 2].
+        force: Forces to fill [N], shape [active, vertex - 2].
+    """
+    row = wp.tid()
+    world = worlds[row]
+    count = force.shape[1]
+    ahead, half_ahead = wp.vec3d(), wp.vec3d()
+    moment_ahead, push_ahead = wp.vec3d(), wp.vec3d()
+    here = _direction(vertices[row, count], vertices[row, count + 1])
+    for back in range(count):
+        free = count - 1 - back
+        is_last = back == 0
+        place = vertices[row, free + 2]
+        v = velocity[row, free + 2]
+        behind = _direction(vertices[row, free], vertices[row, free + 1])
+        half = _air(velocity[row, free + 1], v, here, drag[free + 1])
+        total = half - damping[free] * v
+        along = here
+        rolling = roll_rate[row, free]
+        if not is_last:
+            total = total + half_ahead
+            along = here + ahead
+            rolling = (rolling + roll_rate[row, free + 1]) / wp.float64(2.0)
+        local = _local_friction(place, factors, cable)
+        total = total + _table(
+            place, v, along, rolling, weight[free], friction[world], local, cable
+        )
+        cell = (edge[free + 1] + edge[free]) / wp.float64(2.0)
+        cos, sin = cos_roll[row, free], sin_roll[row, free]
+        moment = _moment(behind, here, cos, sin, cell, elapsed, cable, curl, world, free)
+        # Each moment turns the edge behind its vertex, and the edge before it the other way.
+        torque = moment
+        if not is_last:
+            torque = moment - moment_ahead
+        push = wp.cross(torque, here) / edge[free + 1]
+        turned = push
+        if not is_last:
+            turned = push - push_ahead
+        force[row, free] = total + turned
+        half_ahead = half
+        moment_ahead = moment
+        push_ahead = push
+        ahead = here
+        here = behind
+
 
 AIR_DENSITY = 1.2
 

@@ -20,7 +20,7 @@ from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
 
 if TYPE_CHECKING:
-    from cablecast.rigs.virtual.camera_still import CameraStill
+    from cablecast.rigs.virtual.camera import CameraStill
 
 _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
@@ -124,7 +124,7 @@ class RigVirtual(RigLifecycle):
         if last is None or importlib.util.find_spec("cv2") is None:
             return None
         if self._picture is None or self._picture[0] is not last:
-            from cablecast.rigs.virtual.camera_still import CameraStill
+            from cablecast.rigs.virtual.camera import CameraStill
 
             if self._still is None:
                 self._still = CameraStill(self.setup, self.config.lab_seed)

@@ -1,14 +1,237 @@
-"""Differences from trial to trial: the state after the reset, the table, and the arm."""
+"""States in which the simulated reset leaves the cable, computed once, stored, and drawn per trial.
+
+A whole reset takes 14 s of simulated time, ten times as long as a cast. So it is played in advance
+by tools/make_reset_library.py, many times, each time after another cast, and what is kept is how
+the cable came to rest. A trial then starts from one of these states.
+
+Only the presets in the default laboratory have them, and only where the reset moves the gripper as
+it did when they were made: another table, or another height of the grip, may ask for another
+motion. Any other cable starts from a drawn bow (trials.py).
+
+Differences from trial to trial: the state after the reset, the table, and the arm.
+"""
 
 import dataclasses
+import functools
+import hashlib
+import importlib.resources
+import io
+import json
+import pathlib
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
-from cablecast.cable import Cable
+from cablecast.cable import CABLE_NAMES, Cable, load_cable
+from cablecast.errors import DatasetError, InputError
+from cablecast.files import read_bytes, write_bytes
+from cablecast.motion.polar import reset_path, reset_pose
+from cablecast.rigs.virtual._hidden import hidden_arm, hidden_cable, hidden_table
 from cablecast.rigs.virtual.config import TrialNoise
-from cablecast.rigs.virtual.reset_library import ResetLibrary
+from cablecast.setup import Setup
+
+FORMAT = "cablecast.reset_library"
+FORMAT_VERSION = 1
+
+ASIDE_MAX = 0.012
+"""Largest distance of an accepted reset's endpoint from straight ahead [m]: a camera sees a larger
+one, and the reset is done again."""
+AHEAD_MIN = 0.97
+"""Smallest distance ahead of an accepted reset's endpoint, as a share of the cable's length: a
+cable that lies nearer is folded."""
+
+_PATH_TOLERANCE = 1e-9
+"""Two reset motions are one if they differ by no more than rounding [m and rad]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ResetLibrary:
+    """States in which resets left one cable.
+
+    Attributes:
+        cable: Name of the cable.
+        arc_lengths: Distance of each node from the grip along the cable [m], shape [node].
+        positions: Nodes seen from the grip: x to its right, y ahead, z up [m], shape
+            [state, node, 3].
+        before_xy: Endpoint before each reset, in the base frame [m], shape [state, 2].
+        info: Settings that the states were computed with.
+    """
+
+    cable: str
+    arc_lengths: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    before_xy: NDArray[np.float64]
+    info: dict[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def endpoints(self) -> NDArray[np.float64]:
+        """Endpoints seen from the grip, x to the right and y ahead [m], shape [state, 2]."""
+        return self.positions[:, -1, :2]
+
+    def report(self) -> dict[str, float]:
+        """Return how straight, and how alike, the states are, in [% of cable length] and [deg]."""
+        length = float(self.arc_lengths[-1])
+        x, y = self.endpoints.T
+        heading = np.degrees(np.arctan2(x, y))
+        # The sideways distance of the cable from the straight line between its ends.
+        nodes = self.positions[..., :2]
+        chord = nodes[:, -1] / np.linalg.norm(nodes[:, -1], axis=1, keepdims=True)
+        aside = nodes[..., 0] * chord[:, None, 1] - nodes[..., 1] * chord[:, None, 0]
+        return {
+            "states": len(self),
+            "before_scatter_pct": float(np.sqrt(self.before_xy.var(axis=0).sum())) / length * 100,
+            "short_mean_pct": float(np.mean(length - np.hypot(x, y))) / length * 100,
+            "short_max_pct": float(np.max(length - np.hypot(x, y))) / length * 100,
+            "aside_mean_pct": float(np.mean(x)) / length * 100,
+            "aside_scatter_pct": float(np.std(x)) / length * 100,
+            "ahead_scatter_pct": float(np.std(y)) / length * 100,
+            "heading_scatter_deg": float(np.std(heading)),
+            "bow_mean_pct": float(np.mean(np.max(np.abs(aside), axis=1))) / length * 100,
+        }
+
+    def accepted(self) -> NDArray[np.intp]:
+        """Return the states that a trial may begin with: those straight ahead, or all without one.
+
+        Returns:
+            Indices, shape [accepted].
+        """
+        aside, ahead = self.endpoints.T
+        stretched = ahead >= AHEAD_MIN * self.arc_lengths[-1]
+        near = np.flatnonzero((np.abs(aside) <= ASIDE_MAX) & stretched)
+        return near if len(near) else np.arange(len(self))
+
+    def resample(self, index: int, arc_lengths: ArrayLike) -> NDArray[np.float64]:
+        """Return one state at other nodes.
+
+        Args:
+            index: Index of the state.
+            arc_lengths: Distance of each node from the grip along the cable [m], shape [vertex].
+                Beyond the endpoint the cable goes on straight and level, as an attachment lies.
+
+        Returns:
+            Nodes seen from the grip [m], shape [vertex, 3].
+        """
+        from scipy.interpolate import CubicSpline
+
+        arc_lengths = np.asarray(arc_lengths, dtype=float)
+        spline = CubicSpline(self.arc_lengths, self.positions[index])
+        end = self.arc_lengths[-1]
+        beyond = np.maximum(arc_lengths - end, 0.0)[:, None]
+        onwards = spline(end, 1) * [1.0, 1.0, 0.0]
+        onwards /= np.linalg.norm(onwards)
+        return spline(np.minimum(arc_lengths, end)) + beyond * onwards
+
+    def save(self, path: pathlib.Path) -> None:
+        """Write the library whole or not at all; nothing in it is pickled."""
+        meta = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "cable": self.cable,
+            "info": self.info,
+        }
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            allow_pickle=False,
+            meta=np.array(json.dumps(meta)),
+            arc_lengths=self.arc_lengths,
+            # Micrometres are more than anyone can tell.
+            positions=np.round(self.positions, 6).astype(np.float32),
+            before_xy=np.round(self.before_xy, 6),
+        )
+        write_bytes(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: pathlib.Path) -> "ResetLibrary":
+        """Return the library that `save` wrote.
+
+        Raises:
+            DatasetError: The file is missing, damaged, or of another kind.
+        """
+        import zipfile
+        import zlib
+
+        try:
+            with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as stored:
+                meta = json.loads(str(stored["meta"]))
+                arrays = {
+                    name: np.asarray(stored[name], dtype=float)
+                    for name in ("arc_lengths", "positions", "before_xy")
+                }
+            if (meta["format"], meta["format_version"]) != (FORMAT, FORMAT_VERSION):
+                raise InputError(f"its format is not that of version {FORMAT_VERSION}")
+            return cls(cable=meta["cable"], info=meta["info"], **arrays)
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+            raise DatasetError(f"no reset library at {path}: {error}") from None
+
+
+def library_path(cable_name: str) -> pathlib.Path:
+    """Return the place of a preset's library in the package."""
+    folder = importlib.resources.files("cablecast.rigs.virtual")
+    return pathlib.Path(str(folder)) / f"reset_{cable_name}.npz"
+
+
+def find_library(setup: Setup, lab_seed: int = 0) -> ResetLibrary | None:
+    """Return the library that holds for a set-up, where there is one.
+
+    Args:
+        setup: Gives the cable, and what the motion of the reset depends on. A user's own cable has
+            no library, nor has a preset whose geometry was changed.
+        lab_seed: Seed of the laboratory; only the default one has libraries.
+    """
+    cable = setup.cable
+    if lab_seed != 0 or cable.name not in CABLE_NAMES:
+        return None
+    preset = load_cable(cable.name)
+    names = ("length", "diameter", "attachment", "attachment_length")
+    if any(getattr(cable, name) != getattr(preset, name) for name in names):
+        return None
+    if not _moves_as_stored(preset, setup):
+        return None
+    return _packaged(cable.name)
+
+
+def _moves_as_stored(preset: Cable, setup: Setup) -> bool:
+    """Return whether the reset moves the gripper as in the paper's set-up.
+
+    Tuned parameters of the cable are left out: they change what is believed, not what is true.
+    """
+    stored, here = Setup(cable=preset), dataclasses.replace(setup, cable=preset)
+    try:
+        paths = [reset_path(reset_pose(s.workspace), s) for s in (stored, here)]
+    except InputError:
+        return False
+    shapes = [path.coefficients.shape for path in paths]
+    return shapes[0] == shapes[1] and all(
+        np.allclose(*values, rtol=0.0, atol=_PATH_TOLERANCE)
+        for values in (
+            [path.knots for path in paths],
+            [path.coefficients[..., 0] for path in paths],
+        )
+    )
+
+
+@functools.cache
+def _packaged(cable_name: str) -> ResetLibrary | None:
+    path = library_path(cable_name)
+    return ResetLibrary.load(path) if path.is_file() else None
+
+
+def hidden_digest(cable: Cable, lab_seed: int) -> str:
+    """Return a short name for all that is hidden about a cable, the arm and the table.
+
+    Args:
+        cable: Cable in the gripper.
+        lab_seed: Seed of the laboratory.
+    """
+    truth = (hidden_cable(cable, lab_seed), hidden_arm(lab_seed), hidden_table(lab_seed))
+    return hashlib.sha256(repr(truth).encode()).hexdigest()[:16]
+
 
 # Length of the ramp from the grip to the table in multiples of the grip's height.
 _RAMP_RATIO = 6.0

@@ -50,10 +50,9 @@ from cablecast.rigs.ur.twin.controller import (
     RtdeServer,
     Servers,
 )
-from cablecast.rigs.virtual.camera_config import CameraConfig
 from cablecast.rigs.virtual.camera_stream import CameraStream
-from cablecast.rigs.virtual.config import VirtualConfig
-from cablecast.rigs.virtual.live import LiveCable
+from cablecast.rigs.virtual.config import CameraConfig, VirtualConfig
+from cablecast.rigs.virtual.laboratory import LiveCable
 from cablecast.setup import Setup
 
 CAMERA_DT = 0.008
