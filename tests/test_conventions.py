@@ -1,8 +1,9 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cablecast.conventions import mirror_xy, polar_to_xy, side_of, tangent, xy_to_polar
+from cablecast.conventions import Ellipse, mirror_xy, polar_to_xy, side_of, tangent, xy_to_polar
 
 # A few operations on doubles of order one.
 EXACT = 1e-12
@@ -45,3 +46,14 @@ def test_the_cable_leaves_along_its_yaw_and_rises_with_its_pitch():
     np.testing.assert_allclose(tangent(np.pi / 2), [1.0, 0.0, 0.0], atol=EXACT)
     np.testing.assert_allclose(tangent(0.3, np.pi / 2), [0.0, 0.0, 1.0], atol=EXACT)
     np.testing.assert_allclose(np.linalg.norm(tangent(np.linspace(-3, 3, 9), 0.4), axis=-1), 1.0)
+
+
+def test_the_outline_of_an_ellipse_lies_at_its_distance_and_its_longer_axis_comes_first():
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    covariance = turn @ np.diag([0.04**2, 0.01**2]) @ turn.T
+    ellipse = Ellipse.of_covariance([0.2, 0.9], covariance, 4.0)
+    np.testing.assert_allclose(ellipse.semi_axes, [0.08, 0.02])
+    assert np.tan(ellipse.angle) == pytest.approx(0.8 / 0.6)
+    offset = ellipse.outline() - [0.2, 0.9]
+    np.testing.assert_allclose(np.sum(offset @ np.linalg.inv(covariance) * offset, axis=1), 4.0)
+    np.testing.assert_allclose(offset[0], offset[-1], atol=EXACT)

@@ -1,10 +1,11 @@
-"""Frames, polar coordinates, the mirror about the workspace axis, and gravity.
+"""Frames, polar coordinates, the mirror about the workspace axis, ellipses, and gravity.
 
 The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
 the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise
 seen from above), so x = r sin(theta) and y = r cos(theta). See docs/conventions.md.
 """
 
+import dataclasses
 import math
 
 import numpy as np
@@ -100,6 +101,45 @@ def tangent(yaw: ArrayLike, pitch: ArrayLike = 0.0) -> Array:
     yaw, pitch = np.broadcast_arrays(np.asarray(yaw, float), np.asarray(pitch, float))
     cos_pitch = np.cos(pitch)
     return np.stack([np.sin(yaw) * cos_pitch, np.cos(yaw) * cos_pitch, np.sin(pitch)], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ellipse:
+    """Ellipse in the plane of the table, a contour of a distribution of landings.
+
+    Attributes:
+        center_xy: Center [m], shape [2].
+        semi_axes: Longer and shorter semi-axis [m], shape [2].
+        angle: Direction of the longer axis from x towards y [rad].
+    """
+
+    center_xy: Array
+    semi_axes: Array
+    angle: float
+
+    @classmethod
+    def of_covariance(cls, center_xy: ArrayLike, covariance: ArrayLike, square: float) -> "Ellipse":
+        """Return the ellipse of points p with (p - center)' covariance^-1 (p - center) = square.
+
+        Args:
+            center_xy: Mean [m], shape [2].
+            covariance: Covariance [m²], shape [2, 2].
+            square: Squared distance in standard deviations [-]; -2 log(1 - share) holds a share of
+                a normal distribution.
+        """
+        variances, axes = np.linalg.eigh(np.asarray(covariance, dtype=float))
+        return cls(
+            center_xy=np.asarray(center_xy, dtype=float),
+            semi_axes=np.sqrt(square * np.maximum(variances[::-1], 0.0)),
+            angle=math.atan2(axes[1, 1], axes[0, 1]),
+        )
+
+    def outline(self, point_count: int = 73) -> Array:
+        """Return points on the ellipse, the last equal to the first [m], shape [point, 2]."""
+        turn = np.linspace(0.0, 2.0 * np.pi, point_count)
+        along, across = self.semi_axes[0] * np.cos(turn), self.semi_axes[1] * np.sin(turn)
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        return self.center_xy + np.stack([along * c - across * s, along * s + across * c], axis=-1)
 
 
 def finite_or_none(value: float) -> float | None:

@@ -9,6 +9,7 @@ from cablecast.evaluation.published import published_repeatability
 from cablecast.evaluation.repeatability import (
     ActionScatter,
     Repeatability,
+    confidence_ellipse,
     measure_repeatability,
     repeat_actions,
     save_actions,
@@ -84,6 +85,21 @@ def test_the_scatter_is_the_standard_deviation_about_the_mean_over_both_directio
     assert square.scatter_of_distances == pytest.approx(0.0, abs=1e-12)
     pair = scatter_of([[0.0, 1.0], [0.03, 1.04]])
     assert pair.scatter == pytest.approx(0.025)
+
+
+def test_the_ellipse_of_many_landings_holds_95_percent_of_them():
+    points = np.random.default_rng(0).normal(size=(100_000, 2)) @ [[0.03, 0.01], [0.0, 0.01]]
+    ellipse = confidence_ellipse(points)
+    c, s = math.cos(ellipse.angle), math.sin(ellipse.angle)
+    own = (points - ellipse.center_xy) @ np.array([[c, -s], [s, c]]) / ellipse.semi_axes
+    inside = np.linalg.norm(own, axis=1) < 1.0
+    # This share has a standard deviation of 0.0007.
+    assert inside.mean() == pytest.approx(0.95, abs=0.003)
+
+
+def test_two_landings_have_no_ellipse_and_nan_is_no_landing():
+    assert confidence_ellipse([[0, 1], [0, 1.1], [np.nan, np.nan]]) is None
+    assert confidence_ellipse([[0, 1], [0, 1.1], [0.1, 1.0]]) is not None
 
 
 def test_known_scatter_is_measured(measured):
