@@ -15,6 +15,7 @@ import time
 from benchmarks.common import Table
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.runs.progress import Progress
 from cablecast.setup import Setup
 
 
@@ -69,7 +70,7 @@ def timed(
     started = time.perf_counter() - began
     marks: list[float] = []
 
-    def mark(done: int, total: int) -> None:
+    def mark(progress: Progress) -> None:
         marks.append(time.perf_counter())
 
     try:

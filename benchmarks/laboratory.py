@@ -26,7 +26,6 @@ from cablecast.evaluation.repeatability import (
 )
 from cablecast.files import read_csv
 from cablecast.rigs.make import make_rig
-from cablecast.runs.progress import counter
 from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 from cablecast.tuning.tune import distance_summary, published_tuning
@@ -143,15 +142,14 @@ def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path
         seed=args.seed,
     )
     name = f"{published.v_max:g}{'-psi' if published.with_psi else ''}"
-    task = f"Repeating {len(actions)} actions, v_max {name}"
-    with make_rig("virtual", setup, args.seed) as rig, console_progress() as report:
+    with make_rig("virtual", setup, args.seed) as rig, console_progress() as progress:
         result = measure_repeatability(
             out / f"repeat-{name}",
             rig,
             setup,
             actions=actions,
             repeats=args.repeats,
-            progress=counter(report, task, "casts"),
+            progress=progress,
         )
     ratio = result.scatter_pct / published.scatter_pct
     growth = result.growth()
@@ -214,7 +212,7 @@ def untuned_row(cable_name: str, args: Args, out: pathlib.Path) -> tuple:
     setup = Setup(cable=cable_name)
     cable = setup.cable
     published = published_tuning(cable.name)
-    with make_rig("virtual", setup, args.seed) as rig, console_progress() as report:
+    with make_rig("virtual", setup, args.seed) as rig, console_progress() as progress:
         dataset = collect_dataset(
             out / f"untuned-{cable.name}",
             rig,
@@ -222,7 +220,7 @@ def untuned_row(cable_name: str, args: Args, out: pathlib.Path) -> tuple:
             purpose="tune",
             count=args.untuned_count,
             seed=args.seed,
-            progress=counter(report, f"Casting {cable.name}", "casts"),
+            progress=progress,
         )
     # As in the paper, the simulator is given the motion as it was commanded.
     tracks = MeasuredTracks.from_dataset(dataset, path_source="commanded")

@@ -166,7 +166,7 @@ def test_a_file_in_the_place_of_the_folder_is_left_alone(tmp_path):
 def test_a_second_writer_is_turned_away_while_the_first_is_at_work(tmp_path):
     refusals = []
 
-    def intrude(done, total):
+    def intrude(progress):
         with pytest.raises(DatasetError, match="another process is writing") as caught:
             simulate(tmp_path / "d")
         refusals.append(caught.value)
@@ -209,7 +209,7 @@ def test_a_dataset_that_is_being_mended_is_not_taken_for_a_whole_one(unbroken, t
     shutil.copytree(unbroken, tmp_path / "d")
     (tmp_path / "d/data/chunk-000/file-001.parquet").unlink()
 
-    def stop(done, total):
+    def stop(progress):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -220,7 +220,7 @@ def test_a_dataset_that_is_being_mended_is_not_taken_for_a_whole_one(unbroken, t
 
 def test_progress_counts_every_row_once(tmp_path):
     calls = []
-    simulate(tmp_path / "d", progress=lambda done, total: calls.append((done, total)))
+    simulate(tmp_path / "d", progress=lambda state: calls.append((state.done, state.total)))
     assert calls == [(min(k * SHARD_ROWS, COUNT), COUNT) for k in range(SHARD_COUNT + 1)]
 
 
@@ -253,8 +253,8 @@ def test_a_dataset_of_the_fast_engine_is_resumed_with_the_same_rows(tmp_path):
     def engine():
         return EngineWarp(segment_count=8, dt=1e-3)
 
-    def interrupt_after_the_second_shard(done, total):
-        if done == 20:
+    def interrupt_after_the_second_shard(progress):
+        if progress.done == 20:
             raise KeyboardInterrupt
 
     unbroken = simulate(tmp_path / "unbroken", engine=engine(), count=30, shard_rows=10)

@@ -105,7 +105,7 @@ def test_every_cast_begins_with_a_reset(evaluate, make_rig_stub):
 
 def test_progress_counts_up_to_all_casts(evaluate, make_rig_stub):
     seen = []
-    evaluate(make_rig_stub(TARGETS), progress=lambda done, total: seen.append((done, total)))
+    evaluate(make_rig_stub(TARGETS), progress=lambda state: seen.append((state.done, state.total)))
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 

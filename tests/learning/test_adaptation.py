@@ -216,7 +216,9 @@ def test_memorised_casts_do_not_lower_the_cross_validated_error(base, learn):
 def test_progress_is_told_with_the_number_of_all_fits(base, real):
     calls = []
     still = FineTuningConfig(epochs=1)
-    fine_tune(base, real, config=still, progress=lambda *numbers: calls.append(numbers))
+    fine_tune(
+        base, real, config=still, progress=lambda state: calls.append((state.done, state.total))
+    )
     assert calls == [(done, 6) for done in range(7)]
 
 

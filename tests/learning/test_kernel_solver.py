@@ -65,7 +65,7 @@ def test_progress_is_told_after_every_iteration_up_to_the_greatest_number(system
         targets,
         inducing_count=200,
         max_iterations=4,
-        progress=lambda *numbers: calls.append(numbers),
+        progress=lambda state: calls.append((state.done, state.total)),
     )
     assert calls == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert len(residuals) == 4

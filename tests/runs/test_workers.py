@@ -98,10 +98,10 @@ def test_a_cluster_that_loses_a_node_writes_the_same_files(tmp_path, monkeypatch
         ray.init(address=cluster.address, log_to_driver=False)
         killed, counts = threading.Event(), []
 
-        def count(done, total):
-            counts.append((done, total))
+        def count(progress):
+            counts.append((progress.done, progress.total))
             # After the first shard, with tasks under way on every node.
-            if done and not killed.is_set():
+            if progress.done and not killed.is_set():
                 killed.set()
                 cluster.remove_node(nodes[0], allow_graceful=False)
 

@@ -42,7 +42,7 @@ def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
     for stop in (1, 3, 5):
 
         def stopping(state, stop=stop):
-            if state.generation == stop:
+            if state.done == stop:
                 raise StoppedError
 
         with pytest.raises(StoppedError):
@@ -87,18 +87,19 @@ def test_tracks_that_cannot_validate_are_refused_before_the_search(cable, good, 
 
 def test_progress_tells_best_spread_and_time_left(cable, good, engine):
     states = []
-    tune(cable, good, engine, progress=states.append)
-    assert [state.generation for state in states] == list(range(1, 7))
-    assert [state.stage for state in states] == ["coarse"] * 3 + ["fine"] * 3
-    assert all(state.generation_count == 6 for state in states)
+    result = tune(cable, good, engine, progress=states.append)
+    assert [(state.done, state.total) for state in states] == [(k, 6) for k in range(1, 7)]
+    assert [stage for stage, *_ in result.history] == ["coarse"] * 3 + ["fine"] * 3
+    best, spread = (100 * value / cable.length for value in result.history[-1][1:])
+    assert states[-1].note == f"fine, best {best:.2f} %, spread {spread:.2f} %"
     left = [state.seconds_left for state in states]
     assert left[0] > 0.0
     assert left[-1] == 0.0
-    coarse = [state.best_pct for state in states[:3]]
+    coarse = [best for _, best, _ in result.history[:3]]
     assert coarse == sorted(coarse, reverse=True)
     training, _ = split_tracks(good)
     worlds = len(training) * (3 * 24 + 3 * 12)
-    assert states[-1].simulation_count == worlds
+    assert result.simulation_count == worlds
 
 
 def test_a_quarter_of_the_tracks_validates_by_default(tracks):
@@ -131,8 +132,7 @@ def test_settings_out_of_bounds_are_refused(change, words):
 
 
 def test_the_bound_on_the_search_counts_the_candidates_that_it_asks_for(cable, good, engine):
-    states = []
-    tune(cable, good, engine, progress=states.append)
+    result = tune(cable, good, engine)
     training, _ = split_tracks(good)
-    assert states[-1].simulation_count == SHORT.candidate_count * len(training)
+    assert result.simulation_count == SHORT.candidate_count * len(training)
     assert SHORT.candidate_count == 24 * 3 + 12 * 3 < CANDIDATE_MAX

@@ -43,7 +43,7 @@ from cablecast.rigs.checked import (
     attempt_trial,
     seek_trial,
 )
-from cablecast.runs.progress import CountCallback
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 
 Kind = typing.Literal["tune", "real", "repeat", "evaluate"]
@@ -88,13 +88,23 @@ class TrialPlan:
         """Number of trials."""
         return self.count * self.repeats
 
+    @property
+    def task(self) -> str:
+        """Name of the work in its progress."""
+        name = self.setup.cable.name
+        if self.kind == "repeat":
+            return (
+                f"Repeating {self.count} casts of {name}, v_max = {self.setup.motion.v_max:g} m/s"
+            )
+        return f"Casting {name} at targets" if self.kind == "evaluate" else f"Casting {name}"
+
 
 def record_trials(
     path: str | pathlib.Path,
     rig: Rig,
     plan: TrialPlan,
     settings: Mapping[str, Any],
-    progress: CountCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Dataset:
     """Make trials on a rig, or resume an earlier run of the same settings.
 
@@ -106,7 +116,7 @@ def record_trials(
         rig: Rig that makes the trials; its description is one of the settings.
         plan: Trials to make.
         settings: Further plain values that decide the trials.
-        progress: Callback for the number of trials done and the total, at the start and after each.
+        progress: Told the number of trials done, at the start and after each.
 
     Returns:
         The finished dataset.
@@ -136,8 +146,8 @@ def record_trials(
         if not writer.was_complete:
             _Recording(rig, writer, plan, progress).run()
             writer.finish()
-        elif progress is not None:
-            progress(plan.trial_count, plan.trial_count)
+        else:
+            progress(Progress(task=plan.task, note=DONE_NOTE))
     return read_dataset(path)
 
 
@@ -149,7 +159,7 @@ class _Recording:
         rig: CheckedRig,
         writer: DatasetWriter,
         plan: TrialPlan,
-        progress: CountCallback | None,
+        progress: ProgressCallback,
     ):
         self.rig = rig
         self.writer = writer
@@ -185,8 +195,8 @@ class _Recording:
                     ) from full
 
     def _report(self, done: int) -> None:
-        if self.progress is not None:
-            self.progress(done, self.writer.row_count)
+        total = self.writer.row_count
+        self.progress(Progress(task=self.plan.task, done=done, total=total, unit="casts"))
 
     def _make(self, batch: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
         """Make the trials of consecutive indices, and yield the row of each."""
@@ -347,7 +357,7 @@ def collect_dataset(
     seed: int = 0,
     ranges: ActionRanges | None = None,
     attempts: int = ATTEMPT_COUNT,
-    progress: CountCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Dataset:
     """Make casts on a rig, or resume an earlier collection of the same settings.
 
@@ -365,7 +375,7 @@ def collect_dataset(
         seed: Seed of the actions and of their order.
         ranges: Ranges of the actions; those that suit the set-up where None.
         attempts: Number of attempts at a cast before the collection stops.
-        progress: Callback for the number of casts done and the total, at the start and after each.
+        progress: Told the number of casts done, at the start and after each.
 
     Returns:
         The finished dataset.

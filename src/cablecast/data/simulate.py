@@ -26,7 +26,7 @@ from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid
-from cablecast.runs.progress import CountCallback
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
 
@@ -56,7 +56,7 @@ def simulate_dataset(
     ranges: ActionRanges | None = None,
     shard_rows: int | None = None,
     workers: str = LOCAL,
-    progress: CountCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Dataset:
     """Simulate a dataset, or resume an earlier run of the same settings.
 
@@ -72,8 +72,7 @@ def simulate_dataset(
         shard_rows: Rows of each shard; what takes the engine's device a few seconds where None.
         workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
             rows are equal to the bit on processors of one kind.
-        progress: Callback for the number of rows done and the total, at the start and after every
-            shard.
+        progress: Told the number of casts done, at the start and after every shard.
 
     Returns:
         The finished dataset.
@@ -102,12 +101,16 @@ def simulate_dataset(
     writer = DatasetWriter(
         pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
     )
+    task = f"Simulating {setup.cable.name}"
+
+    def report(done: int) -> None:
+        progress(Progress(task=task, done=done, total=count, unit="casts"))
+
     with writer:
         if not writer.was_complete:
             missing = writer.missing_shards()
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
-            if progress is not None:
-                progress(done, count)
+            report(done)
             tasks = [(shard, (actions[writer.rows_of(shard)], dynamics)) for shard in missing]
             function, shared = simulate_actions, (setup, engine)
             if made is not None:
@@ -116,11 +119,10 @@ def simulate_dataset(
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
                 done += len(rows)
-                if progress is not None:
-                    progress(done, count)
+                report(done)
             writer.finish()
-        elif progress is not None:
-            progress(count, count)
+        else:
+            progress(Progress(task=task, note=DONE_NOTE))
     return read_dataset(path)
 
 

@@ -43,7 +43,7 @@ from cablecast.motion.action import Action, mirror_to_right
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.checked import ATTEMPT_COUNT
-from cablecast.runs.progress import CountCallback
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 
 
@@ -290,7 +290,7 @@ def evaluate_policy(
     *,
     repeats: int = 1,
     attempts: int = ATTEMPT_COUNT,
-    progress: CountCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Evaluation:
     """Cast at every target and collect the results.
 
@@ -304,7 +304,7 @@ def evaluate_policy(
         targets: Targets of the endpoint [m], shape [target, 2].
         repeats: Number of casts at each target; five in the paper.
         attempts: Number of attempts at a cast before the evaluation stops.
-        progress: Called with the numbers of finished and of all casts, at the start and after each.
+        progress: Told the number of casts done, at the start and after each.
 
     Raises:
         TargetError: A target is not finite, out of reach, or off the table.

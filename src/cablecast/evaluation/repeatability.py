@@ -27,7 +27,7 @@ from cablecast.files import write_text
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, check_actions
 from cablecast.rigs.base import Rig
-from cablecast.runs.progress import CountCallback
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 
 CONFIDENCE = 0.95
@@ -343,7 +343,7 @@ def measure_repeatability(
     *,
     actions: ArrayLike,
     repeats: int = REPEAT_COUNT,
-    progress: CountCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Repeatability:
     """Cast each action several times, and measure the scatter of its landings.
 
@@ -356,7 +356,7 @@ def measure_repeatability(
         setup: Cable, workspace, arm and motion settings.
         actions: Actions to repeat, shape [action, 4].
         repeats: Number of casts of each action.
-        progress: Called with the numbers of finished and of all casts.
+        progress: Told the number of casts done, at the start and after each.
 
     Raises:
         InputError: Fewer than two repeats, or an action is not feasible.

@@ -35,13 +35,11 @@ from cablecast.learning.network import (
     untrained_model,
 )
 from cablecast.runs.folder import settings_differences
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import SECTIONS
 
 FOLD_COUNT = 5
 """Number of folds of the cross-validation."""
-
-Progress = Callable[[int, int], None]
-"""Called with the number of completed fits and the number of all fits."""
 
 Rows = NDArray[np.intp]
 Fit = TypeVar("Fit")
@@ -95,7 +93,7 @@ def cross_validate(
     count: int,
     fit: Callable[[Rows, Rows], Fit],
     seed: int,
-    progress: Progress | None = None,
+    progress: ProgressCallback = ignore,
 ) -> tuple[list[tuple[Rows, Fit]], Fit]:
     """Fit to all rows but one fold in turn, and then to all rows.
 
@@ -111,13 +109,11 @@ def cross_validate(
     """
     every = np.arange(count)
     jobs = [*folds(count, seed), (every, every)]
-    fits = []
+    fits, task = [], "Learning from real casts"
     for done, (rows, held_out) in enumerate(jobs):
-        if progress is not None:
-            progress(done, len(jobs))
+        progress(Progress(task=task, done=done, total=len(jobs), unit="fits"))
         fits.append(fit(rows, held_out))
-    if progress is not None:
-        progress(len(jobs), len(jobs))
+    progress(Progress(task=task, done=len(jobs), total=len(jobs), unit="fits"))
     parts = [(held_out, part) for (_, held_out), part in zip(jobs[:-1], fits[:-1], strict=True)]
     return parts, fits[-1]
 
@@ -235,7 +231,7 @@ REAL_ONLY = TrainingConfig(
 
 
 def correct_model(
-    model: ForwardModel, real: Dataset, *, seed: int = 0, progress: Progress | None = None
+    model: ForwardModel, real: Dataset, *, seed: int = 0, progress: ProgressCallback = ignore
 ) -> ForwardModel:
     """Fit a correction to real casts and add it to a model.
 
@@ -285,7 +281,7 @@ def fine_tune(
     config: FineTuningConfig | None = None,
     seed: int = 0,
     device: str = "cpu",
-    progress: Progress | None = None,
+    progress: ProgressCallback = ignore,
 ) -> ForwardModel:
     """Continue the training of a model on real casts.
 
@@ -343,7 +339,7 @@ def train_on_real(
     config: TrainingConfig | None = None,
     seed: int = 0,
     device: str = "cpu",
-    progress: Progress | None = None,
+    progress: ProgressCallback = ignore,
 ) -> ForwardModel:
     """Train a network on real casts alone, the paper's f_forw with D_real.
 
@@ -437,7 +433,7 @@ def _cross_validate_network(
     actions: NDArray[np.float64],
     fit: Callable[[Rows, Rows], tuple[Weights, Curve]],
     seed: int,
-    progress: Progress | None,
+    progress: ProgressCallback,
 ) -> tuple[ForwardModel, Curve, NDArray[np.float64]]:
     """Cross-validate a network, and train it on all casts.
 

@@ -15,7 +15,6 @@ from cablecast.errors import InputError
 from cablecast.files import library_versions
 from cablecast.learning.checkpoint import import_torch
 from cablecast.learning.kernel import (
-    Progress,
     matern,
     minimize,
     negative_log_likelihood,
@@ -31,6 +30,7 @@ from cablecast.learning.landing import (
     known_endpoint_rows,
     normalization,
 )
+from cablecast.runs.progress import ProgressCallback, ignore
 
 # Actions per block of predictions; a block against 36,000 casts takes 144 MB.
 _CHUNK_ROWS = 1000
@@ -161,7 +161,7 @@ def train_gaussian_process(
     *,
     config: GaussianProcessConfig | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: ProgressCallback = ignore,
 ) -> GaussianProcessModel:
     """Train the Gaussian process on a dataset.
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cablecast.errors import InputError
 from cablecast.learning.checkpoint import import_torch
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 
 # The square root has no slope at zero, so the squared distances on the diagonal are kept above it.
 _SQUARE_MIN = 1e-12
@@ -162,9 +163,6 @@ _MEAN_ROWS = 500
 # Added to the diagonal of the inducing kernel matrix, which is singular where casts coincide.
 _JITTER = 1e-6
 
-Progress = Callable[[int, int], None]
-"""Called with the number of completed steps and the maximum number of steps."""
-
 
 def solve_kernel_system(
     inputs: NDArray[np.float32],
@@ -174,7 +172,7 @@ def solve_kernel_system(
     *,
     tolerance: float,
     max_iterations: int,
-    progress: Progress | None = None,
+    progress: ProgressCallback = ignore,
     block_rows: int = BLOCK_ROWS,
 ) -> tuple[NDArray[np.float64], list[float]]:
     """Solve (K + noise_variance I) w = targets, where K is the kernel matrix of the inputs.
@@ -215,8 +213,8 @@ def solve_kernel_system(
         weights = weights + step * direction
         remainder = remainder - step * image
         residuals.append(float((torch.linalg.vector_norm(remainder, dim=0) / norm).max()))
-        if progress is not None:
-            progress(iteration, max_iterations)
+        unit = "steps at most"
+        progress(Progress(task="Solving", done=iteration, total=max_iterations, unit=unit))
         if not np.isfinite(residuals[-1]):
             raise InputError("the Gaussian process found no finite solution")
         if residuals[-1] <= tolerance:

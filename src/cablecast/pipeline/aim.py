@@ -86,7 +86,7 @@ def prepare_aim(
     seed: int = 0,
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> AimSession:
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
@@ -148,7 +148,7 @@ def prepare_aim(
 
 
 def _calibrated(
-    learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback | None
+    learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback
 ) -> Dataset | None:
     """Return casts to fit the simulator to; None where none are asked for. See `prepare_aim`."""
     from cablecast.engines.warp_.ahead import compile_ahead
@@ -159,7 +159,7 @@ def _calibrated(
         raise InputError("calibration_count is 1: a fit takes at least 2 casts; 0 begins without")
     if not count:
         return None
-    (progress or ignore)(Progress(task=f"1/4 {count} casts to fit the simulator to"))
+    progress(Progress(task=f"1/4 {count} casts to fit the simulator to"))
     # For the fit, whose materials a kernel of their own plays.
     compile_ahead(Features(remembers=True, surface=True))
     out = None if learning.folder is None else learning.folder / CALIBRATION_FOLDER
@@ -168,9 +168,7 @@ def _calibrated(
     )
 
 
-def _later(
-    learning: AimLearning, fit_all: bool, progress: ProgressCallback | None
-) -> Learned | None:
+def _later(learning: AimLearning, fit_all: bool, progress: ProgressCallback) -> Learned | None:
     """Return what a fit to all casts of a session taught; None for the one to its first casts.
 
     Args:
@@ -211,7 +209,7 @@ def aim(
     on_proposal: ProposalCallback | None = None,
     on_trial: TrialCallback | None = None,
     on_refit: RefitCallback | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 
@@ -243,14 +241,13 @@ def aim(
     targets = session.setup.workspace.check_targets(
         target_xy, r=r, theta_deg=theta_deg, cable_length=session.setup.cable.length
     )
-    report = progress or ignore
     for done, target in enumerate(targets):
         # Never between the tries at a target: a correction relies on the model of the last try.
         reason = "" if not refit or session.trials_at(target) else session.refit_reason
         if reason and on_refit is not None:
             on_refit(session, reason)
         elif reason:
-            report(Progress(task="A new fit to all casts", note=reason))
+            progress(Progress(task="A new fit to all casts", note=reason))
             session.refit(progress)
         while not session.is_done(target):
             proposal = session.propose(target)
@@ -259,7 +256,7 @@ def aim(
             trial = session.cast(rig, proposal)
             if on_trial is not None:
                 on_trial(proposal, trial)
-        report(Progress(task="Aiming", done=done + 1, total=len(targets), unit="targets"))
+        progress(Progress(task="Aiming", done=done + 1, total=len(targets), unit="targets"))
     return AimResult(
         session=session,
         target_xy=targets,

@@ -85,7 +85,7 @@ class AimLearning:
         self,
         casts: Dataset | None,
         tuned: Tuned | None = None,
-        progress: ProgressCallback | None = None,
+        progress: ProgressCallback = ignore,
     ) -> Learned:
         """Return the first model of a session.
 
@@ -103,7 +103,7 @@ class AimLearning:
         return Learned(policy=policy, tuned=tuned, fitted_count=0 if waits else None)
 
     def learned_anew(
-        self, casts: Dataset, count: int, progress: ProgressCallback | None = None
+        self, casts: Dataset, count: int, progress: ProgressCallback = ignore
     ) -> Learned:
         """Return the model of a later fit; one that was stopped goes on where it was.
 
@@ -117,7 +117,7 @@ class AimLearning:
         policy = self._policy(tuned, place, progress)
         return Learned(policy=policy, tuned=tuned, fitted_count=count)
 
-    def kept(self, count: int, progress: ProgressCallback | None = None) -> Learned:
+    def kept(self, count: int, progress: ProgressCallback = ignore) -> Learned:
         """Return the model of a later fit that is finished.
 
         Args:
@@ -130,7 +130,7 @@ class AimLearning:
         if self.folder is None:
             raise InputError("fits are kept in the folder of a session: it has none")
         place = fit_folder(self.folder, count)
-        (progress or ignore)(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
+        progress(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
         tuned = load_tuned(place / TUNE_FOLDER, self.setup)
         policy = self._policy(tuned, place, progress)
         return Learned(policy=policy, tuned=tuned, fitted_count=count)
@@ -139,10 +139,10 @@ class AimLearning:
         self,
         casts: Dataset,
         place: pathlib.Path | None,
-        progress: ProgressCallback | None,
+        progress: ProgressCallback,
         validation_count: int | None = None,
     ) -> Tuned:
-        (progress or ignore)(Progress(task=f"2/4 fit to {len(casts)} casts"))
+        progress(Progress(task=f"2/4 fit to {len(casts)} casts"))
         return tune(
             casts,
             validation_count=validation_count,
@@ -154,7 +154,7 @@ class AimLearning:
         self,
         tuned: Tuned | None,
         place: pathlib.Path | None,
-        progress: ProgressCallback | None,
+        progress: ProgressCallback,
     ) -> ForwardSearchPolicy:
         shared: dict[str, Any] = {"seed": self.seed, "progress": progress}
         search: dict[str, Any] = {
@@ -162,8 +162,7 @@ class AimLearning:
             "out": None if place is None else place / MODEL_FOLDER,
             **shared,
         }
-        report = progress or ignore
-        report(Progress(task="3/4 simulate"))
+        progress(Progress(task="3/4 simulate"))
         simulated = simulate_to_aim(
             self.setup,
             tuned,
@@ -172,5 +171,5 @@ class AimLearning:
             out=None if place is None else place / DATASET_FOLDER,
             **shared,
         )
-        report(Progress(task="4/4 train"))
+        progress(Progress(task="4/4 train"))
         return train(simulated, epochs=self.epochs, device=self.device, **search)

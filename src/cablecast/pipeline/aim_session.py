@@ -27,7 +27,7 @@ from cablecast.pipeline.aim_learning import AimLearning, Learned
 from cablecast.pipeline.aim_lessons import Lessons
 from cablecast.pipeline.aim_words import BLIND_NOTE, DRIFT_NOTE, change_text, reason_text
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
-from cablecast.runs.progress import ProgressCallback
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned
 
@@ -116,7 +116,7 @@ class AimSession:
         self.aimer = Aimer(policy, beliefs.scales, beliefs.size, beliefs.ensemble)
         self.relearn(self._left_out)
 
-    def refit(self, progress: ProgressCallback | None = None) -> None:
+    def refit(self, progress: ProgressCallback = ignore) -> None:
         """Fit the simulator to all casts, learn anew from it, and plan with it from now on.
 
         Takes as long as the first fit. A fit that was stopped goes on where it was when this is
@@ -130,7 +130,7 @@ class AimSession:
         """
         self.take_up(self.learn_anew(progress))
 
-    def learn_anew(self, progress: ProgressCallback | None = None) -> Learned:
+    def learn_anew(self, progress: ProgressCallback = ignore) -> Learned:
         """Return what `take_up` asks for, from a fit to all casts; the session stays as it is.
 
         Args:

@@ -194,7 +194,7 @@ def calibrate_lens_of(
     pictures: pathlib.Path | None = None,
     count: int = 15,
     write: bool = True,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> LensFit:
     """Find the lens of the camera from a board, and write it into the lab file.
 
@@ -221,7 +221,7 @@ def calibrate_lens_of(
         check_count("pictures of a board", count, 5, 200)
         # A lens of another size must not stop a new calibration.
         with LiveCamera(dataclasses.replace(settings, lens=None)) as camera:
-            images = gather_boards(camera, board, count, progress or ignore)
+            images = gather_boards(camera, board, count, progress)
     fit = calibrate_lens(images, board)
     size = (fit.lens.width, fit.lens.height)
     if size != (settings.width, settings.height):

@@ -20,7 +20,7 @@ from cablecast.pipeline.checks import check_collect
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import record_run
-from cablecast.runs.progress import ProgressCallback, resumed_counter
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.spread import spread_actions
@@ -40,7 +40,7 @@ def collect(
     psi: bool = True,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Dataset:
     """Make casts on a rig and record each one (paper, section V-C).
 
@@ -85,7 +85,7 @@ def collect(
             actions=given,
             seed=seed,
             ranges=ranges,
-            progress=resumed_counter(progress, f"Casting {setup.cable.name}", "casts"),
+            progress=progress,
         )
         if out is not None:
             record_run(

@@ -48,7 +48,7 @@ def demo(
     within_pct: float = WITHIN_PCT,
     seed: int = 0,
     device: str = "cpu",
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Evaluation:
     """Make a few casts, fit, simulate, train, aim at the paper's targets, and write a report.
 
@@ -70,7 +70,7 @@ def demo(
         The last cast at each target. `metrics["tries"]` has the errors after each try.
     """
     require("the demo", "torch", "safetensors", "matplotlib", "jinja2")
-    report, folder = progress or ignore, pathlib.Path(out)
+    folder = pathlib.Path(out)
     session = prepare_aim(
         rig,
         tuned=tuned,
@@ -96,12 +96,12 @@ def demo(
     }
     run = RunFolder.open(folder / EVALUATION_FOLDER, "demo", settings)
     with run.begun():
-        report(Progress(task=f"Aiming at {len(targets)} targets, up to {tries} tries each"))
+        progress(Progress(task=f"Aiming at {len(targets)} targets, up to {tries} tries each"))
         # Minutes are for one fit; a session of `aim` takes the time for another.
         result = aim(session, rig, targets, refit=False, progress=progress)
         if run.metrics is not None:
-            report(Progress(task="Report", note=DONE_NOTE))
+            progress(Progress(task="Report", note=DONE_NOTE))
             last = last_tries(aim_evaluation(result, rig))
             return dataclasses.replace(last, metrics=run.metrics)
-        report(Progress(task="Drawing the report"))
+        progress(Progress(task="Drawing the report"))
         return write_aim_report(result, rig, run)

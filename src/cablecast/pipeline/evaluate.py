@@ -22,7 +22,7 @@ from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.rigs import engine_rig
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder, settings_differences
-from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.workspace import load_targets
 
 TRIALS_FILE = "trials.csv"
@@ -39,7 +39,7 @@ def evaluate(
     repeats: int = 1,
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Evaluation:
     """Cast at targets and measure how far from them the cable lands (section VI).
 
@@ -62,7 +62,6 @@ def evaluate(
         RigError: A cast failed too often.
         MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
     """
-    report = progress or ignore
     if out is not None:
         require("the report", "matplotlib", "jinja2")
     check_rig_setup(rig, policy)
@@ -74,7 +73,6 @@ def evaluate(
         "repeats": repeats,
         "targets": np.asarray(target_xy, dtype=float).tolist(),
     }
-    task = f"Casting {policy.setup.cable.name} at targets"
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "evaluate", settings)
         stored = run.metrics
@@ -85,7 +83,7 @@ def evaluate(
                 rig,
                 target_xy,
                 repeats=repeats,
-                progress=resumed_counter(progress, task, "casts"),
+                progress=progress,
             )
             # Casts that were missing have just been made again: the old figures are not theirs.
             if stored is not None and stored.get("casts_fingerprint") == evaluation.fingerprint:
@@ -93,7 +91,7 @@ def evaluate(
             metrics = evaluation_metrics(evaluation)
             model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
             if out is not None:
-                report(Progress(task="Drawing the report"))
+                progress(Progress(task="Drawing the report"))
                 metrics["error_split"] = _split(evaluation, model, device)
                 _write_files(run, evaluation, policy, model)
                 run.finish(metrics)

@@ -13,7 +13,7 @@ from cablecast.data.lerobot import VIDEO_FILE, Episode, episodes_of, write_table
 from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.files import remove_leftovers, temporary_prefix
 from cablecast.pipeline.places import require
-from cablecast.runs.progress import ProgressCallback, counter
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.vision.video import Image, read_video, write_video
 
 ExportFormat = typing.Literal["lerobot"]
@@ -30,7 +30,7 @@ def export_dataset(
     format: ExportFormat = "lerobot",
     fps: int = 10,
     films: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> pathlib.Path:
     """Write the casts of a rig as a data set of another library.
 
@@ -90,16 +90,15 @@ def _join_films(
     file: pathlib.Path,
     episodes: list[Episode],
     fps: int,
-    progress: ProgressCallback | None,
+    progress: ProgressCallback,
 ) -> dict[str, Any]:
     """Write one film of all episodes, with one frame per frame of the data."""
-    report = counter(progress, "Joining films", "casts")
+    total = len(episodes)
     size: dict[str, Any] = {}
 
     def frames() -> Iterator[Image]:
         for done, episode in enumerate(episodes):
-            if report is not None:
-                report(done, len(episodes))
+            progress(Progress(task="Joining films", done=done, total=total, unit="casts"))
             path = films / FILM_NAME.format(number=episode.number)
             for frame in _film_frames(path, len(episode), fps):
                 height, width = frame.shape[:2]
@@ -113,8 +112,7 @@ def _join_films(
                 yield frame
 
     write_video(file, frames(), fps)
-    if report is not None:
-        report(len(episodes), len(episodes))
+    progress(Progress(task="Joining films", done=total, total=total, unit="casts"))
     return size
 
 

@@ -24,7 +24,7 @@ from cablecast.pipeline.checks import COMBINATIONS, check_repeat
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder, plain_settings
-from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
@@ -56,7 +56,7 @@ def repeat(
     actions: ArrayLike | None = None,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Repeated:
     """Repeat casts on a rig, and measure how far apart equal casts land (section VI-B).
 
@@ -77,7 +77,6 @@ def repeat(
         InputError: A value out of bounds, or a folder that holds something else.
         MissingExtraError: A picture is to be drawn, and matplotlib is missing.
     """
-    report = progress or ignore
     check_repeat(
         combinations=combinations,
         repeats=repeats,
@@ -110,20 +109,19 @@ def repeat(
         results = {}
         with run.begun():
             for name, (setup, made) in plans.items():
-                task = f"Repeating {len(made)} casts, v_max {name}"
                 results[name] = measure_repeatability(
                     run.path / name / "casts",
                     rig,
                     setup,
                     actions=made,
                     repeats=repeats,
-                    progress=resumed_counter(progress, task, "casts"),
+                    progress=progress,
                 )
                 if out is not None:
                     save_actions(results[name], run.path / name / ACTIONS_FILE)
             metrics = {"combinations": [result.to_dict() for result in results.values()]}
             if out is not None:
-                _finish(run, metrics, list(results.values()), rig, report)
+                _finish(run, metrics, list(results.values()), rig, progress)
     return Repeated(results=results, metrics=metrics)
 
 
@@ -132,7 +130,7 @@ def _finish(
     metrics: dict[str, Any],
     results: list[Repeatability],
     rig: CheckedRig,
-    report: ProgressCallback,
+    progress: ProgressCallback,
 ) -> None:
     """Draw the landings and store the metrics, unless an earlier run has done so."""
     if run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file():
@@ -140,7 +138,7 @@ def _finish(
     from cablecast.report.maps import repeatability_map
     from cablecast.report.style import png_bytes
 
-    report(Progress(task="Drawing the landings"))
+    progress(Progress(task="Drawing the landings"))
     figure = repeatability_map(results, rig.setup.workspace)
     write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
     run.finish(metrics)

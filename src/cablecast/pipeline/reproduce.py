@@ -46,7 +46,7 @@ def reproduce(
     seed: int = 0,
     device: str = "cpu",
     workers: str = LOCAL,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Reproduced:
     """Repeat every experiment of the paper, and write one report.
 
@@ -74,7 +74,7 @@ def reproduce(
     """
     require("the reproduction", "torch", "safetensors", "matplotlib", "jinja2", "shapely")
     check_workers(workers)
-    report, setup = progress or ignore, setup or Setup()
+    setup = setup or Setup()
     # Hours of casts must not end at a table that is too small for the third cable.
     setups = [dataclasses.replace(setup, cable=cable) for cable in budget.cables]
     check_way(setups, device)
@@ -96,12 +96,12 @@ def reproduce(
         seed=seed,
         device=device,
         workers=workers,
-        report=report,
+        progress=progress,
     )
     with run.begun(), connected(workers):
         stages = maker.stages()
-        log: StageLog = run_stages(stages, run.path, report)
-        report(Progress(task="Writing the report"))
+        log: StageLog = run_stages(stages, run.path, progress)
+        progress(Progress(task="Writing the report"))
         times = [(stage.title, log.seconds.get(stage.name, 0.0)) for stage in stages]
         metrics = _write_report(run, budget, times)
         run.finish(metrics)

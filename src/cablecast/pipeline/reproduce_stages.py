@@ -118,7 +118,7 @@ class StageMaker:
     seed: int
     device: str
     workers: str
-    report: ProgressCallback
+    progress: ProgressCallback
 
     def __post_init__(self):
         check_seed(self.seed)
@@ -190,7 +190,7 @@ class StageMaker:
                     psi=psi,
                     seed=self.seed,
                     out=self.out / cable / f"{purpose}-data",
-                    progress=self.report,
+                    progress=self.progress,
                 )
 
         title = f"{count} casts on the rig to {'tune' if is_tune else 'learn'} from"
@@ -211,7 +211,7 @@ class StageMaker:
                 device=self.device,
                 workers=self.workers,
                 out=self.out / cable / "tune",
-                progress=self.report,
+                progress=self.progress,
             )
 
         share = budget.coarse_generations / FULL.coarse_generations
@@ -231,7 +231,7 @@ class StageMaker:
                     action_count=budget.repeat_actions,
                     seed=self.seed,
                     out=self.out / cable / "repeat",
-                    progress=self.report,
+                    progress=self.progress,
                 )
 
         title = f"{count} casts on the rig to see how they repeat"
@@ -251,7 +251,7 @@ class StageMaker:
                 device=self.device,
                 workers=self.workers,
                 out=self.out / cable / "select",
-                progress=self.report,
+                progress=self.progress,
             )
 
         count = 9 * budget.grid**3 + 1.5 * budget.grid_psi**4
@@ -273,7 +273,7 @@ class StageMaker:
                 device=self.device,
                 workers=self.workers,
                 out=self.out / cable / "dataset",
-                progress=self.report,
+                progress=self.progress,
             )
 
         title = f"{count:,} simulated casts"
@@ -305,7 +305,7 @@ class StageMaker:
                 seed=self.seed,
                 device=self.device,
                 out=self.out / cable / f"model-{method}",
-                progress=self.report,
+                progress=self.progress,
             )
 
         share = self.budget.casts / FULL.casts
@@ -334,7 +334,7 @@ class StageMaker:
                     repeats=self.budget.repeats,
                     device=self.device,
                     out=self.out / cable / f"evaluate-{method}",
-                    progress=self.report,
+                    progress=self.progress,
                 )
 
         count = TARGET_COUNT * self.budget.repeats

@@ -60,7 +60,7 @@ def select(
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Selection:
     """Compare what grids of casts cover for several r0 and v_max, and choose (section V-E).
 
@@ -101,18 +101,17 @@ def select(
         "grid_psi": grid_psi,
         "device": device,
     }
-    report = progress or ignore
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "select", settings)
         metrics = run.metrics
         if metrics is None:
             with run.begun(), connected(workers):
-                survey = _Survey(setup, tuned, run, (grid, grid_psi), engine, report)
+                survey = _Survey(setup, tuned, run, (grid, grid_psi), engine, progress)
                 metrics = survey.choose(rows, scatter_max_pct, out is not None)
                 if out is not None:
                     run.finish(metrics)
         else:
-            report(Progress(task=f"Selecting for {setup.cable.name}", note=DONE_NOTE))
+            progress(Progress(task=f"Selecting for {setup.cable.name}", note=DONE_NOTE))
     choice = metrics["choice"]
     return Selection(
         setup=setup.with_motion(r0=choice["r0"], v_max=choice["v_max"]),
@@ -130,7 +129,7 @@ class _Survey:
     run: RunFolder
     grids: tuple[int, int]
     engine: Any
-    report: ProgressCallback
+    progress: ProgressCallback
 
     def choose(
         self, rows: list[dict[str, Any]], scatter_max_pct: float, draw: bool
@@ -172,7 +171,7 @@ class _Survey:
         note = f"r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi
 
         def measure() -> dict[str, Any]:
-            self.report(
+            self.progress(
                 Progress(
                     task=f"Coverage of {self.setup.cable.name}",
                     done=done,

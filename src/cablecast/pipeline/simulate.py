@@ -11,7 +11,7 @@ from cablecast.engines import make_engine
 from cablecast.motion.action import ActionRanges
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
-from cablecast.runs.progress import Progress, ProgressCallback, ignore, resumed_counter
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned
@@ -29,7 +29,7 @@ def simulate(
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Dataset:
     """Simulate casts and record where each one lands (D_sim of section V-F).
 
@@ -60,8 +60,7 @@ def simulate(
     check_workers(workers)
     tuned = Tuned.of(tuned, setup)
     engine = make_engine("warp", segment_count, dt, device)
-    task = f"Simulating {setup.cable.name}"
-    (progress or ignore)(Progress(task=f"Choosing {count} motions that the arm can make"))
+    progress(Progress(task=f"Choosing {count} motions that the arm can make"))
     with folder_or_temporary(out) as folder:
         dataset = simulate_dataset(
             folder,
@@ -72,7 +71,7 @@ def simulate(
             seed=seed,
             ranges=ActionRanges.for_setup(setup, psi),
             workers=workers,
-            progress=resumed_counter(progress, task, "casts"),
+            progress=progress,
         )
         if out is not None:
             record_run(

@@ -19,7 +19,7 @@ from cablecast.errors import DamagedFileError, InputError, check_number
 from cablecast.files import read_csv, write_bytes, write_text
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.runs.folder import METRICS_FILE, RunFolder
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.tags import load_cv2
@@ -106,7 +106,7 @@ def track_video(
     *,
     config: TrackConfig | None = None,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> VideoTrack:
     """Find the green marker in a video from above, and where the endpoint went (section V-C).
 
@@ -123,7 +123,7 @@ def track_video(
         MissingExtraError: OpenCV is not installed.
     """
     require("tracking", "cv2")
-    config, video, report = config or TrackConfig(), pathlib.Path(video), progress or ignore
+    config, video = config or TrackConfig(), pathlib.Path(video)
     if not video.is_file():
         raise InputError(f"there is no video {video}")
     if config.board is not None and not config.board.is_dir():
@@ -146,9 +146,9 @@ def track_video(
         run = RunFolder.open(folder, "track", settings)
         done = run.metrics
         if done is not None:
-            report(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
+            progress(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
             return VideoTrack(track=_read_track(run, done), metrics=done)
-        tracker, calibration, image = _track(video, setup, config, report)
+        tracker, calibration, image = _track(video, setup, config, progress)
         with run.begun():
             track, metrics = tracker.track(), _metrics(tracker, calibration)
             if out is not None:
@@ -173,9 +173,9 @@ def _digest(path: pathlib.Path | None) -> str | None:
 
 
 def _track(
-    video: pathlib.Path, setup: Setup, config: TrackConfig, report: ProgressCallback
+    video: pathlib.Path, setup: Setup, config: TrackConfig, progress: ProgressCallback
 ) -> tuple[EndpointTracker, Calibration, Any]:
-    calibration = _calibrate(video, setup, config, report)
+    calibration = _calibrate(video, setup, config, progress)
     info, frames = read_video(video)
     lens = calibration.view.lens
     if (info.width, info.height) != (lens.width, lens.height):
@@ -194,13 +194,13 @@ def _track(
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
-    count_frames = counter(report, f"Tracking {video.name}", "frames")
-    image = None
+    image, task = None, f"Tracking {video.name}"
     for count, (time, frame) in enumerate(frames, start=1):
         image = frame
         tracker.update(time - config.start, _grab(frame, config.color))
-        if count_frames is not None and count % 60 == 0:
-            count_frames(count, max(info.frame_count, count))
+        if count % 60 == 0:
+            total = max(info.frame_count, count)
+            progress(Progress(task=task, done=count, total=total, unit="frames"))
     return tracker, calibration, image
 
 
@@ -210,27 +210,27 @@ def _grab(frame: Any, color: MarkerColor) -> Any:
 
 
 def _calibrate(
-    video: pathlib.Path, setup: Setup, config: TrackConfig, report: ProgressCallback
+    video: pathlib.Path, setup: Setup, config: TrackConfig, progress: ProgressCallback
 ) -> Calibration:
     """Return the calibration that was given, or one from the tags in the video."""
     if config.calibration is not None:
         return Calibration.load(config.calibration)
     layout = default_layout(setup.workspace) if config.tags is None else TagLayout.load(config.tags)
-    report(Progress(task="Looking for tags in the video"))
+    progress(Progress(task="Looking for tags in the video"))
     _, frames = read_video(video)
     pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
-    lens = None if config.board is None else _lens_from_board(config.board, report)
+    lens = None if config.board is None else _lens_from_board(config.board, progress)
     view = math.radians(config.view_deg)
     return calibrate_view(pictures, layout, lens=lens, diagonal_view=view)
 
 
-def _lens_from_board(folder: pathlib.Path, report: ProgressCallback) -> Lens:
+def _lens_from_board(folder: pathlib.Path, progress: ProgressCallback) -> Lens:
     """Return the intrinsics from a folder of pictures of the default board."""
     images = read_pictures(folder)
     fit = calibrate_lens(images, Board())
     pattern = ", of the older pattern" if fit.board.legacy else ""
     task = f"Lens from {fit.picture_count} of {len(images)} pictures of a board{pattern}"
-    report(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
+    progress(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
     return fit.lens
 
 

@@ -27,7 +27,7 @@ from cablecast.learning.policy import CANDIDATE_COUNT, ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, counter, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 
 Mode = typing.Literal["sim", "real", "both"]
 Method = typing.Literal["correction", "fine-tuning", "network", "gaussian-process"]
@@ -55,7 +55,7 @@ def train(
     seed: int = 0,
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> ForwardSearchPolicy:
     """Train the model that predicts where a cast lands, and prepare the policy that searches it.
 
@@ -84,7 +84,6 @@ def train(
             out of bounds.
         MissingExtraError: torch or safetensors is missing.
     """
-    report = progress or ignore
     casts = _check_casts(simulated, real)
     method = _check_method(method, casts)
     check_count("candidate_count", candidate_count, high=ACTION_COUNT_MAX)
@@ -93,7 +92,7 @@ def train(
     check_device(device)
     if start is not None:
         _check_start(start, simulated)
-    job = _Training(casts, method, start, TrainingConfig(epochs=epochs), seed, device, report)
+    job = _Training(casts, method, start, TrainingConfig(epochs=epochs), seed, device, progress)
     setup = next(iter(casts.values())).setup
     settings = {
         **setup.to_settings(),
@@ -105,17 +104,17 @@ def train(
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "train", settings)
         if run.metrics is not None:
-            report(Progress(task=f"Training the model of {setup.cable.name}", note=DONE_NOTE))
+            progress(Progress(task=f"Training the model of {setup.cable.name}", note=DONE_NOTE))
             return ForwardSearchPolicy.load(folder)
         with run.begun():
             model = job.model()
-            report(Progress(task=f"Predicting {candidate_count} candidate motions"))
+            progress(Progress(task=f"Predicting {candidate_count} candidate motions"))
             policy = ForwardSearchPolicy.build(
                 model, candidate_count, seed, ranges=model.action_ranges
             )
             if out is not None:
                 policy.save(folder)
-                write_documents(model, policy.info, folder, report)
+                write_documents(model, policy.info, folder, progress)
                 run.finish({**model.metrics, "policy": policy.info})
         return policy
 
@@ -173,7 +172,7 @@ class _Training:
     config: TrainingConfig
     seed: int
     device: str
-    report: ProgressCallback
+    progress: ProgressCallback
 
     def settings(self) -> dict[str, Any]:
         """Return what decides the model, as plain values."""
@@ -194,19 +193,21 @@ class _Training:
 
     def model(self) -> LandingModel:
         """Return the trained model."""
-        seed, device = self.seed, self.device
-        learning = counter(self.report, "Learning from real casts", "fits")
+        seed, device, progress = self.seed, self.device, self.progress
         if "sim" not in self.casts:
-            return train_on_real(self.casts["real"], seed=seed, device=device, progress=learning)
+            return train_on_real(
+                self.casts["real"], seed=seed, device=device, progress=self.progress
+            )
         simulated = self.casts["sim"]
         if self.method == "gaussian-process":
-            solving = counter(self.report, "Solving", "steps at most")
-            return train_gaussian_process(simulated, seed=seed, progress=solving)
+            return train_gaussian_process(simulated, seed=seed, progress=progress)
         start = self.start or self._network(simulated)
         if self.method == "correction":
-            return correct_model(start, self.casts["real"], seed=seed, progress=learning)
+            return correct_model(start, self.casts["real"], seed=seed, progress=progress)
         if self.method == "fine-tuning":
-            return fine_tune(start, self.casts["real"], seed=seed, device=device, progress=learning)
+            return fine_tune(
+                start, self.casts["real"], seed=seed, device=device, progress=self.progress
+            )
         return start
 
     def _network(self, simulated: Dataset) -> ForwardModel:
@@ -214,7 +215,7 @@ class _Training:
 
         def on_epoch(row: dict[str, float]) -> None:
             done = int(row["epoch"])
-            self.report(Progress(task="Training", done=done, total=epochs, unit="epochs"))
+            self.progress(Progress(task="Training", done=done, total=epochs, unit="epochs"))
 
         return train_forward_model(
             simulated, config=self.config, seed=self.seed, device=self.device, on_epoch=on_epoch
@@ -225,7 +226,7 @@ def write_documents(
     model: LandingModel,
     policy_info: dict[str, Any],
     folder: pathlib.Path,
-    report: ProgressCallback = ignore,
+    progress: ProgressCallback = ignore,
 ) -> None:
     """Write the card of a model, and its learning curve where matplotlib is installed.
 
@@ -233,7 +234,7 @@ def write_documents(
         model: The model.
         policy_info: Description of its policy.
         folder: Run folder.
-        report: Told where there is no curve, and why.
+        progress: Told where there is no curve, and why.
     """
     from cablecast.errors import MissingExtraError
     from cablecast.learning.card import model_card
@@ -254,5 +255,5 @@ def write_documents(
             write_bytes(folder / CURVE_FILE, png_bytes(figure))
             card += f"\n![learning curve]({CURVE_FILE})\n"
         except MissingExtraError as error:
-            report(Progress(task="No learning curve", note=str(error)))
+            progress(Progress(task="No learning curve", note=str(error)))
     write_text(folder / CARD_FILE, card)

@@ -22,7 +22,6 @@ from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
 from cablecast.tuning.tune import (
     TuneConfig,
-    TuneProgress,
     fit_params,
     params_file,
     split_tracks,
@@ -55,7 +54,7 @@ def tune(
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Tuned:
     """Find the ten parameters with which the simulator follows measured casts (section V-D).
 
@@ -85,7 +84,6 @@ def tune(
         DatasetError: The casts hold no tracks.
         MissingExtraError: The results are to be kept, and matplotlib is missing.
     """
-    report = progress or ignore
     config = config or FitConfig()
     if casts.kind == "sim":
         raise InputError("tuning needs casts of a rig: these were simulated")
@@ -115,8 +113,8 @@ def tune(
         run = RunFolder.open(folder, "tune", settings)
         if run.metrics is None:
             with run.begun(), connected(workers):
-                return _search(run, casts, split, engines, config, report, out is not None)
-        report(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
+                return _search(run, casts, split, engines, config, progress, out is not None)
+        progress(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
         return dataclasses.replace(
             load_tuned(folder, casts.setup), metrics=run.metrics or {}, path=folder
         )
@@ -128,22 +126,17 @@ def _search(
     split: tuple[MeasuredTracks, MeasuredTracks | None],
     engines: tuple[Any, Any],
     config: FitConfig | TuneConfig,
-    report: ProgressCallback,
+    progress: ProgressCallback,
     keep: bool,
 ) -> Tuned:
     training, validation = split
     cable = casts.cable
     servo = None
     if has_measured_joints(casts) and can_identify_servo(casts):
-        report(Progress(task="Identifying the arm's servo"))
+        progress(Progress(task="Identifying the arm's servo"))
         servo = identify_servo(casts, len(training))
-    task = f"Tuning {cable.name}"
-
-    def on_step(state: TuneProgress) -> None:
-        report(_progress(task, state))
-
     if isinstance(config, FitConfig):
-        result = fit_params(cable, training, validation, *engines, config, progress=on_step)
+        result = fit_params(cable, training, validation, *engines, config, progress=progress)
     else:
         result = tune_params(
             cable,
@@ -152,7 +145,7 @@ def _search(
             *engines,
             config,
             checkpoint=run.parts(GENERATIONS_FOLDER) if keep else None,
-            progress=on_step,
+            progress=progress,
         )
     values = {
         "cable": cable.name,
@@ -174,7 +167,7 @@ def _search(
         ],
     }
     if keep:
-        report(Progress(task="Drawing the tracks"))
+        progress(Progress(task="Drawing the tracks"))
         write_bytes(
             run.path / TRACKS_FILE, _figure(casts, validation or training, engines[1], result)
         )
@@ -209,17 +202,6 @@ def _split(
         if validation_count == 0 or (validation_count is None and len(tracks) < HELD_OUT_FROM):
             return tracks, None
     return split_tracks(tracks, validation_count)
-
-
-def _progress(task: str, state: TuneProgress) -> Progress:
-    return Progress(
-        task=task,
-        done=state.generation,
-        total=state.generation_count,
-        unit="steps",
-        note=f"{state.stage}, best {state.best_pct:.2f} %, spread {state.spread_pct:.2f} %",
-        seconds_left=state.seconds_left,
-    )
 
 
 def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:

@@ -93,7 +93,7 @@ def verify(
     budget: VerifyBudget | None = None,
     rig: str = "virtual",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> Verification:
     """Cast, tune, simulate, train, correct and evaluate on small data, and compare.
 
@@ -122,7 +122,7 @@ def measure(
     *,
     rig: str = "virtual",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> dict[str, float]:
     """Return the figures of one small run [% of cable length].
 
@@ -132,7 +132,7 @@ def measure(
         out: Folder of the results; none where None.
         progress: Told how far each step is.
     """
-    report, setup, seed = progress or ignore, Setup(cable=budget.cable), budget.seed
+    setup, seed = Setup(cable=budget.cable), budget.seed
     with (
         folder_or_temporary(out) as folder,
         make_rig(rig, setup, seed) as executor,
@@ -171,7 +171,7 @@ def measure(
             progress=progress,
         )
         evaluation = evaluate(policy, executor, out=folder / EVALUATION_FOLDER, progress=progress)
-        report(Progress(task="Comparing"))
+        progress(Progress(task="Comparing"))
     return headline_figures(evaluation.summary.to_dict())
 
 

@@ -40,9 +40,6 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 """Callback that receives the progress of some work."""
 
-CountCallback = Callable[[int, int], None]
-"""Callback that receives the number of units done and the total."""
-
 DONE_NOTE = "already done, nothing changed"
 
 
@@ -51,43 +48,36 @@ def ignore(progress: Progress) -> None:
     del progress
 
 
-def counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallback | None:
-    """Return a callback of two numbers that reports the progress of a task.
+class Pace:
+    """Times of tasks, and the time that they still take at the rate of their reports."""
 
-    Args:
-        report: Callback for the progress; None for no callback.
-        task: Name of the work.
-        unit: Name of a unit.
-    """
-    if report is None:
-        return None
-    return lambda done, total: report(Progress(task=task, done=done, total=total, unit=unit))
+    def __init__(self):
+        # Time and units done at the first report, which a resumed run found done, and units done.
+        self._tasks: dict[str, tuple[float, int, int]] = {}
 
+    def starts(self, progress: Progress) -> bool:
+        """Take note of a report, and return whether its task starts with it.
 
-def resumed_counter(report: ProgressCallback | None, task: str, unit: str) -> CountCallback | None:
-    """Return a callback of two numbers for work that an earlier run may have done.
+        A task that has fewer units done than before has started again.
+        """
+        done = progress.done
+        start, first, last = self._tasks.get(progress.task, (0.0, 0, done + 1))
+        starts = done < last
+        if starts:
+            start, first = time.monotonic(), done
+        self._tasks[progress.task] = (start, first, done)
+        return starts
 
-    The work calls it first before its first unit. If nothing is left then, the callback says so.
+    def seconds(self, progress: Progress) -> float:
+        """Return the time since the start of a report's task [s]."""
+        return time.monotonic() - self._tasks[progress.task][0]
 
-    Args:
-        report: Callback for the progress; None for no callback.
-        task: Name of the work.
-        unit: Name of a unit.
-    """
-    count = counter(report, task, unit)
-    if report is None or count is None:
-        return None
-    calls = 0
-
-    def show(done: int, total: int) -> None:
-        nonlocal calls
-        calls += 1
-        if calls == 1 and done == total:
-            report(Progress(task=task, note=DONE_NOTE))
-        else:
-            count(done, total)
-
-    return show
+    def seconds_left(self, progress: Progress) -> float | None:
+        """Return the time that a report's task still takes [s]; None if unknown."""
+        _, first, done = self._tasks[progress.task]
+        if progress.seconds_left is not None or done <= first:
+            return progress.seconds_left
+        return self.seconds(progress) / (done - first) * (progress.total - done)
 
 
 def duration_text(seconds: float) -> str:

@@ -34,6 +34,7 @@ from cablecast.errors import (
 from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
 from cablecast.motion.servo import ServoModel
 from cablecast.runs.folder import Parts
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.ensemble import Ensemble, fit_ensemble
 from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit, run_fit
 from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, Checkpoint, SearchDE
@@ -151,29 +152,6 @@ class TuneConfig:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TuneProgress:
-    """State of a search after a generation.
-
-    Attributes:
-        stage: "coarse" or "fine".
-        generation: Number of generations done, of both stages.
-        generation_count: Number of generations of both stages.
-        best_pct: Loss of the best candidate so far in this stage [% of cable length].
-        spread_pct: Standard deviation of the losses of the population [% of cable length].
-        simulation_count: Number of rollouts so far.
-        seconds_left: Expected time left [s].
-    """
-
-    stage: str
-    generation: int
-    generation_count: int
-    best_pct: float
-    spread_pct: float
-    simulation_count: int
-    seconds_left: float
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TuneResult:
     """Result of tuning.
 
@@ -246,7 +224,7 @@ def tune_params(
     config: TuneConfig | None = None,
     *,
     checkpoint: Parts | None = None,
-    progress: Callable[[TuneProgress], None] | None = None,
+    progress: ProgressCallback = ignore,
 ) -> TuneResult:
     """Find the parameters whose simulated tracks are nearest to the measured ones.
 
@@ -268,7 +246,7 @@ def tune_params(
     config = config or TuneConfig()
     space = SearchSpace.for_cable(cable)
     search = SearchDE(space.to_unit(cable.params), config.population_size, config.seed)
-    run = _Run(config, space, cable.length, Checkpoint(checkpoint), progress)
+    run = _Run(config, space, cable, Checkpoint(checkpoint), progress)
     coarse = TrackObjective(coarse_engine, cable, training)
     fine = TrackObjective(engine, cable, training)
     # Created here so that unusable validation tracks are refused before the search, not after it.
@@ -307,6 +285,12 @@ def tune_params(
     )
 
 
+def _note(stage: str, best: float, spread: float, cable_length: float) -> str:
+    """Return the state of a search or fit in words."""
+    best_pct, spread_pct = 100 * best / cable_length, 100 * spread / cable_length
+    return f"{stage}, best {best_pct:.2f} %, spread {spread_pct:.2f} %"
+
+
 class _Run:
     """Count, time and store the simulations of a search."""
 
@@ -314,13 +298,13 @@ class _Run:
         self,
         config: TuneConfig,
         space: SearchSpace,
-        cable_length: float,
+        cable: Cable,
         checkpoint: Checkpoint,
-        progress: Callable[[TuneProgress], None] | None,
+        progress: ProgressCallback,
     ):
         self.config = config
         self.space = space
-        self.cable_length = cable_length
+        self.cable = cable
         self.checkpoint = checkpoint
         self.progress = progress
         self.simulation_count = 0
@@ -352,20 +336,19 @@ class _Run:
     def report(self, losses: NDArray[np.float64]) -> None:
         """Record a generation, and report it unless it came from the checkpoint."""
         self.history.append((self._stage, float(losses.min()), float(losses.std())))
-        if self.progress is None or not self._live:
+        if not self._live:
             return
         config, done = self.config, len(self.history)
         total = config.coarse_generations + 1 + config.fine_generations
         coarse_left = max(config.coarse_generations - done, 0) * config.population_size
         fine_left = (total - max(done, config.coarse_generations)) * config.fine_population_size
         self.progress(
-            TuneProgress(
-                stage=self._stage,
-                generation=done,
-                generation_count=total,
-                best_pct=100 * float(losses.min()) / self.cable_length,
-                spread_pct=100 * float(losses.std()) / self.cable_length,
-                simulation_count=self.simulation_count,
+            Progress(
+                task=f"Tuning {self.cable.name}",
+                done=done,
+                total=total,
+                unit="steps",
+                note=_note(*self.history[-1], self.cable.length),
                 seconds_left=coarse_left * self._rate(COARSE) + fine_left * self._rate(FINE),
             )
         )
@@ -651,7 +634,7 @@ def fit_params(
     engine: Engine,
     config: FitConfig | None = None,
     *,
-    progress: Callable[[TuneProgress], None] | None = None,
+    progress: ProgressCallback = ignore,
 ) -> TuneResult:
     """Find the parameters by Levenberg-Marquardt with a prior, and how surely they are known.
 
@@ -671,7 +654,7 @@ def fit_params(
     began = time.monotonic()
     fine = TrackObjective(engine, cable, training)
     coarse = TrackObjective(coarse_engine, cable, training)
-    report = _Report(cable.length, progress, began)
+    report = _Report(cable, progress, began)
     found, none = (MaterialSpace(cable, names) for names in (config.materials, ()))
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
     # it: what is usual of a real cable is wrong for it, and parameters make up for that.
@@ -830,12 +813,12 @@ class _Report:
 
     def __init__(
         self,
-        cable_length: float,
-        progress: Callable[[TuneProgress], None] | None,
+        cable: Cable,
+        progress: ProgressCallback,
         began: float,
     ):
         self.total = 0
-        self.cable_length = cable_length
+        self.cable = cable
         self.progress = progress
         self.began = began
         self.count = self.fine_count = 0
@@ -855,19 +838,17 @@ class _Report:
             if stage == FINE:
                 self.fine_count = fine_before + fit.simulation_count
             best, spread = float(state.best().losses[0]), float(state.losses.std())
-            self.history.append((stage, best * self.cable_length, spread * self.cable_length))
-            if self.progress is None:
-                return
+            length = self.cable.length
+            self.history.append((stage, best * length, spread * length))
             done = len(self.history)
             pace = (time.monotonic() - self.began) / done
             self.progress(
-                TuneProgress(
-                    stage=stage,
-                    generation=done,
-                    generation_count=self.total,
-                    best_pct=100.0 * best,
-                    spread_pct=100.0 * spread,
-                    simulation_count=self.count,
+                Progress(
+                    task=f"Tuning {self.cable.name}",
+                    done=done,
+                    total=self.total,
+                    unit="steps",
+                    note=_note(*self.history[-1], self.cable.length),
                     seconds_left=pace * (self.total - done),
                 )
             )

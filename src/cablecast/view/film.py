@@ -322,7 +322,7 @@ def write_film(
     setup: Setup,
     shots: Sequence[Shot],
     config: FilmConfig | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> None:
     """Write casts, one after another, as one file.
 
@@ -361,18 +361,18 @@ def film_frames(
     setup: Setup,
     shots: Sequence[Shot],
     config: FilmConfig,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> "Iterator[Image.Image]":
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height, dark=config.dark)
     times = [frame_times(shot, config) for shot in shots]
-    total, done, report = sum(map(len, times)), 0, progress or ignore
+    total, done = sum(map(len, times)), 0
     for number, shot in enumerate(shots):
         same = [one for one in shots[:number] if _same_target(one, shot)]
         for time in times[number]:
             yield painter.frame(shot, float(time), same)
             done += 1
-            report(Progress(task="Filming", done=done, total=total, unit="frames"))
+            progress(Progress(task="Filming", done=done, total=total, unit="frames"))
 
 
 def gif_bytes(frames: "Iterator[Image.Image]", config: FilmConfig) -> bytes:
@@ -426,7 +426,7 @@ def film_html(
     setup: Setup,
     shots: Sequence[Shot],
     config: FilmConfig,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = ignore,
 ) -> str:
     """Return casts as one HTML file that holds all that it needs: to turn, zoom and play.
 
@@ -447,7 +447,7 @@ def film_html(
         solid.show(shots[0].cast, 0.0)
         serializer = server.get_scene_serializer()
         times = [frame_times(shot, config) for shot in shots]
-        total, done, report = sum(map(len, times)), 0, progress or ignore
+        total, done = sum(map(len, times)), 0
         for shot, shot_times in zip(shots, times, strict=True):
             if shot.target_xy is not None:
                 marks.target(shot.target_xy)
@@ -458,7 +458,7 @@ def film_html(
                     ghost.show(shot.other, float(time))
                 serializer.insert_sleep(1.0 / config.frames_per_second)
                 done += 1
-                report(Progress(task="Filming", done=done, total=total, unit="frames"))
+                progress(Progress(task="Filming", done=done, total=total, unit="frames"))
         return serializer.as_html(dark_mode=config.dark)
     finally:
         stop_server(server)

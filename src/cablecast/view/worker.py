@@ -13,7 +13,6 @@ import queue
 import re
 import signal
 import threading
-import time
 from collections.abc import Callable
 
 from cablecast.data.dataset import read_dataset
@@ -25,7 +24,7 @@ from cablecast.pipeline.tune import tune
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.places import CASTS_FOLDERS, DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
-from cablecast.runs.progress import Progress, ProgressCallback
+from cablecast.runs.progress import Pace, Progress, ProgressCallback
 from cablecast.tuning.tune import PARAMS_FILE
 from cablecast.tuning.tuned import load_tuned
 
@@ -76,7 +75,7 @@ class Worker:
         self._queue: queue.SimpleQueue[Work] = queue.SimpleQueue()
         self._stops = 0
         self._ended = False
-        self._begun = (0.0, 0)
+        self._pace = Pace()
 
     @property
     def busy(self) -> bool:
@@ -97,6 +96,7 @@ class Worker:
             if self.state.name:
                 raise InputError(f"the table is busy: {self.state.name} is under way")
             self.state = WorkState(name=name)
+            self._pace = Pace()
         self._queue.put(work)
         self.notify()
 
@@ -161,15 +161,8 @@ class Worker:
         self.notify()
 
     def _report(self, progress: Progress) -> None:
-        now = time.monotonic()
-        before = self.state.progress
-        if before is None or before.task != progress.task:
-            self._begun = (now, progress.done)
-        begun, first_done = self._begun
-        left = progress.seconds_left
-        if left is None and progress.total and progress.done > first_done:
-            rate = (now - begun) / (progress.done - first_done)
-            left = rate * (progress.total - progress.done)
+        self._pace.starts(progress)
+        left = self._pace.seconds_left(progress)
         named = _STEP.match(progress.task)
         step = int(named[1]) if named else self.state.step
         self.state = dataclasses.replace(
