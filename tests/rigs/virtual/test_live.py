@@ -7,7 +7,8 @@ pytest.importorskip("mujoco")
 
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.laboratory import LiveArm, LiveCable
+from cablecast.rigs.virtual.arm import LiveArm
+from cablecast.rigs.virtual.laboratory import LiveCable
 
 CONFIG = VirtualConfig(segment_count=12, sensing="exact", thread_count=1)
 DT, REST_TIME = 0.008, 2.5
@@ -27,7 +28,7 @@ def advance(arm, cable, count, is_reset=False):
     for _ in range(count):
         at_rest = bool(np.abs(arm.qd).max() < 0.01)
         poses = arm.advance(round(DT / arm.dt))
-        laid = cable.update(poses, arm.dt, at_rest, is_reset) or laid
+        laid = cable.update(poses, at_rest, is_reset) or laid
     return laid
 
 

@@ -7,24 +7,39 @@ Each joint is the textbook servo, a second-order system behind a dead time,
 whose acceleration cannot exceed what the motor's torque at its present speed gives the arm at its
 present stretch. A motion that stays far from that limit is followed alike in every trial; one close
 to it is cut by an amount that changes with the motor's temperature.
+
+`move_arm` follows whole motions, `LiveArm` one set point after another. Only the former knows the
+commanded rates and can delay each set point by itself; the servos are the same.
 """
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import JOINT_COUNT, ArmUR
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Trajectory
-from cablecast.rigs.virtual._hidden import HiddenArm
+from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm
 from cablecast.rigs.virtual.trials import Trial
+from cablecast.setup import Setup
+
+Array = NDArray[np.float64]
 
 REPORT_DT = 1 / 125
 """Time between reports of the joints, the control cycle of the arm [s]."""
+REST_SPEED = 0.01
+"""Joint speed below which the arm rests [rad/s]."""
 _SETTLE_TIME = 0.4
 """Time from the end of the command to the last report [s]."""
+_HISTORY_TIME = 0.1
+"""Time for which set points are kept: longer than any dead time [s]."""
+_STILL_ERROR, _STILL_SPEED = 1e-7, 1e-6
+"""Distance from its set point [rad], and speed [rad/s], below which a joint is put to rest."""
+_JOINTS = tuple(range(JOINT_COUNT))
+_CARRIERS = (0, 0, 0, 5, 5)
+"""A gripper without joints is carried by the base joint and turned by the last wrist joint."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -36,7 +51,7 @@ class ArmMotion:
         joint_path: Joints as the arm reported them; None for a motion without joints.
     """
 
-    poses: NDArray[np.float64]
+    poses: Array
     joint_path: JointPath | None
 
 
@@ -57,47 +72,37 @@ def move_arm(
         arm: Geometry of the arm.
         servos: True servos of its joints.
         dt: Step [s].
-        step_count: Number of steps from the beginning of the motion.
+        step_count: Number of steps from the start of the motion.
     """
-    motions: list[ArmMotion | None] = [None] * len(trajectories)
+    motions: dict[int, ArmMotion] = {}
     for jointed in (True, False):
         rows = [i for i, t in enumerate(trajectories) if (t.joint_path is not None) is jointed]
         if not rows:
             continue
         commands = [_command(trajectories[i], trials[i], servos, dt, step_count) for i in rows]
+        set_points, set_rates = (np.stack(values) for values in zip(*commands, strict=True))
+        joints = _JOINTS if jointed else _CARRIERS
         followed = _follow(
-            np.stack([command[0] for command in commands]),
-            np.stack([command[1] for command in commands]),
-            _channels(servos, jointed),
             servos,
+            joints,
+            np.stack([trials[i].servo_factor(len(joints)) for i in rows]),
+            np.stack([set_points[:, 0], np.zeros_like(set_points[:, 0])]),
+            (set_points[:, 1:], set_rates[:, 1:]),
             _strength(trajectories, trials, rows, servos, dt, step_count) if jointed else None,
-            np.stack([trials[i].servo_factor(_channel_count(jointed)) for i in rows]),
             dt,
         )
-        for row, (q, qd) in zip(rows, zip(*followed, strict=True), strict=True):
+        for row, q, qd in zip(rows, *followed, strict=True):
             if jointed:
                 report = _report(q, qd, trajectories[row], trials[row], dt)
                 motions[row] = ArmMotion(poses=arm.grip_pose(q), joint_path=report)
             else:
                 motions[row] = ArmMotion(poses=q, joint_path=None)
-    return [motion for motion in motions if motion is not None]
-
-
-def _channel_count(jointed: bool) -> int:
-    return JOINT_COUNT if jointed else len(CHANNELS)
-
-
-def _channels(servos: HiddenArm, jointed: bool) -> NDArray[np.float64]:
-    """Return angular frequency [rad/s] and damping ratio of each channel, shape [2, channel]."""
-    # A gripper without joints is carried by the base joint and turned by the last wrist joint.
-    pick = list(range(JOINT_COUNT)) if jointed else [0, 0, 0, 5, 5]
-    frequency = 2 * np.pi * np.array(servos.frequency)[pick]
-    return np.stack([frequency, np.array(servos.damping_ratio)[pick]])
+    return [motions[row] for row in range(len(trajectories))]
 
 
 def _command(
     trajectory: Trajectory, trial: Trial, servos: HiddenArm, dt: float, step_count: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return set points and rates as they reach each servo, each of shape [step + 1, channel]."""
     now = np.arange(step_count + 1) * dt
     path = trajectory.joint_path
@@ -117,7 +122,7 @@ def _command(
         sent = np.interp(now - delay, arrival, times)
         set_points[:, channel] = np.interp(sent, times, values[:, channel])
         set_rates[:, channel] = np.interp(sent, times, rates[:, channel])
-        # Before the first set point the arm is told to stand.
+        # Before the first set point the arm stands.
         set_rates[(sent <= times[0]) | (sent >= times[-1]), channel] = 0.0
     return set_points, set_rates
 
@@ -129,7 +134,7 @@ def _strength(
     servos: HiddenArm,
     dt: float,
     step_count: int,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the acceleration that the standing base joint can give [rad/s²], [row, step]."""
     now = np.arange(step_count) * dt
     strength = np.empty((len(rows), step_count))
@@ -141,63 +146,154 @@ def _strength(
 
 
 def _follow(
-    set_points: NDArray[np.float64],
-    set_rates: NDArray[np.float64],
-    channels: NDArray[np.float64],
     servos: HiddenArm,
-    strength: NDArray[np.float64] | None,
-    factor: NDArray[np.float64],
+    joints: Sequence[int],
+    factor: Array,
+    start: Array,
+    command: tuple[Array, Array],
+    strength: Array | None,
     dt: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return angles and rates of the servos from rest, each of shape [row, step + 1, channel].
+) -> Array:
+    """Return angles and rates of servos that follow set points.
 
     Only sums and products of single elements: a row's result does not depend on its neighbours.
+
+    Args:
+        servos: True servos.
+        joints: Joint whose servo each channel has.
+        factor: Factor of the servos' frequencies [-], shape [row, channel].
+        start: Angles [rad] and rates [rad/s] at the start, shape [2, row, channel].
+        command: Set points [rad] and their rates [rad/s] in each step, shape [row, step, channel].
+        strength: Acceleration that the first joint can give while it stands [rad/s²], shape
+            [row, step]; None for servos without limits.
+        dt: Step [s].
+
+    Returns:
+        Angles and rates at the start and after each step, shape [2, row, step + 1, channel].
     """
-    omega = channels[0] * factor
-    stiffness, drag = omega * omega, 2 * channels[1] * omega
-    q = np.empty_like(set_points)
-    qd = np.zeros_like(set_points)
-    q[:, 0] = set_points[:, 0]
-    here, rate = q[:, 0].copy(), qd[:, 0].copy()
-    for step in range(set_points.shape[1] - 1):
-        error = set_points[:, step + 1] - here
-        share = servos.feedforward * set_rates[:, step + 1]
-        acceleration = stiffness * error + drag * (share - rate)
+    pick = list(joints)
+    omega = 2 * np.pi * np.array(servos.frequency)[pick] * factor
+    stiffness, drag = omega * omega, 2 * np.array(servos.damping_ratio)[pick] * omega
+    set_points, set_rates = command
+    step_count = set_points.shape[1]
+    path = np.empty((*start.shape[:2], step_count + 1, start.shape[2]))
+    path[:, :, 0] = start
+    q, qd = start
+    for step in range(step_count):
+        share = servos.feedforward * set_rates[:, step]
+        acceleration = stiffness * (set_points[:, step] - q) + drag * (share - qd)
         if strength is not None:
-            acceleration[:, 0] = within_torque(
-                acceleration[:, 0], rate[:, 0], strength[:, step], servos.free_speed
-            )
-        rate = rate + dt * acceleration
-        here = here + dt * rate
-        q[:, step + 1], qd[:, step + 1] = here, rate
-    return q, qd
+            # The motor gives less the faster it runs, but not in braking.
+            limit = strength[:, step]
+            rate = qd[:, 0]
+            left = limit * np.maximum(1.0 - np.abs(rate) / servos.free_speed, 0.0)
+            ahead, back = np.where(rate > 0, left, limit), np.where(rate < 0, left, limit)
+            acceleration[:, 0] = np.clip(acceleration[:, 0], -back, ahead)
+        qd = qd + dt * acceleration
+        q = q + dt * qd
+        path[0, :, step + 1], path[1, :, step + 1] = q, qd
+    return path
 
 
-def within_torque(
-    acceleration: NDArray[np.float64],
-    rate: NDArray[np.float64],
-    strength: NDArray[np.float64],
-    free_speed: float,
-) -> NDArray[np.float64]:
-    """Limit accelerations to what a motor gives: less the faster it runs, but not in braking."""
-    left = strength * np.maximum(1.0 - np.abs(rate) / free_speed, 0.0)
-    ahead = np.where(rate > 0, left, strength)
-    back = np.where(rate < 0, left, strength)
-    return np.clip(acceleration, -back, ahead)
-
-
-def _report(
-    q: NDArray[np.float64],
-    qd: NDArray[np.float64],
-    trajectory: Trajectory,
-    trial: Trial,
-    dt: float,
-) -> JointPath:
+def _report(q: Array, qd: Array, trajectory: Trajectory, trial: Trial, dt: float) -> JointPath:
     """Return the joints as the arm reports them, by its own clock and with noisy encoders."""
     last = min(trajectory.duration + _SETTLE_TIME, (len(q) - 1) * dt)
     times = REPORT_DT * np.arange(int(last / REPORT_DT) + 1, dtype=np.float64)
     now = np.arange(len(q)) * dt
+    read, rates = (
+        np.stack([np.interp(times, now, values[:, joint]) for joint in _JOINTS], axis=1)
+        for values in (q, qd)
+    )
     noise = trial.encoder_errors(len(times))
-    read = np.stack([np.interp(times, now, q[:, joint]) for joint in range(JOINT_COUNT)], axis=1)
-    rates = np.stack([np.interp(times, now, qd[:, joint]) for joint in range(JOINT_COUNT)], axis=1)
     return JointPath(times=times, q=read + noise[0], qd=rates + noise[1])
+
+
+class LiveArm:
+    """Joints that follow one set point after another.
+
+    Args:
+        setup: Gives the arm.
+        q: Joint angles at rest [rad], shape [6].
+        dt: Step of the servos [s].
+        lab_seed: Seed of the laboratory.
+    """
+
+    def __init__(self, setup: Setup, q: ArrayLike, dt: float = 1e-3, lab_seed: int = 0):
+        self.arm = setup.arm
+        self.dt = dt
+        self._servos: HiddenArm = hidden_arm(lab_seed)
+        self.q = np.array(q, dtype=float)
+        self.qd = np.zeros(JOINT_COUNT)
+        self.time = 0.0
+        self._factor = np.ones(JOINT_COUNT)
+        self._torque_factor = 1.0
+        self._times = [-1.0, 0.0]
+        self._set_points = [self.q.copy(), self.q.copy()]
+
+    def prepare(self, trial: Trial) -> None:
+        """Let the servos respond as in a trial."""
+        self._factor = trial.servo_factor(JOINT_COUNT)
+        self._torque_factor = trial.torque_factor
+
+    def command(self, q: ArrayLike) -> None:
+        """Give a set point that holds from now on [rad], shape [6]."""
+        q = np.array(q, dtype=float)
+        last, before = self._set_points[-1], self._set_points[-2]
+        if np.array_equal(q, last) and np.array_equal(last, before):
+            # It holds on; the next one is a step from here.
+            self._times[-1] = self.time
+            return
+        self._times.append(self.time)
+        self._set_points.append(q)
+        while len(self._times) > 3 and self._times[1] < self.time - _HISTORY_TIME:
+            del self._times[0], self._set_points[0]
+
+    def freeze(self) -> None:
+        """Put on the brakes: the joints stop at once and stay."""
+        self.qd[:] = 0.0
+        self._times = [self.time - 1.0, self.time]
+        self._set_points = [self.q.copy(), self.q.copy()]
+
+    def advance(self, step_count: int) -> Array:
+        """Move on, and return the poses of the grip at each step.
+
+        Args:
+            step_count: Number of steps.
+
+        Returns:
+            x, y, z [m], yaw, pitch [rad], shape [step, 5].
+        """
+        if self._is_still():
+            self.time += step_count * self.dt
+            return np.repeat(self.arm.grip_pose(self.q)[None], step_count, axis=0)
+        servos = self._servos
+        times, points = np.array(self._times), np.stack(self._set_points)
+        now = self.time + self.dt * np.arange(1, step_count + 1)
+        set_points = np.empty((1, step_count, JOINT_COUNT))
+        set_rates = np.empty_like(set_points)
+        for joint, delay in enumerate(servos.delay):
+            late = now - delay
+            set_points[0, :, joint] = np.interp(late, times, points[:, joint])
+            segment = np.clip(np.searchsorted(times, late, "right"), 1, len(times) - 1)
+            rise = points[segment, joint] - points[segment - 1, joint]
+            set_rates[0, :, joint] = rise / np.maximum(times[segment] - times[segment - 1], 1e-4)
+            set_rates[0, late >= times[-1], joint] = 0.0
+        x, y = self.arm.grip_pose(points[-1])[:2]
+        inertia = servos.inertia + servos.stretch_mass * (x * x + y * y)
+        strength = np.full((1, step_count), servos.torque * self._torque_factor / inertia)
+        start, command = np.stack([self.q, self.qd])[:, None], (set_points, set_rates)
+        path = _follow(servos, _JOINTS, self._factor[None], start, command, strength, self.dt)
+        self.q, self.qd = path[:, 0, -1].copy()
+        self.time += step_count * self.dt
+        return self.arm.grip_pose(path[0, 0, 1:])
+
+    def _is_still(self) -> bool:
+        """Put the joints to rest where they have reached a set point that holds."""
+        last = self._set_points[-1]
+        held = self._times[-2] <= self.time - _HISTORY_TIME
+        if not (held and np.array_equal(last, self._set_points[-2])):
+            return False
+        if np.abs(self.q - last).max() > _STILL_ERROR or np.abs(self.qd).max() > _STILL_SPEED:
+            return False
+        self.q, self.qd = last.copy(), np.zeros(JOINT_COUNT)
+        return True

@@ -1,14 +1,12 @@
-"""The laboratory: plays many trials at once in MuJoCo and watches each cable's endpoint.
+"""The laboratory: cables in MuJoCo, played trial by trial or followed live, and their endpoints.
 
-The laboratory step by step: an arm that is told one set point at a time, and the cable it holds.
+`Laboratory` plays whole motions, many at once. A controller does not know a motion before it
+starts: `LiveCable` follows the grip of an arm that may be stopped anywhere. The cables, the table
+and what differs from trial to trial are the same.
 
-`RigVirtual` knows a whole motion before it begins. A controller does not: set points arrive one by
-one, and a motion may be stopped anywhere. The servos, the cable, the table and what differs from
-trial to trial are the same.
-
-Between two casts the cable is not simulated. While the arm brings it back, it is carried along as
-it is; once the arm rests in the reset pose, it is laid down as a reset leaves it (trials.py), as
-for every trial of `RigVirtual`.
+Between two casts a live cable is not simulated. While the arm brings it back, it is carried along
+as it is; once the arm rests in the reset pose, it is laid down as a reset leaves it (trials.py), as
+for every trial of `Laboratory`.
 """
 
 import math
@@ -16,23 +14,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import tangent
 from cablecast.engines.mujoco_ import quiet
 from cablecast.files import core_count
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.virtual._hidden import (
-    HiddenArm,
-    HiddenCable,
-    hidden_arm,
-    hidden_cable,
-    hidden_table,
-)
-from cablecast.rigs.virtual.arm import move_arm, within_torque
+from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable, hidden_table
+from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.forces import CableForces, friction_map
 from cablecast.rigs.virtual.scene import (
@@ -45,6 +36,8 @@ from cablecast.rigs.virtual.scene import (
 )
 from cablecast.rigs.virtual.trials import Trial, find_library, initial_curl, reset_shape
 from cablecast.setup import Setup
+
+Array = NDArray[np.float64]
 
 _WINDOW = 0.002
 """Time after which the forces beside MuJoCo's are renewed, and the endpoint is looked at [s]."""
@@ -59,6 +52,12 @@ _REST_TIME = 0.1
 """Time between looks for rest [s], however often the cable is recorded for a camera."""
 _GROUP_SIZE = 64
 """Trials in memory at once."""
+_RESET_REACH = 0.003
+"""Distance from the reset pose within which a cable is laid down [m and rad]."""
+_AWAY = 0.05
+"""Distance from the reset pose beyond which the next reset starts [m]."""
+_SLIP_SHARE = 0.2
+"""Share of its length that a cable loses when it slips in the jaws [-]."""
 
 
 class Laboratory:
@@ -73,15 +72,21 @@ class Laboratory:
     """
 
     def __init__(self, setup: Setup, config: VirtualConfig):
-        self._setup = setup
-        self._config = config
+        self.setup = setup
+        self.config = config
+        self.window = max(1, round(_WINDOW / config.dt))
         self._truth: HiddenCable = hidden_cable(setup.cable, config.lab_seed)
         self._servos = hidden_arm(config.lab_seed)
         self._map = friction_map(hidden_table(config.lab_seed), setup.workspace)
         self._library = find_library(setup, config.lab_seed) if config.stored_resets else None
-        self._scene: Scene = build_scene(
+        self.scene: Scene = build_scene(
             setup.cable, self._truth, setup.workspace, config.segment_count, config.dt
         )
+
+    def reset_shape(self, pose: Array, trial: Trial) -> Array:
+        """Return the cable as the reset of a trial leaves it [m], shape [vertex, 3]."""
+        scene, cable = self.scene, self.setup.cable
+        return reset_shape(cable, pose, trial, scene.arc_lengths, scene.end_height, self._library)
 
     def run(
         self,
@@ -109,90 +114,132 @@ class Laboratory:
         return tracks
 
 
+class Cables:
+    """Cables that are stepped together, each in a trial of its own.
+
+    Args:
+        lab: Laboratory that they lie in.
+        trials: Draw of each trial.
+        poses: Pose of each grip at the start: x, y, z [m], yaw, pitch [rad], shape [world, 5].
+        shapes: Cables at the start [m], each of shape [vertex, 3].
+
+    Attributes:
+        broken: Worlds that MuJoCo gave up, shape [world].
+    """
+
+    def __init__(
+        self, lab: Laboratory, trials: Sequence[Trial], poses: Array, shapes: Sequence[Array]
+    ):
+        from mujoco.batch import Batch
+
+        config, scene, count = lab.config, lab.scene, len(trials)
+        thread_count = min(config.thread_count or core_count(), count)
+        self._lab = lab
+        self._batch: Any = Batch(scene.model, count, thread_count)  # pyright: ignore
+        self._qpos, self._qvel, self._force = (
+            self._batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied")
+        )
+        friction, tip_friction = (
+            self._batch.expand(name) for name in ("flex_friction", "geom_friction")
+        )
+        for world, trial in enumerate(trials):
+            friction[world, ..., 0] *= trial.friction_factor
+            tip_friction[world, :, 0] *= trial.friction_factor
+            lay_down(scene, self._qpos[world], poses[world], shapes[world], trial.tip_roll)
+        self._forces = CableForces(
+            lab.setup.cable,
+            lab._truth,
+            lab._map,
+            scene.arc_lengths,
+            scene.masses,
+            np.array(friction).reshape(count, -1)[:, 0],
+            np.stack([initial_curl(trial, lab._truth.curl, scene.arc_lengths) for trial in trials]),
+        )
+        self.broken = np.zeros(count, dtype=bool)
+
+    def _rows(self, active: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+        """Return the rows of some worlds: no index array, which copies, for all."""
+        return slice(None) if len(active) == len(self.broken) else active
+
+    def advance(self, active: NDArray[np.intp], controls: Array) -> None:
+        """Advance some worlds by a window or less, after renewing the forces beside MuJoCo's.
+
+        Args:
+            active: Indices of the worlds.
+            controls: Targets of the hand's servos, shape [active, step, 5].
+        """
+        from mujoco.batch import SimulationError
+
+        lab, rows = self._lab, self._rows(active)
+        motion = cable_motion(lab.scene, self._qpos[rows], self._qvel[rows])
+        # Diverged worlds run on until their trials end.
+        with np.errstate(all="ignore"):
+            force = self._forces.evaluate(motion, active, lab.window * lab.config.dt)
+        self._force[rows, lab.scene.vertex_slice] = force.reshape(len(active), -1)
+        try:
+            self._batch.rollout(controls.shape[1], control=controls, record=(), ids=active)
+        except SimulationError as error:
+            self.broken[np.asarray(error.ids, dtype=int)] = True
+
+    def vertices(self, active: NDArray[np.intp]) -> Array:
+        """Return the vertices of some worlds' cables [m], shape [active, vertex, 3]."""
+        return cable_vertices(self._lab.scene, self._qpos[self._rows(active)])
+
+    def warned(self, active: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return of which of some worlds MuJoCo has warned, shape [active]."""
+        return self._batch.warning[active].reshape(len(active), -1).any(axis=1)
+
+    def rest(self, active: NDArray[np.intp], tips: Array, before: Array) -> NDArray[np.bool_]:
+        """Return which of some worlds' cables are at rest, shape [active].
+
+        Args:
+            active: Indices of the worlds.
+            tips: Endpoints now [m], shape [active, 3].
+            before: Endpoints _REST_TIME ago [m], same shape.
+        """
+        speed = np.abs(self._qvel[active, self._lab.scene.vertex_slice]).max(axis=1)
+        move = np.abs(tips - before).max(axis=1)
+        return (speed < self._lab.config.rest_speed) & (move < _REST_MOVE)
+
+
 class _Group:
     """Trials that are stepped together."""
 
     def __init__(
         self, lab: Laboratory, trajectories: Sequence[Trajectory], trials: Sequence[Trial]
     ):
-        from mujoco.batch import Batch
-
-        config, scene = lab._config, lab._scene
+        config, scene = lab.config, lab.scene
         self.lab = lab
-        self.scene = scene
         self.count = len(trajectories)
-        self.window = max(1, round(_WINDOW / config.dt))
-        sample_step_count = round(config.sample_dt / config.dt)
         # Samples fall on whole windows.
-        self.window_count = max(1, round(sample_step_count / self.window))
-        self.sample_dt = float(self.window_count * self.window * config.dt)
+        self.window_count = max(1, round(round(config.sample_dt / config.dt) / lab.window))
+        self.sample_dt = float(self.window_count * lab.window * config.dt)
         self.motion_time = np.array([trajectory.duration for trajectory in trajectories])
-        self.sample_max = np.ceil((self.motion_time + config.rest_time_max) / self.sample_dt)
-        self.sample_max = self.sample_max.astype(int)
-        self.reset_windows = math.ceil(config.reset_time / (self.window * config.dt))
-        step_count = int(self.sample_max.max()) * self.window_count * self.window
-        self.arm = move_arm(
-            trajectories, trials, lab._setup.arm, lab._servos, config.dt, step_count
-        )
-        self.controls = self._controls()
-        thread_count = min(config.thread_count or core_count(), self.count)
-        self.batch: Any = Batch(scene.model, self.count, thread_count)  # pyright: ignore
-        self.qpos = self.batch.bind("qpos")
-        self.qvel = self.batch.bind("qvel")
-        self.force = self.batch.bind("qfrc_applied")
-        friction = self.batch.expand("flex_friction")
-        tip_friction = self.batch.expand("geom_friction")
-        curl = np.empty((self.count, 2, len(scene.arc_lengths) - 2))
-        for world, trial in enumerate(trials):
-            friction[world, ..., 0] *= trial.friction_factor
-            tip_friction[world, :, 0] *= trial.friction_factor
-            curl[world] = initial_curl(trial, lab._truth.curl, scene.arc_lengths)
-            self._lay_down(world, trial)
-        self.forces = CableForces(
-            lab._setup.cable,
-            lab._truth,
-            lab._map,
-            scene.arc_lengths,
-            scene.masses,
-            np.array(friction).reshape(self.count, -1)[:, 0],
-            curl,
-        )
-        self.times = np.arange(int(self.sample_max.max()) + 1) * self.sample_dt
-        self.nodes = np.full((self.count, len(self.times), len(scene.arc_lengths), 3), np.nan)
-        self.off_table = np.zeros(self.count, dtype=bool)
-        self.broken = np.zeros(self.count, dtype=bool)
-        self.last_sample = self.sample_max.copy()
-
-    def _lay_down(self, world: int, trial: Trial) -> None:
-        """Put a cable where its reset left it."""
-        lab, scene = self.lab, self.scene
-        pose = self.arm[world].poses[0]
-        shape = reset_shape(
-            lab._setup.cable, pose, trial, scene.arc_lengths, scene.end_height, lab._library
-        )
-        lay_down(scene, self.qpos[world], pose, shape, trial.tip_roll)
-
-    def _controls(self) -> NDArray[np.float64]:
-        """Return servo targets of every trial from its reset on, shape [world, step, 5]."""
-        config, scene = self.lab._config, self.scene
-        reset_steps = self.reset_windows * self.window
+        sample_max = np.ceil((self.motion_time + config.rest_time_max) / self.sample_dt)
+        self.last_sample = sample_max.astype(int)
+        self.times = np.arange(int(self.last_sample.max()) + 1) * self.sample_dt
+        step_count = int(self.last_sample.max()) * self.window_count * lab.window
+        self.arm = move_arm(trajectories, trials, lab.setup.arm, lab._servos, config.dt, step_count)
+        self.reset_windows = math.ceil(config.reset_time / (lab.window * config.dt))
         controls = []
         for motion in self.arm:
-            held = np.repeat(motion.poses[:1], reset_steps, axis=0)
+            held = np.repeat(motion.poses[:1], self.reset_windows * lab.window, axis=0)
             poses = np.concatenate([held, motion.poses])
             controls.append(hand_controls(poses, config.dt, scene.hand_origin))
-        return np.stack(controls)
+        self.controls = np.stack(controls)
+        starts = np.stack([motion.poses[0] for motion in self.arm])
+        shapes = [lab.reset_shape(*values) for values in zip(starts, trials, strict=True)]
+        self.cables = Cables(lab, trials, starts, shapes)
+        self.nodes = np.full((self.count, len(self.times), len(scene.arc_lengths), 3), np.nan)
+        self.off_table = np.zeros(self.count, dtype=bool)
 
     def run(self, progress: Callable[[int], None]) -> list[EndpointTrack]:
         """Simulate until every trial is over."""
         active = np.arange(self.count)
-        step = 0
-        for _ in range(self.reset_windows):
-            step = self._advance(active, step)
+        step = self._advance(active, 0, self.reset_windows)
         self._sample(active, 0)
         for sample in range(1, len(self.times)):
-            for _ in range(self.window_count):
-                step = self._advance(active, step)
+            step = self._advance(active, step, self.window_count)
             self._sample(active, sample)
             over = self._over(active, sample)
             if over.any():
@@ -203,65 +250,39 @@ class _Group:
                 break
         return [self._track(world) for world in range(self.count)]
 
-    def _advance(self, active: NDArray[np.intp], step: int) -> int:
-        """Advance all trials that still run by one window, and return the step after it."""
-        from mujoco.batch import SimulationError
-
-        self._renew_forces(active)
-        end = step + self.window
-        try:
-            self.batch.rollout(
-                self.window, control=self.controls[active, step:end], record=(), ids=active
-            )
-        except SimulationError as error:
-            self.broken[np.asarray(error.ids, dtype=int)] = True
-        return end
-
-    def _rows(self, active: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-        """Return the rows of the trials that still run: no index array, which copies, for all."""
-        return slice(None) if len(active) == self.count else active
-
-    def _renew_forces(self, active: NDArray[np.intp]) -> None:
-        rows = self._rows(active)
-        motion = cable_motion(self.scene, self.qpos[rows], self.qvel[rows])
-        # Diverged worlds run on until their trials end.
-        with np.errstate(all="ignore"):
-            force = self.forces.evaluate(motion, active, self.window * self.lab._config.dt)
-        self.force[rows, self.scene.vertex_slice] = force.reshape(len(active), -1)
+    def _advance(self, active: NDArray[np.intp], step: int, window_count: int) -> int:
+        """Advance all trials that still run by some windows, and return the step after them."""
+        for _ in range(window_count):
+            end = step + self.lab.window
+            self.cables.advance(active, self.controls[active, step:end])
+            step = end
+        return step
 
     def _sample(self, active: NDArray[np.intp], sample: int) -> None:
-        vertices = cable_vertices(self.scene, self.qpos[self._rows(active)])
+        vertices = self.cables.vertices(active)
         self.nodes[active, sample] = vertices
         tip = vertices[:, -1]
-        on_table = self.lab._setup.workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
+        on_table = self.lab.setup.workspace.on_table(tip[:, :2]) & (tip[:, 2] > _FALLEN_Z)
         self.off_table[active] = ~on_table
         finite = np.isfinite(vertices).all(axis=(1, 2))
-        warned = self.batch.warning[active].reshape(len(active), -1).any(axis=1)
-        self.broken[active] |= ~finite | warned
+        self.cables.broken[active] |= ~finite | self.cables.warned(active)
 
     def _over(self, active: NDArray[np.intp], sample: int) -> NDArray[np.bool_]:
         """Return which trials are over: at rest, fallen, broken, or out of time."""
-        config, scene = self.lab._config, self.scene
-        after_motion = self.times[sample] - self.motion_time[active]
-        speed = np.abs(self.qvel[active, scene.vertex_slice]).max(axis=1)
+        over = self.cables.broken[active] | (sample >= self.last_sample[active])
         back = max(1, round(_REST_TIME / self.sample_dt))
-        tip, before = (self.nodes[active, max(k, 0), -1] for k in (sample, sample - back))
-        move = np.abs(tip - before).max(axis=1)
-        rests = (
-            (sample % back == 0)
-            & (after_motion > 0)
-            & (speed < config.rest_speed)
-            & (move < _REST_MOVE)
-        )
-        fallen = self.off_table[active] & (after_motion > _OFF_TABLE_TIME)
-        fallen &= sample % back == 0
-        return rests | fallen | self.broken[active] | (sample >= self.sample_max[active])
+        if sample % back == 0:
+            after_motion = self.times[sample] - self.motion_time[active]
+            tips, before = (self.nodes[active, max(k, 0), -1] for k in (sample, sample - back))
+            over |= (after_motion > 0) & self.cables.rest(active, tips, before)
+            over |= self.off_table[active] & (after_motion > _OFF_TABLE_TIME)
+        return over
 
     def _track(self, world: int) -> EndpointTrack:
         samples = slice(0, self.last_sample[world] + 1)
         nodes = self.nodes[world, samples]
         status = TrialStatus.OK
-        if self.broken[world]:
+        if self.cables.broken[world]:
             status = TrialStatus.NON_FINITE
         elif self.off_table[world]:
             status = TrialStatus.OFF_TABLE
@@ -274,121 +295,6 @@ class _Group:
         )
 
 
-Array = NDArray[np.float64]
-
-REST_SPEED = 0.01
-"""Joint speed below which the arm rests [rad/s]."""
-_RESET_REACH = 0.003
-"""Distance from the reset pose within which a cable is laid down [m and rad]."""
-_AWAY = 0.05
-"""Distance from the reset pose beyond which the next reset begins [m]."""
-_HISTORY_TIME = 0.1
-"""Time for which set points are kept: longer than any dead time [s]."""
-_STILL_ERROR, _STILL_SPEED = 1e-7, 1e-6
-"""Distance from its set point [rad], and speed [rad/s], below which a joint is put to rest."""
-_SLIP_SHARE = 0.2
-
-
-class LiveArm:
-    """Joints that follow set points as those of `RigVirtual` do.
-
-    Args:
-        setup: Gives the arm.
-        q: Joint angles at rest [rad], shape [6].
-        dt: Step of the servos [s].
-        lab_seed: Seed of the laboratory.
-    """
-
-    def __init__(self, setup: Setup, q: ArrayLike, dt: float = 1e-3, lab_seed: int = 0):
-        self.arm = setup.arm
-        self.dt = dt
-        self._servos: HiddenArm = hidden_arm(lab_seed)
-        self.q = np.array(q, dtype=float)
-        self.qd = np.zeros(JOINT_COUNT)
-        self.time = 0.0
-        self._factor = np.ones(JOINT_COUNT)
-        self._torque_factor = 1.0
-        self._times = [-1.0, 0.0]
-        self._set_points = [self.q.copy(), self.q.copy()]
-
-    def prepare(self, trial: Trial) -> None:
-        """Let the servos respond as in a trial."""
-        self._factor = trial.servo_factor(JOINT_COUNT)
-        self._torque_factor = trial.torque_factor
-
-    def command(self, q: ArrayLike) -> None:
-        """Give a set point that holds from now on [rad], shape [6]."""
-        q = np.array(q, dtype=float)
-        last, before = self._set_points[-1], self._set_points[-2]
-        if np.array_equal(q, last) and np.array_equal(last, before):
-            # It holds on; the next one is a step from here.
-            self._times[-1] = self.time
-            return
-        self._times.append(self.time)
-        self._set_points.append(q)
-        while len(self._times) > 3 and self._times[1] < self.time - _HISTORY_TIME:
-            del self._times[0], self._set_points[0]
-
-    def freeze(self) -> None:
-        """Put on the brakes: the joints stop at once and stay."""
-        self.qd[:] = 0.0
-        self._times = [self.time - 1.0, self.time]
-        self._set_points = [self.q.copy(), self.q.copy()]
-
-    def _is_still(self) -> bool:
-        """Put the joints to rest where they have reached a set point that holds."""
-        last = self._set_points[-1]
-        held = self._times[-2] <= self.time - _HISTORY_TIME
-        if not (held and np.array_equal(last, self._set_points[-2])):
-            return False
-        if np.abs(self.q - last).max() > _STILL_ERROR or np.abs(self.qd).max() > _STILL_SPEED:
-            return False
-        self.q, self.qd = last.copy(), np.zeros(JOINT_COUNT)
-        return True
-
-    def advance(self, step_count: int) -> Array:
-        """Move on, and return the poses of the grip at each step.
-
-        Args:
-            step_count: Number of steps.
-
-        Returns:
-            x, y, z [m], yaw, pitch [rad], shape [step, 5].
-        """
-        if self._is_still():
-            self.time += step_count * self.dt
-            return np.repeat(self.arm.grip_pose(self.q)[None], step_count, axis=0)
-        servos = self._servos
-        times, points = np.array(self._times), np.stack(self._set_points)
-        now = self.time + self.dt * np.arange(1, step_count + 1)
-        set_points = np.empty((step_count, JOINT_COUNT))
-        set_rates = np.empty_like(set_points)
-        for joint, delay in enumerate(servos.delay):
-            late = now - delay
-            set_points[:, joint] = np.interp(late, times, points[:, joint])
-            segment = np.clip(np.searchsorted(times, late, "right"), 1, len(times) - 1)
-            rise = points[segment, joint] - points[segment - 1, joint]
-            set_rates[:, joint] = rise / np.maximum(times[segment] - times[segment - 1], 1e-4)
-            set_rates[late >= times[-1], joint] = 0.0
-        omega = 2 * math.pi * np.array(servos.frequency) * self._factor
-        stiffness, drag = omega * omega, 2 * np.array(servos.damping_ratio) * omega
-        x, y = self.arm.grip_pose(points[-1])[:2]
-        inertia = servos.inertia + servos.stretch_mass * (x * x + y * y)
-        strength = np.array([servos.torque * self._torque_factor / inertia])
-        path = np.empty((step_count, JOINT_COUNT))
-        for step in range(step_count):
-            share = servos.feedforward * set_rates[step]
-            acceleration = stiffness * (set_points[step] - self.q) + drag * (share - self.qd)
-            acceleration[:1] = within_torque(
-                acceleration[:1], self.qd[:1], strength, servos.free_speed
-            )
-            self.qd = self.qd + self.dt * acceleration
-            self.q = self.q + self.dt * self.qd
-            path[step] = self.q
-        self.time += step_count * self.dt
-        return self.arm.grip_pose(path)
-
-
 class LiveCable:
     """One cable in the gripper, simulated while it may move.
 
@@ -396,56 +302,49 @@ class LiveCable:
         setup: Cable, table and reset pose.
         config: Settings of the laboratory.
         seed: Seed of what differs from trial to trial.
+
+    Attributes:
+        nodes: Cable from grip to endpoint [m], shape [vertex, 3].
+        time: Time since the start [s].
+        trial_count: Cables that were laid down.
+        was_away: Whether the grip was away from the reset pose since the last of them.
+        is_simulated: Whether the cable may move.
+        lies_aside: Angle to the right by which the next reset leaves the cable aside [rad].
     """
 
     def __init__(self, setup: Setup, config: VirtualConfig, seed: int = 0):
-        self._setup = setup
-        self._config = config
+        self._lab = Laboratory(setup, config)
         self._seed = seed
-        self._truth = hidden_cable(setup.cable, config.lab_seed)
-        self._map = friction_map(hidden_table(config.lab_seed), setup.workspace)
-        self._library = find_library(setup, config.lab_seed) if config.stored_resets else None
-        self._scene = build_scene(
-            setup.cable, self._truth, setup.workspace, config.segment_count, config.dt
-        )
         self._home = np.asarray(reset_pose(setup.workspace), dtype=float)
-        self._window = max(1, round(0.002 / config.dt))
-        self._batch: Any = None
+        self._cables: Cables | None = None
         self._poses = np.zeros((2, 5))
         self._rest_check = (0.0, np.zeros(3))
         self._settle_until = 0.0
+        self._slipped = False
         self.trial_count = 0
         self.time = 0.0
         self.was_away = True
         self.is_simulated = False
         self.lies_aside = 0.0
-        self._slipped = False
-        self.nodes = self._straight(self._home)
+        # Straight ahead until the arm first rests in the reset pose.
+        scene = self._lab.scene
+        self.nodes = self._home[:3] + scene.arc_lengths[:, None] * tangent(self._home[3], 0.0)
+        self.nodes[2:, 2] = scene.end_height
 
-    def _straight(self, pose: Array) -> Array:
-        """Return a straight cable that lies ahead of the grip [m], shape [vertex, 3]."""
-        arc = self._scene.arc_lengths[:, None]
-        nodes = pose[:3] + arc * tangent(pose[3], 0.0)
-        nodes[2:, 2] = self._scene.end_height
-        return nodes
-
-    def update(
-        self, poses: Array, dt: float, at_rest: bool, is_reset: bool = False
-    ) -> Trial | None:
+    def update(self, poses: Array, at_rest: bool, is_reset: bool = False) -> Trial | None:
         """Follow the grip.
 
         Args:
-            poses: x, y, z [m], yaw, pitch [rad] of the grip every `dt`, shape [step, 5].
-            dt: Step, that of the laboratory [s].
+            poses: x, y, z [m], yaw, pitch [rad] of the grip after each step, shape [step, 5].
             at_rest: True where the arm rests.
             is_reset: True while the arm brings the cable back, which is carried as if it were
                 stiff: how a reset ends is drawn, and to simulate it would take as long as a cast.
 
         Returns:
-            Draw of the trial that begins, where a cable was laid down; otherwise None.
+            Draw of the trial that starts, where a cable was laid down; otherwise None.
         """
         pose = poses[-1]
-        self.time += len(poses) * dt
+        self.time += len(poses) * self._lab.config.dt
         off = np.abs(pose - self._home)
         if off[:3].max() > _AWAY:
             self.was_away = True
@@ -458,7 +357,7 @@ class LiveCable:
         elif not self.was_away or self.is_simulated:
             if moved or self.is_simulated or self.time < self._settle_until:
                 self._simulate(poses)
-                self._judge_rest(moved)
+                self._look_for_rest(moved)
         elif moved:
             self._carry(pose)
         self._poses = np.concatenate([self._poses, poses])[-2:]
@@ -484,44 +383,18 @@ class LiveCable:
 
     def _carry(self, pose: Array) -> None:
         """Move the cable along with the grip, as if it were stiff."""
-        before = self._poses[-1]
-        turn = pose[3] - before[3]
-        cos, sin = math.cos(turn), math.sin(turn)
-        local = self.nodes - self.nodes[0]
-        turned = local.copy()
-        turned[:, 0] = cos * local[:, 0] + sin * local[:, 1]
-        turned[:, 1] = -sin * local[:, 0] + cos * local[:, 1]
-        self.nodes = turned + pose[:3]
+        self.nodes = _turned(self.nodes - self.nodes[0], pose[3] - self._poses[-1, 3]) + pose[:3]
 
     def _lay_down(self, pose: Array) -> Trial:
-        """Begin a trial with the cable as a reset leaves it."""
-        from mujoco.batch import Batch
-
-        scene, config = self._scene, self._config
+        """Start a trial with the cable as a reset leaves it."""
+        config = self._lab.config
         trial = Trial.draw(config.noise, self._seed, self.trial_count)
         self.trial_count += 1
-        with quiet():
-            self._batch = Batch(scene.model, 1, 1)  # pyright: ignore
-        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._force = self._batch.bind("qfrc_applied")
-        friction = self._batch.expand("flex_friction")
-        friction[0, ..., 0] *= trial.friction_factor
-        self._batch.expand("geom_friction")[0, :, 0] *= trial.friction_factor
-        shape = reset_shape(
-            self._setup.cable, pose, trial, scene.arc_lengths, scene.end_height, self._library
-        )
+        shape = self._lab.reset_shape(pose, trial)
         if self.lies_aside:
-            shape = _turned(shape, self.lies_aside)
-        lay_down(scene, self._qpos[0], pose, shape, trial.tip_roll)
-        self._forces = CableForces(
-            self._setup.cable,
-            self._truth,
-            self._map,
-            scene.arc_lengths,
-            scene.masses,
-            np.array(friction).reshape(1, -1)[:, 0],
-            initial_curl(trial, self._truth.curl, scene.arc_lengths)[None],
-        )
+            shape[2:] = (_turned(shape - shape[0], self.lies_aside) + shape[0])[2:]
+        with quiet():
+            self._cables = Cables(self._lab, [trial], pose[None], [shape])
         self._poses = np.repeat(pose[None], 2, axis=0)
         self._settle_until = self.time + config.reset_time
         self.was_away, self.is_simulated = False, True
@@ -530,55 +403,40 @@ class LiveCable:
         return trial
 
     def _simulate(self, poses: Array) -> None:
-        """Step MuJoCo along the poses, in windows after which the other forces are renewed."""
-        from mujoco.batch import SimulationError
-
-        if self._batch is None:
+        """Step the cable along the poses."""
+        if self._cables is None:
             return
-        scene, dt = self._scene, self._config.dt
+        lab = self._lab
         sampled = np.concatenate([self._poses, poses])
-        controls = hand_controls(sampled, dt, scene.hand_origin)[1:]
+        controls = hand_controls(sampled, lab.config.dt, lab.scene.hand_origin)[None, 1:]
         self.is_simulated = True
         world = np.zeros(1, dtype=int)
-        with quiet(), np.errstate(all="ignore"):
-            for start in range(0, len(controls), self._window):
-                self._renew_forces()
-                part = controls[None, start : start + self._window]
-                try:
-                    self._batch.rollout(part.shape[1], control=part, record=(), ids=world)
-                except SimulationError:
-                    self.is_simulated, self._batch = False, None
+        with quiet():
+            for start in range(0, controls.shape[1], lab.window):
+                self._cables.advance(world, controls[:, start : start + lab.window])
+                if self._cables.broken[0]:
+                    self.is_simulated, self._cables = False, None
                     return
-        nodes = cable_vertices(scene, self._qpos)[0]
+        nodes = self._cables.vertices(world)[0]
         if np.all(np.isfinite(nodes)):
             self.nodes = self._free_part(nodes)
 
-    def _judge_rest(self, moved: bool) -> None:
+    def _look_for_rest(self, moved: bool) -> None:
         """Stop simulating once arm and cable have come to rest."""
-        begin, before = self._rest_check
-        if self.time - begin < _REST_TIME or self._batch is None:
+        since, before = self._rest_check
+        if self.time - since < _REST_TIME or self._cables is None:
             return
         tip = self.nodes[-1].copy()
-        speed = np.abs(self._qvel[0, self._scene.vertex_slice]).max()
-        still = np.abs(tip - before).max() < _REST_MOVE and speed < self._config.rest_speed
+        still = self._cables.rest(np.zeros(1, dtype=int), tip[None], before[None])[0]
         self._rest_check = (self.time, tip)
         if still and not moved and self.time >= self._settle_until:
             self.is_simulated = False
 
-    def _renew_forces(self) -> None:
-        force = self._forces.evaluate(
-            cable_motion(self._scene, self._qpos, self._qvel),
-            np.zeros(1, dtype=np.intp),
-            self._window * self._config.dt,
-        )
-        self._force[:, self._scene.vertex_slice] = force.reshape(1, -1)
 
-
-def _turned(shape: Array, angle: float) -> Array:
-    """Return a cable that lies turned about its grip by an angle to the right [rad]."""
+def _turned(nodes: Array, angle: float) -> Array:
+    """Return points turned about the vertical by an angle to the right [rad], shape [node, 3]."""
     cos, sin = math.cos(angle), math.sin(angle)
-    local = shape - shape[0]
-    turned = local.copy()
-    turned[2:, 0] = cos * local[2:, 0] + sin * local[2:, 1]
-    turned[2:, 1] = cos * local[2:, 1] - sin * local[2:, 0]
-    return turned + shape[0]
+    turned = nodes.copy()
+    turned[:, 0] = cos * nodes[:, 0] + sin * nodes[:, 1]
+    turned[:, 1] = cos * nodes[:, 1] - sin * nodes[:, 0]
+    return turned

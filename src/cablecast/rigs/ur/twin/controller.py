@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from cablecast.arm.ur import JOINT_NAMES
 from cablecast.errors import InputError
 from cablecast.rigs.ur.twin.urscript import Command, Program, Run, ScriptError
-from cablecast.rigs.virtual.laboratory import REST_SPEED, LiveArm
+from cablecast.rigs.virtual.arm import REST_SPEED, LiveArm
 from cablecast.setup import Setup
 
 # The maker's data sheets: all joints turn by 360 deg either way. A controller tolerates a little

@@ -221,7 +221,7 @@ class TwinLaboratory:
         self._grip = poses[-1]
         if self.cable is not None:
             is_reset = self._phase[0] == "reset"
-            trial = self.cable.update(poses, controller.arm.dt, controller.at_rest, is_reset)
+            trial = self.cable.update(poses, controller.at_rest, is_reset)
             if trial is not None:
                 controller.arm.prepare(trial)
                 controller.log("cable laid down", number=self.cable.trial_count)
