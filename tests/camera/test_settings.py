@@ -14,7 +14,7 @@ LENS = Lens(
     width=1920, height=1080, focal=(1366.0, 1365.0), centre=(960.0, 540.0), distortion=(-0.06,) * 5
 )
 FULL = CameraSettings(
-    source="http://127.0.0.1:8080/camera.mkv",
+    source="http://127.0.0.1:8080/camera.nut",
     exposure=0.002,
     focus=30.0,
     clock="arrival",

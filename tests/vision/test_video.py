@@ -1,4 +1,8 @@
-"""Video files."""
+"""Video files, and films whose frames carry their own times."""
+
+import io
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -6,9 +10,11 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.errors import InputError
-from cablecast.vision.video import read_video, write_video
+from cablecast.vision.video import FilmWriter, JpegMuxer, read_video, write_video
 
 RATE = 60.0
+# Films count in milliseconds.
+FILM_TICK = 0.51e-3
 
 
 @pytest.fixture
@@ -61,3 +67,59 @@ def test_nothing_is_left_of_a_video_whose_frames_fail(tmp_path):
     with pytest.raises(RuntimeError, match="renderer"):
         write_video(tmp_path / "a.mp4", frames(), RATE)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_keep_their_uneven_times(tmp_path):
+    times = [7.0, 7.0167, 7.0333, 7.0912, 7.1, 7.1167]
+    with FilmWriter(tmp_path / "a.mkv", 60.0) as film:
+        for index, time in enumerate(times):
+            film.write(np.full((48, 64, 3), 20 * index, np.uint8), time)
+    info, frames = read_video(tmp_path / "a.mkv")
+    pairs = list(frames)
+    assert (info.width, info.height, info.rate) == (64, 48, 60.0)
+    np.testing.assert_allclose([t for t, _ in pairs], np.array(times) - 7.0, atol=FILM_TICK)
+    assert np.all(np.diff([image.mean() for _, image in pairs]) > 10)
+
+
+def test_a_film_that_was_not_finished_leaves_nothing(tmp_path):
+    def film():
+        with FilmWriter(tmp_path / "a.mkv", 60.0) as film:
+            film.write(np.zeros((48, 64, 3), np.uint8), 0.0)
+            assert len(list(tmp_path.iterdir())) == 1
+            raise RuntimeError("the camera fails")
+
+    with pytest.raises(RuntimeError, match="the camera fails"):
+        film()
+    assert list(tmp_path.iterdir()) == []
+
+
+WRITER = """
+import pathlib, sys
+import numpy as np
+from cablecast.vision.video import FilmWriter
+
+film = FilmWriter(pathlib.Path(sys.argv[1]), 60.0)
+for index in range(100_000):
+    film.write(np.full((48, 64, 3), index % 250, np.uint8), index / 60 + 0.002 * (index % 3))
+    print(index, flush=True)
+"""
+
+
+def test_what_a_killed_process_filmed_can_be_read_but_for_the_last_frame(tmp_path):
+    words = [sys.executable, "-c", WRITER, str(tmp_path / "a.mkv")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        for _ in range(40):
+            process.stdout.readline()
+        process.kill()
+        process.stdout.read()
+    (part,) = tmp_path.iterdir()
+    times = np.array([time for time, _ in read_video(part)[1]])
+    assert len(times) >= 39
+    index = np.arange(len(times))
+    np.testing.assert_allclose(times, index / 60 + 0.002 * (index % 3), atol=FILM_TICK)
+
+
+def test_a_time_before_the_first_frame_is_refused():
+    with pytest.raises(InputError, match="time of a picture = -1"):
+        JpegMuxer(io.BytesIO(), "nut", 64, 48, 60.0).write(b"", -1.0)

@@ -1,8 +1,8 @@
 """Broadcast: a web server on the loopback address that sends one camera's pictures to its viewers.
 
-`/camera.mkv` carries times: JPEG pictures in a Matroska stream. OpenCV counts the times of a stream
-from its first picture, so that one is sent with time zero, and those that follow have the times of
-the camera's clock. `/camera.mjpg` is the stream of the usual network camera, without any times.
+`/camera.nut` carries times: JPEG pictures in a NUT stream. OpenCV counts the times of a stream from
+its first picture, so that one is sent with time zero, and those that follow have the times of the
+camera's clock. `/camera.mjpg` is the stream of the usual network camera, without any times.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ import socket
 import threading
 from typing import Any
 
-from cablecast.vision import video as matroska
+from cablecast.vision.video import JpegMuxer
 
 HOST = "127.0.0.1"
 
@@ -22,7 +22,7 @@ _SEND_BUFFER = 1 << 16
 """Bytes that the system keeps for a viewer: little, for what waits there is old when it arrives."""
 _PATIENCE = 60.0
 """Time for which a viewer that takes no picture is waited for [s]."""
-_BOUNDARY = b"picture"
+_TYPES = {"/camera.nut": "video/x-nut", "/camera.mjpg": "multipart/x-mixed-replace; boundary=next"}
 
 _Picture = tuple[bytes, float]
 
@@ -38,23 +38,22 @@ class Broadcast:
     """
 
     def __init__(self, width: int, height: int, rate: float, port: int = 0):
-        self.opening = matroska.header(width, height, rate)
+        self.format = width, height, rate
         self.latest: bytes | None = None
         self.port = port
-        self._viewers: list[_Viewer] = []
-        self._lock = threading.Lock()
+        self.viewers: list[_Viewer] = []
         self._server: _Server | None = None
         self.plug()
 
     @property
     def url(self) -> str:
         """Address of the stream that carries times."""
-        return f"http://{HOST}:{self.port}/camera.mkv"
+        return f"http://{HOST}:{self.port}/camera.nut"
 
     @property
     def viewer_count(self) -> int:
         """Number of viewers."""
-        return len(self._viewers)
+        return len(self.viewers)
 
     def plug(self) -> None:
         """Let viewers connect."""
@@ -69,7 +68,7 @@ class Broadcast:
             self._server.shutdown()
             self._server.server_close()
             self._server = None
-        for viewer in list(self._viewers):
+        for viewer in list(self.viewers):
             viewer.leave()
 
     def send(self, jpeg: bytes, time: float) -> None:
@@ -80,38 +79,26 @@ class Broadcast:
             time: Its time in the camera's clock [s].
         """
         self.latest = jpeg
-        for viewer in list(self._viewers):
+        for viewer in list(self.viewers):
             viewer.put((jpeg, time))
-
-    def join(self) -> "_Viewer":
-        """Return a new viewer."""
-        viewer = _Viewer(self)
-        with self._lock:
-            self._viewers.append(viewer)
-        return viewer
-
-    def part(self, viewer: "_Viewer") -> None:
-        """Forget a viewer."""
-        with self._lock, contextlib.suppress(ValueError):
-            self._viewers.remove(viewer)
 
 
 class _Viewer:
     """Pictures that wait for one viewer."""
 
     def __init__(self, broadcast: Broadcast):
-        self.broadcast = broadcast
-        self._queue: queue.Queue[_Picture | None] = queue.Queue(_QUEUE_LENGTH)
+        self._viewers = broadcast.viewers
+        self._queue: queue.Queue[_Picture] = queue.Queue(_QUEUE_LENGTH)
         self._gone = threading.Event()
+        self._viewers.append(self)
 
-    def put(self, item: _Picture) -> None:
+    def put(self, picture: _Picture) -> None:
         """Add a picture; a viewer that takes none for long is dropped."""
-        if self._gone.is_set():
-            return
-        try:
-            self._queue.put(item, timeout=_PATIENCE)
-        except queue.Full:
-            self.leave()
+        if not self._gone.is_set():
+            try:
+                self._queue.put(picture, timeout=_PATIENCE)
+            except queue.Full:
+                self.leave()
 
     def get(self) -> _Picture | None:
         """Return the next picture; None at the end."""
@@ -123,7 +110,8 @@ class _Viewer:
     def leave(self) -> None:
         """End the stream of this viewer."""
         self._gone.set()
-        self.broadcast.part(self)
+        with contextlib.suppress(ValueError):
+            self._viewers.remove(self)
         # Whoever waits for room in the queue must not wait on.
         with contextlib.suppress(queue.Empty):
             while True:
@@ -154,34 +142,32 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Send the stream until the viewer leaves."""
-        if self.path not in ("/camera.mkv", "/camera.mjpg"):
+        if self.path not in _TYPES:
             self.send_error(404)
             return
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        timed = self.path.endswith(".mkv")
-        multipart = f"multipart/x-mixed-replace; boundary={_BOUNDARY.decode()}"
         self.send_response(200)
-        self.send_header("Content-Type", matroska.MIME if timed else multipart)
+        self.send_header("Content-Type", _TYPES[self.path])
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        viewer = self.server.broadcast.join()
+        viewer = _Viewer(self.server.broadcast)
         try:
-            self._stream(viewer, timed)
+            self._send_timed(viewer) if self.path.endswith(".nut") else self._send_plain(viewer)
         except OSError:
             pass
         finally:
             viewer.leave()
 
-    def _stream(self, viewer: _Viewer, timed: bool) -> None:
-        broadcast = viewer.broadcast
-        if timed:
-            self.wfile.write(broadcast.opening)
-            if broadcast.latest is not None:
-                self.wfile.write(matroska.picture(broadcast.latest, 0.0))
-        while (item := viewer.get()) is not None:
-            jpeg, time = item
-            if timed:
-                self.wfile.write(matroska.picture(jpeg, time))
-                continue
-            head = b"--%s\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
-            self.wfile.write(head % (_BOUNDARY, len(jpeg)) + jpeg + b"\r\n")
+    def _send_timed(self, viewer: _Viewer) -> None:
+        broadcast = self.server.broadcast
+        muxer = JpegMuxer(self.wfile, "nut", *broadcast.format)
+        if broadcast.latest is not None:
+            muxer.write(broadcast.latest, 0.0)
+        while (picture := viewer.get()) is not None:
+            muxer.write(*picture)
+
+    def _send_plain(self, viewer: _Viewer) -> None:
+        while (picture := viewer.get()) is not None:
+            jpeg = picture[0]
+            head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+            self.wfile.write(head.encode() + jpeg + b"\r\n")

@@ -256,7 +256,8 @@ class CameraCheck:
             settings=self._settings,
             facts=self._facts,
             frame_count=len(self._times),
-            rate=1.0 / dt,
+            # Over the whole time: stamps of a film may be whole milliseconds.
+            rate=(len(stamps) + float(gaps.sum())) / float(stamps.sum()),
             # Frames come in bursts: only the whole tells how fast.
             arrival_rate=len(arrivals) / max(float(arrivals.sum()), 1e-9),
             missed_count=max(int(gaps.sum()) - dropped_count, 0),
