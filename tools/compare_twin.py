@@ -28,7 +28,8 @@ from cablecast.pipeline.camera import sync_camera
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.rig import RigUR
-from cablecast.rigs.ur.twin.laboratory import TwinConfig, TwinProcess
+from cablecast.rigs.ur.twin.laboratory import TwinConfig
+from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective

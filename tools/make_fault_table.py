@@ -32,7 +32,8 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.link import Phase, check_ready
 from cablecast.rigs.ur.program import check_path, joint_move
 from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RigUR
-from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, TwinProcess
+from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig
+from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.ur.twin.truth import TruthCamera
 from cablecast.setup import Setup, load_setup
 from cablecast.vision.tracker import TrialCamera

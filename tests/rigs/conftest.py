@@ -18,7 +18,8 @@ from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.base import Rig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
-from cablecast.rigs.ur.twin.laboratory import TwinConfig, TwinProcess
+from cablecast.rigs.ur.twin.laboratory import TwinConfig
+from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 from cablecast.errors import RigError
-from cablecast.rigs.ur.twin.laboratory import Fault, TwinConfig, TwinProcess
+from cablecast.rigs.ur.twin.laboratory import Fault, TwinConfig
+from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.setup import Setup
 
 

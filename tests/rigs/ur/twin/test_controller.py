@@ -8,13 +8,13 @@ from cablecast.errors import InputError
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.agent import BEAT_REGISTER, STATE_REGISTER, STOP_REGISTER, TICK_REGISTER
 from cablecast.rigs.ur.program import ProgramState, SetPoints, joint_move, motion_program
-from cablecast.rigs.ur.twin import controller as dashboard
-from cablecast.rigs.ur.twin.controller import (
+from cablecast.rigs.ur.twin.controller import Controller
+from cablecast.rigs.ur.twin.servers import (
     OUTPUTS,
-    Controller,
     FrameReader,
     Recipe,
-    Reporter,
+    RtdeServer,
+    dashboard_answer,
     frame,
 )
 
@@ -82,7 +82,7 @@ def test_whatever_stops_the_arm_brings_it_to_rest_within_half_a_second(
     elif event == "emergency_stop":
         controller.emergency_stop()
     elif event == "stop":
-        assert dashboard.answer(controller, "stop") == "Stopped"
+        assert dashboard_answer(controller, "stop") == "Stopped"
     elif event == "silence":
         beat = False
     else:
@@ -165,19 +165,19 @@ def test_a_program_that_does_not_compile_is_refused_in_the_log(controller):
 
 def test_the_dashboard_answers_as_the_makers_does(twin_setup, home):
     cb3, e_series = (Controller(twin_setup, home, flag) for flag in (False, True))
-    assert dashboard.answer(cb3, "robotmode") == "Robotmode: RUNNING"
-    assert dashboard.answer(cb3, "PolyscopeVersion").startswith("URSoftware 3.15")
-    assert dashboard.answer(e_series, "PolyscopeVersion").startswith("URSoftware 5.")
-    assert dashboard.answer(cb3, "is in remote control").startswith("could not understand")
-    assert dashboard.answer(e_series, "is in remote control") == "true"
+    assert dashboard_answer(cb3, "robotmode") == "Robotmode: RUNNING"
+    assert dashboard_answer(cb3, "PolyscopeVersion").startswith("URSoftware 3.15")
+    assert dashboard_answer(e_series, "PolyscopeVersion").startswith("URSoftware 5.")
+    assert dashboard_answer(cb3, "is in remote control").startswith("could not understand")
+    assert dashboard_answer(e_series, "is in remote control") == "true"
     cb3.protective_stop("test")
-    assert dashboard.answer(cb3, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
+    assert dashboard_answer(cb3, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
     cb3.emergency_stop()
-    assert dashboard.answer(cb3, "robotmode") == "Robotmode: POWER_OFF"
+    assert dashboard_answer(cb3, "robotmode") == "Robotmode: POWER_OFF"
 
 
 def test_every_variable_that_rtde_names_can_be_packed_and_read_back(controller):
-    state = Reporter(controller).state()
+    state = RtdeServer(controller).state()
     names = tuple(OUTPUTS)
     recipe = Recipe(1, names, tuple(OUTPUTS.values()))
     packed = recipe.pack(state)

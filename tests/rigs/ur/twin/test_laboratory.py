@@ -7,19 +7,18 @@ import pytest
 from cablecast.rigs.ur.agent import BEAT_REGISTER, PHASE_REGISTER
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import joint_move, motion_program
-from cablecast.rigs.ur.twin.controller import DATA_PACKAGE, SETUP_INPUTS, frame
 from cablecast.rigs.ur.twin.laboratory import (
     Fault,
     TwinConfig,
     TwinLaboratory,
 )
+from cablecast.rigs.ur.twin.servers import DATA_PACKAGE, SETUP_INPUTS, frame
 
 # Nobody connects: any free port will do.
 PORTS = {
     "rtde_port": 0,
     "dashboard_port": 0,
     "program_port": 0,
-    "realtime_port": 0,
     "admin_port": 0,
 }
 

@@ -1,37 +1,19 @@
-"""The twin's main loop: one controller, one arm, one cable, and everybody who is connected.
+"""The twin's world: one controller, one arm, one cable, a camera, and the faults that it makes."""
 
-TwinConfig: where the twin listens, and how it behaves.
-
-Faults that the twin makes on command, and the phases of a trial in which they may come.
-
-A twin in a process of its own, and the client that tests and people command it with.
-
-ur-rtde keeps Python's lock while it connects, so a controller in the same process would never
-answer it.
-"""
-
-import atexit
 import collections
 import dataclasses
 import json
-import multiprocessing
-import multiprocessing.connection
-import os
-import signal
-import socket
 import time
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.kinematics import ARM_MODELS
 from cablecast.conventions import tangent
 from cablecast.errors import (
     CablecastError,
     InputError,
-    RigError,
     check_count,
     check_keys,
     check_number,
@@ -41,14 +23,13 @@ from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.agent import PHASE_REGISTER, STATE_REGISTER
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import ProgramState
-from cablecast.rigs.ur.twin import controller as dashboard
-from cablecast.rigs.ur.twin.controller import (
-    MODE_POWER_OFF,
+from cablecast.rigs.ur.twin.controller import MODE_POWER_OFF, Controller
+from cablecast.rigs.ur.twin.servers import (
+    DASHBOARD_GREETING,
     Client,
-    Controller,
-    Reporter,
     RtdeServer,
     Servers,
+    dashboard_answer,
 )
 from cablecast.rigs.virtual.camera_stream import CameraStream
 from cablecast.rigs.virtual.config import CameraConfig, VirtualConfig
@@ -66,6 +47,8 @@ _LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
 _CROOKED = np.radians(15.0)
 _PROGRAM_IDLE_TIME = 0.05
 _STICK_NODE_COUNT = 12
+_ROBOT_SERVERS = ("rtde", "dashboard", "program")
+"""Servers of the controller itself, which fall silent with it; not that of the laboratory."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,7 +61,6 @@ class TwinConfig:
         rtde_port: Port of the Real-Time Data Exchange.
         dashboard_port: Port of the dashboard server.
         program_port: Port that takes programs, the secondary client interface.
-        realtime_port: Another port that takes programs, the real-time client interface.
         camera_port: Port of the camera's stream, on 127.0.0.1.
         admin_port: Port that takes faults, and tells the truth to tests.
         rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
@@ -98,7 +80,6 @@ class TwinConfig:
     rtde_port: int = 30004
     dashboard_port: int = 29999
     program_port: int = 30002
-    realtime_port: int = 30003
     camera_port: int = 30100
     admin_port: int = 30101
     rate: float = 1.0
@@ -126,9 +107,69 @@ class TwinConfig:
             "rtde": self.rtde_port,
             "dashboard": self.dashboard_port,
             "program": self.program_port,
-            "program_realtime": self.realtime_port,
             "admin": self.admin_port,
         }
+
+
+FAULTS: dict[str, str] = {
+    "protective_stop": "protective stop, as after a collision",
+    "emergency_stop": "emergency stop button pressed",
+    "speed_slider": "speed slider at 50 %",
+    "wrong_payload": "payload set to 0 kg on the controller",
+    "lost_packets": "reports of the controller are lost for 1 s",
+    "late_packets": "reports of the controller come 0.3 s late",
+    "network_lost": "nothing passes between computer and controller for 5 s",
+    "controller_dies": "controller without power",
+    "controller_restarts": "controller without power for 3 s, then up again",
+    "cable_slips": "the cable slips in the jaws",
+    "crooked_reset": "the reset leaves the cable 15 deg aside",
+    "camera_frozen": "the camera sends the same picture again and again",
+    "camera_black": "the camera sees nothing",
+    "camera_unplugged": "the camera's stream ends",
+    "camera_exposed": "something changes the camera's exposure",
+    "camera_moved_tag": "somebody moves a tag",
+}
+"""Faults of the twin, each in words."""
+
+PHASES = ("idle", "reset", "approach", "cast", "settle", "readout", "now")
+"""Phases that a fault may wait for: the arm stands, the reset's motion, the hold at the start of a
+cast, the cast's motion, the time in which the cable comes to rest, and the end of the film. "now"
+waits for nothing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """One fault that waits for its moment.
+
+    Attributes:
+        name: One of `FAULTS`.
+        phase: One of `PHASES`.
+        after: Time from the begin of the phase to the fault [s].
+    """
+
+    name: str
+    phase: str = "now"
+    after: float = 0.0
+
+    def __post_init__(self):
+        if self.name not in FAULTS:
+            raise InputError(f"unknown fault {self.name[:40]!r}: one of {', '.join(FAULTS)}")
+        if self.phase not in PHASES:
+            raise InputError(f"unknown phase {self.phase[:40]!r}: one of {', '.join(PHASES)}")
+        check_number("fault after", self.after, 0.0, 600.0, "s")
+
+    @classmethod
+    def from_dict(cls, values: Any) -> "Fault":
+        """Return the fault that plain values describe.
+
+        Raises:
+            InputError: A key or a value is unknown.
+        """
+        values = check_keys(values, {"name", "phase", "after"}, "fault", required={"name"})
+        for name in ("name", "phase"):
+            if name in values and not isinstance(values[name], str):
+                raise InputError(f"fault {name} must be text")
+        return cls(**values)
 
 
 class TwinLaboratory:
@@ -147,7 +188,7 @@ class TwinLaboratory:
         self.config = config
         home = np.asarray(reset_pose(setup.workspace), dtype=float)
         self.controller = Controller(
-            setup, setup.arm.inverse(home), is_e_series(setup.arm.model), config.lab_seed
+            setup, setup.arm.inverse(home), setup.arm.model.endswith("e"), config.lab_seed
         )
         self.cable: LiveCable | None = None
         if config.has_cable:
@@ -159,9 +200,7 @@ class TwinLaboratory:
         # Phases that were said since the last tick: a slow tick may miss a short one.
         self._said: set[str] = set()
         self.rtde = RtdeServer(
-            self.controller,
-            Reporter(self.controller, config.seed).state,
-            heard=lambda: self._said.add(self.phase),
+            self.controller, config.seed, heard=lambda: self._said.add(self.phase)
         )
         self.faults: list[Fault] = []
         self.stopping = False
@@ -228,7 +267,6 @@ class TwinLaboratory:
         speed = float(np.abs(controller.arm.qd).max())
         self._history.append((controller.time, self._tip(), speed))
         if controller.time >= self._silent_until:
-            self.servers.muted = False
             for client, data in self._held:
                 self._serve(client, data)
             self._held.clear()
@@ -256,13 +294,13 @@ class TwinLaboratory:
         if client.kind == "rtde":
             self.rtde.accept(client)
         elif client.kind == "dashboard":
-            client.send(f"{dashboard.GREETING}\n".encode())
-        elif client.kind in ("program", "program_realtime"):
+            client.send(f"{DASHBOARD_GREETING}\n".encode())
+        elif client.kind == "program":
             self._senders.append(client)
         client.state.update(text=b"", at=0.0)
 
     def _received(self, client: Client, data: bytes) -> None:
-        if client.kind in ROBOT_SERVERS and self.controller.time < self._silent_until:
+        if client.kind in _ROBOT_SERVERS and self.controller.time < self._silent_until:
             self._held.append((client, data))
         else:
             self._serve(client, data)
@@ -272,14 +310,14 @@ class TwinLaboratory:
             self.rtde.receive(client, data, self.servers.of("rtde"))
             return
         client.state["text"] += data
-        if client.kind in ("program", "program_realtime"):
+        if client.kind == "program":
             client.state["at"] = time.monotonic()
             return
         *lines, client.state["text"] = client.state["text"].split(b"\n")
         for line in lines:
             text = line.decode("utf-8", "replace")
             if client.kind == "dashboard":
-                client.send(f"{dashboard.answer(self.controller, text)}\n".encode())
+                client.send(f"{dashboard_answer(self.controller, text)}\n".encode())
             else:
                 client.send(json.dumps(self._administer(text)).encode() + b"\n")
 
@@ -412,7 +450,7 @@ class TwinLaboratory:
         elif name in ("controller_dies", "controller_restarts"):
             controller.stop_program("no power")
             controller.robot_mode = MODE_POWER_OFF
-            self.servers.drop(set(ROBOT_SERVERS))
+            self.servers.drop(set(_ROBOT_SERVERS))
             self._held.clear()
             if name == "controller_restarts":
                 self._restart_at = now + _RESTART_TIME
@@ -425,11 +463,10 @@ class TwinLaboratory:
             self.cable.lies_aside = _CROOKED
 
     def _power_up(self) -> None:
-        """Start a controller that had no power, by its clock's going on."""
-        now, self._restart_at = self.controller.time, None
+        """Start a controller that had no power."""
+        self._restart_at = None
         self.controller.boot()
-        self.controller.time = now
-        for name in ROBOT_SERVERS:
+        for name in _ROBOT_SERVERS:
             self.servers.drop({name})
             self.servers.listen(name)
         self.controller.log("powered up")
@@ -456,243 +493,3 @@ class TwinLaboratory:
         self._next_picture = now + CAMERA_DT - 1e-9
         if self.phase != "reset" or now % RESET_GLANCE_PERIOD < RESET_GLANCE:
             self.camera.show(now, self.controller.arm.q, self._nodes())
-
-
-ROBOT_SERVERS = frozenset({"rtde", "dashboard", "program", "program_realtime"})
-"""Servers of the controller itself; the rest belong to the laboratory around it."""
-
-
-def is_e_series(model: str) -> bool:
-    """Return whether an arm belongs to the e-Series.
-
-    Raises:
-        InputError: There is no such model.
-    """
-    if model not in ARM_MODELS:
-        raise InputError(f"unknown arm model {model[:40]!r}")
-    return model.endswith("e")
-
-
-FAULTS: dict[str, str] = {
-    "protective_stop": "protective stop, as after a collision",
-    "emergency_stop": "emergency stop button pressed",
-    "speed_slider": "speed slider at 50 %",
-    "wrong_payload": "payload set to 0 kg on the controller",
-    "lost_packets": "reports of the controller are lost for 1 s",
-    "late_packets": "reports of the controller come 0.3 s late",
-    "network_lost": "nothing passes between computer and controller for 5 s",
-    "controller_dies": "controller without power",
-    "controller_restarts": "controller without power for 3 s, then up again",
-    "cable_slips": "the cable slips in the jaws",
-    "crooked_reset": "the reset leaves the cable 15 deg aside",
-    "camera_frozen": "the camera sends the same picture again and again",
-    "camera_black": "the camera sees nothing",
-    "camera_unplugged": "the camera's stream ends",
-    "camera_exposed": "something changes the camera's exposure",
-    "camera_moved_tag": "somebody moves a tag",
-}
-"""Faults of the twin, each in words."""
-
-PHASES = ("idle", "reset", "approach", "cast", "settle", "readout", "now")
-"""Phases that a fault may wait for: the arm stands, the reset's motion, the hold at the start of a
-cast, the cast's motion, the time in which the cable comes to rest, and the end of the film. "now"
-waits for nothing."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Fault:
-    """One fault that waits for its moment.
-
-    Attributes:
-        name: One of `FAULTS`.
-        phase: One of `PHASES`.
-        after: Time from the begin of the phase to the fault [s].
-    """
-
-    name: str
-    phase: str = "now"
-    after: float = 0.0
-
-    def __post_init__(self):
-        if self.name not in FAULTS:
-            raise InputError(f"unknown fault {self.name[:40]!r}: one of {', '.join(FAULTS)}")
-        if self.phase not in PHASES:
-            raise InputError(f"unknown phase {self.phase[:40]!r}: one of {', '.join(PHASES)}")
-        check_number("fault after", self.after, 0.0, 600.0, "s")
-
-    @classmethod
-    def from_dict(cls, values: Any) -> "Fault":
-        """Return the fault that plain values describe.
-
-        Raises:
-            InputError: A key or a value is unknown.
-        """
-        values = check_keys(values, {"name", "phase", "after"}, "fault", required={"name"})
-        for name in ("name", "phase"):
-            if name in values and not isinstance(values[name], str):
-                raise InputError(f"fault {name} must be text")
-        return cls(**values)
-
-
-_START_TIME_MAX = 180.0
-_STOP_TIME_MAX = 5.0
-_ANSWER_TIME_MAX = 30.0
-
-
-class TwinProcess:
-    """A running twin; as a context manager it stops at the end.
-
-    Args:
-        setup: Lab file of the twin, with a robot section.
-        config: Where it listens, and how it behaves.
-
-    Attributes:
-        ports: Port of each server.
-        camera_url: Address of the camera's stream; None without a camera.
-        admin: Client that commands the twin.
-
-    Raises:
-        InputError: A port is not free, or the set-up has no robot.
-        RigError: The process did not start.
-    """
-
-    def __init__(self, setup: Setup, config: TwinConfig | None = None):
-        config = config or TwinConfig()
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe(duplex=False)
-        # No daemon: it has a process of its own for the camera.
-        self._process = context.Process(target=_serve, args=(setup, config, there))
-        self._process.start()
-        there.close()
-        try:
-            if not here.poll(_START_TIME_MAX):
-                raise RigError(f"the twin did not start within {_START_TIME_MAX:g} s")
-            answer = here.recv()
-        except EOFError:
-            raise RigError("the twin's process ended while it started") from None
-        finally:
-            here.close()
-        if "error" in answer:
-            self._process.join(_STOP_TIME_MAX)
-            raise InputError(answer["error"])
-        self.ports: dict[str, int] = answer["ports"]
-        self.camera_url: str | None = answer["camera"]
-        self.admin = TwinClient(config.address, self.ports["admin"])
-        atexit.register(self.close)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    @property
-    def is_alive(self) -> bool:
-        """True while the process runs."""
-        return self._process.is_alive()
-
-    def wait(self, timeout: float | None = None) -> None:
-        """Wait until the process ends."""
-        self._process.join(timeout)
-
-    def close(self) -> None:
-        """Stop the process; it may be called twice."""
-        atexit.unregister(self.close)
-        self.admin.close()
-        if self._process.is_alive():
-            self._process.terminate()
-            self._process.join(_STOP_TIME_MAX)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(_STOP_TIME_MAX)
-
-
-class TwinClient:
-    """Commands a twin: makes faults, clears them, and asks what is true.
-
-    Args:
-        address: Address of the twin.
-        port: Its admin port.
-
-    Raises:
-        RigError: No twin answers.
-    """
-
-    def __init__(self, address: str = "127.0.0.1", port: int = 30101):
-        try:
-            self._socket = socket.create_connection((address, port), timeout=_ANSWER_TIME_MAX)
-        except OSError as error:
-            raise RigError(
-                f"no twin answers at {address}:{port} ({error.strerror}): start `cablecast twin`"
-            ) from None
-        self._buffer = b""
-
-    def close(self) -> None:
-        """Close the connection; it may be called twice."""
-        self._socket.close()
-
-    def fault(self, name: str, phase: str = "now", after: float = 0.0) -> None:
-        """Let a fault come; see `twin.faults`."""
-        self._ask("fault", name=name, phase=phase, after=after)
-
-    def clear(self) -> None:
-        """Do what a person does after a stop, and forget faults that still wait."""
-        self._ask("clear")
-
-    def state(self) -> dict[str, Any]:
-        """Return what the twin does now."""
-        return self._ask("state")
-
-    def events(self) -> list[dict[str, Any]]:
-        """Return what happened, each with its time by the twin's clock."""
-        return self._ask("events")["events"]
-
-    def truth(self, since: float, until: float) -> dict[str, Any]:
-        """Return the true way of the endpoint [m], and the speed of the fastest joint [rad/s].
-
-        Args:
-            since: Begin by the twin's clock [s].
-            until: End by the twin's clock [s].
-        """
-        return self._ask("truth", since=since, until=until)
-
-    def _ask(self, do: str, **values: Any) -> dict[str, Any]:
-        try:
-            self._socket.sendall(json.dumps({"do": do, **values}).encode() + b"\n")
-            while b"\n" not in self._buffer:
-                data = self._socket.recv(1 << 16)
-                if not data:
-                    raise OSError("it closed the connection")
-                self._buffer += data
-        except OSError as error:
-            raise RigError(f"the twin does not answer: {error}") from None
-        line, self._buffer = self._buffer.split(b"\n", 1)
-        answer = json.loads(line)
-        if "error" in answer:
-            raise InputError(f"the twin refuses {do}: {answer['error']}")
-        return answer
-
-
-def _serve(setup: Setup, config: TwinConfig, there: multiprocessing.connection.Connection) -> None:
-    """Run a twin in this process until it is told to stop."""
-    try:
-        laboratory = TwinLaboratory(setup, config)
-    except CablecastError as error:
-        there.send({"error": str(error)})
-        return
-    # Ctrl-C reaches all processes of a terminal: the twin stops with the one that started it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def stop(*_: object) -> None:
-        laboratory.stopping = True
-
-    signal.signal(signal.SIGTERM, stop)
-    url = None if laboratory.camera is None else laboratory.camera.url
-    there.send({"ports": laboratory.servers.ports, "camera": url})
-    there.close()
-    parent = os.getppid()
-    try:
-        # A twin whose starter was killed would hold its ports for ever.
-        laboratory.run(lambda: os.getppid() == parent)
-    finally:
-        laboratory.close()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import RigError
 from cablecast.rigs.ur.rig import RigUR
-from cablecast.rigs.ur.twin.laboratory import TwinClient
+from cablecast.rigs.ur.twin.process import TwinClient
 from cablecast.setup import Setup
 from cablecast.vision.tracker import TrialTiming
 

@@ -1,0 +1,540 @@
+"""What the twin's clients talk to: its sockets, the Real-Time Data Exchange, and the dashboard.
+
+All sockets are served by one thread, on the loopback address only.
+
+Sources: Universal Robots, "Real-Time Data Exchange (RTDE) Guide", version 2 of the protocol: every
+frame begins with its length, header included, and its type; all numbers are big-endian. The same,
+"Dashboard Server e-Series, port 29999" and "... CB-Series": one line in, one line out.
+"""
+
+import collections
+import contextlib
+import dataclasses
+import ipaddress
+import selectors
+import socket
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cablecast.errors import InputError
+from cablecast.rigs.ur.twin.controller import (
+    MODE_RUNNING,
+    REGISTER_COUNT,
+    SAFETY_EMERGENCY,
+    SAFETY_NORMAL,
+    SAFETY_PROTECTIVE,
+    Controller,
+)
+from cablecast.rigs.virtual.config import TrialNoise
+
+_RECEIVE_SIZE = 1 << 16
+_SEND_MAX = 1 << 22
+"""Most bytes that wait for a client who does not read; then it is dropped, as a controller does."""
+
+
+class Client:
+    """One connection of a client.
+
+    Attributes:
+        kind: Name of the server that it came to.
+        state: Whatever the server keeps about it.
+    """
+
+    def __init__(self, connection: socket.socket, kind: str):
+        self.connection = connection
+        self.kind = kind
+        self.state: dict[str, Any] = {}
+        self.open = True
+        self._waiting = b""
+
+    def send(self, data: bytes) -> None:
+        """Send now what goes, and the rest later."""
+        self._waiting += data
+        self.flush()
+
+    def flush(self) -> None:
+        """Send what waits."""
+        if not self.open:
+            return
+        try:
+            while self._waiting:
+                self._waiting = self._waiting[self.connection.send(self._waiting) :]
+        except BlockingIOError:
+            self.open = len(self._waiting) <= _SEND_MAX
+        except OSError:
+            self.open = False
+
+
+class Servers:
+    """Listening sockets and their clients.
+
+    Args:
+        address: Loopback address.
+        ports: Port by the name of the server; 0 for any free one.
+
+    Raises:
+        InputError: The address is not of this computer, or a port is taken.
+    """
+
+    def __init__(self, address: str, ports: dict[str, int]):
+        self.address = _check_loopback(address)
+        self.ports = dict(ports)
+        self.clients: list[Client] = []
+        self._selector = selectors.DefaultSelector()
+        self._listening: dict[str, socket.socket] = {}
+        try:
+            for name in ports:
+                self.listen(name)
+        except InputError:
+            self.close()
+            raise
+
+    def listen(self, name: str) -> None:
+        """Open a server's port."""
+        server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            server.bind((self.address, self.ports[name]))
+        except OSError as error:
+            server.close()
+            raise InputError(
+                f"port {self.ports[name]} of {self.address} is not free ({error.strerror}): is "
+                "another twin running?"
+            ) from None
+        self.ports[name] = server.getsockname()[1]
+        server.listen()
+        server.setblocking(False)
+        self._listening[name] = server
+        self._selector.register(server, selectors.EVENT_READ, name)
+
+    def drop(self, names: set[str]) -> None:
+        """Close servers and their clients, as a controller without power does."""
+        for name in names & set(self._listening):
+            self._selector.unregister(self._listening[name])
+            self._listening.pop(name).close()
+        for client in self.clients:
+            if client.kind in names:
+                client.open = False
+        self._forget_closed()
+
+    def of(self, kind: str) -> list[Client]:
+        """Return the clients of a server."""
+        return [client for client in self.clients if client.kind == kind and client.open]
+
+    def poll(
+        self,
+        timeout: float,
+        accepted: Callable[[Client], None],
+        received: Callable[[Client, bytes], None],
+    ) -> None:
+        """Wait for what clients send, and hand it on.
+
+        Args:
+            timeout: Longest time to wait [s].
+            accepted: Called with every new client.
+            received: Called with a client and what it sent.
+        """
+        for key, _ in self._selector.select(max(timeout, 0.0)):
+            if isinstance(key.data, str):
+                self._accept(self._listening[key.data], key.data, accepted)
+                continue
+            client: Client = key.data
+            try:
+                data = client.connection.recv(_RECEIVE_SIZE)
+            except BlockingIOError:
+                continue
+            except OSError:
+                data = b""
+            if not data:
+                client.open = False
+            else:
+                received(client, data)
+        for client in self.clients:
+            client.flush()
+        self._forget_closed()
+
+    def _accept(self, server: socket.socket, name: str, accepted: Callable[[Client], None]) -> None:
+        with contextlib.suppress(OSError):
+            connection, _ = server.accept()
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            client = Client(connection, name)
+            self.clients.append(client)
+            self._selector.register(connection, selectors.EVENT_READ, client)
+            accepted(client)
+
+    def _forget_closed(self) -> None:
+        for client in [client for client in self.clients if not client.open]:
+            self.clients.remove(client)
+            with contextlib.suppress(KeyError, ValueError):
+                self._selector.unregister(client.connection)
+            client.connection.close()
+
+    def close(self) -> None:
+        """Close everything."""
+        self.drop(set(self._listening) | {client.kind for client in self.clients})
+        self._selector.close()
+
+
+def _check_loopback(address: str) -> str:
+    """Return an address of this computer that nobody else can reach."""
+    with contextlib.suppress(ValueError):
+        if ipaddress.ip_address(address).is_loopback:
+            return address
+    raise InputError(f"the twin listens on a loopback address such as 127.0.0.1, not on {address}")
+
+
+_TYPES = {
+    "BOOL": "?",
+    "UINT8": "B",
+    "UINT32": "I",
+    "UINT64": "Q",
+    "INT32": "i",
+    "DOUBLE": "d",
+    "VECTOR3D": "3d",
+    "VECTOR6D": "6d",
+    "VECTOR6INT32": "6i",
+}
+"""Struct codes of the types that a recipe names."""
+
+
+def _typed(**names: str) -> dict[str, str]:
+    """Return the type of each name; the keywords are types with the names of their variables."""
+    return {name: kind for kind, text in names.items() for name in text.split()}
+
+
+def _registers(what: str, kind: str) -> dict[str, str]:
+    return {f"{what}_{index}": kind for index in range(REGISTER_COUNT)}
+
+
+OUTPUTS = {
+    **_typed(
+        DOUBLE="timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum"
+        " actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0"
+        " standard_analog_input1 standard_analog_output0 standard_analog_output1 payload",
+        VECTOR6D="target_q target_qd target_qdd target_current target_moment actual_q actual_qd"
+        " actual_current joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force"
+        " target_TCP_pose target_TCP_speed joint_temperatures actual_joint_voltage payload_inertia"
+        " ft_raw_wrench",
+        VECTOR3D="actual_tool_accelerometer payload_cog",
+        VECTOR6INT32="joint_mode",
+        UINT64="actual_digital_input_bits actual_digital_output_bits",
+        UINT32="runtime_state robot_status_bits safety_status_bits output_bit_registers0_to_31"
+        " output_bit_registers32_to_63",
+        INT32="robot_mode safety_mode safety_status",
+    ),
+    **_registers("output_int_register", "INT32"),
+    **_registers("output_double_register", "DOUBLE"),
+}
+"""Types of what the controller can report."""
+INPUTS = {
+    **_typed(
+        UINT32="speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
+        UINT8="standard_digital_output_mask standard_digital_output tool_digital_output"
+        " configurable_digital_output_mask configurable_digital_output tool_digital_output_mask"
+        " standard_analog_output_mask standard_analog_output_type",
+        DOUBLE="speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
+        VECTOR6D="external_force_torque",
+    ),
+    **{f"input_bit_register_{index}": "BOOL" for index in range(64, 128)},
+    **_registers("input_int_register", "INT32"),
+    **_registers("input_double_register", "DOUBLE"),
+}
+"""Types of what a client can write."""
+_UNCHANGING: dict[str, Any] = {
+    **{
+        name: [0.0] * int(_TYPES[kind][0]) if kind.startswith("VECTOR") else 0
+        for name, kind in OUTPUTS.items()
+    },
+    "joint_mode": [255] * 6,
+    "joint_temperatures": [30.0] * 6,
+    "actual_main_voltage": 48.0,
+    "actual_robot_voltage": 48.0,
+    "actual_joint_voltage": [48.0] * 6,
+}
+"""Reports of what the twin does not model."""
+_SAFETY_BITS = {
+    SAFETY_NORMAL: 1,
+    SAFETY_PROTECTIVE: 1 << 2 | 1 << 10,
+    SAFETY_EMERGENCY: 1 << 6 | 1 << 7 | 1 << 10,
+}
+_RUNTIME_STOPPED, _RUNTIME_PLAYING = 1, 2
+
+_HEADER = struct.Struct(">HB")
+_REQUEST_PROTOCOL_VERSION, _GET_VERSION = ord("V"), ord("v")
+SETUP_OUTPUTS, SETUP_INPUTS = ord("O"), ord("I")
+_START, _PAUSE, DATA_PACKAGE = ord("S"), ord("P"), ord("U")
+
+_LATE_TIME = 0.3
+"""Delay of reports while they are late [s]."""
+
+
+def frame(kind: int, payload: bytes = b"") -> bytes:
+    """Return one frame of RTDE."""
+    return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
+
+
+class FrameReader:
+    """Cuts a stream of bytes into frames."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
+        """Yield type and payload of every frame that is now whole.
+
+        Raises:
+            ValueError: The stream is no RTDE.
+        """
+        self._buffer += data
+        while len(self._buffer) >= _HEADER.size:
+            size, kind = _HEADER.unpack_from(self._buffer)
+            if size < _HEADER.size:
+                raise ValueError(f"a frame of {size} bytes is shorter than its header")
+            if len(self._buffer) < size:
+                return
+            payload, self._buffer = self._buffer[_HEADER.size : size], self._buffer[size:]
+            yield kind, payload
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """Names and layout of a data package.
+
+    Attributes:
+        number: Number of the recipe.
+        names: Names of its variables.
+        types: Type of each, NOT_FOUND where the controller does not know it.
+    """
+
+    number: int
+    names: tuple[str, ...]
+    types: tuple[str, ...]
+
+    @property
+    def is_valid(self) -> bool:
+        """True where the controller knows every variable, and nobody else writes it."""
+        return all(kind in _TYPES for kind in self.types)
+
+    @property
+    def layout(self) -> struct.Struct:
+        """Layout of the values after the recipe's number."""
+        return struct.Struct(">" + "".join(_TYPES[kind] for kind in self.types))
+
+    def pack(self, state: Mapping[str, Any]) -> bytes:
+        """Return a data package of the present state."""
+        values: list[Any] = []
+        for name in self.names:
+            value = state[name]
+            values.extend(value if isinstance(value, Sequence) else [value])
+        return frame(DATA_PACKAGE, bytes([self.number]) + self.layout.pack(*values))
+
+    def unpack(self, payload: bytes) -> dict[str, Any]:
+        """Return the values of a data package, without its recipe's number."""
+        flat = list(self.layout.unpack(payload))
+        values: dict[str, Any] = {}
+        for name, kind in zip(self.names, self.types, strict=True):
+            count = int(_TYPES[kind][:-1] or 1)
+            taken, flat = flat[:count], flat[count:]
+            values[name] = taken if count > 1 else taken[0]
+        return values
+
+
+class RtdeServer:
+    """Answers RTDE clients of one controller.
+
+    Args:
+        controller: Controller that they talk to.
+        seed: Seed of the noise of its encoders.
+        heard: Called after each package of inputs.
+    """
+
+    def __init__(
+        self, controller: Controller, seed: int = 0, heard: Callable[[], None] = lambda: None
+    ):
+        self.controller = controller
+        self.heard = heard
+        self.lost_until = -1.0
+        self.late_until = -1.0
+        self._rng = np.random.default_rng([seed, 79])
+        self._late: collections.deque[tuple[float, Client, bytes]] = collections.deque()
+        self._tick = 0
+
+    def accept(self, client: Client) -> None:
+        """Welcome a new client."""
+        client.state.update(reader=FrameReader(), outputs=None, inputs={}, started=False, every=1)
+
+    def receive(self, client: Client, data: bytes, others: list[Client]) -> None:
+        """Answer what a client sent.
+
+        Args:
+            client: Client.
+            data: Bytes from it.
+            others: All clients of this server.
+        """
+        try:
+            for kind, payload in client.state["reader"].feed(data):
+                self._answer(client, kind, payload, others)
+        except (ValueError, IndexError, UnicodeDecodeError, LookupError):
+            self.controller.log("RTDE client sent nonsense")
+            client.open = False
+
+    def _answer(self, client: Client, kind: int, payload: bytes, others: list[Client]) -> None:
+        if kind == _REQUEST_PROTOCOL_VERSION:
+            client.send(frame(kind, bytes([int.from_bytes(payload[:2], "big") == 2])))
+        elif kind == _GET_VERSION:
+            client.send(frame(kind, struct.pack(">4I", *self.controller.version)))
+        elif kind == SETUP_OUTPUTS:
+            self._set_outputs(client, payload)
+        elif kind == SETUP_INPUTS:
+            self._set_inputs(client, payload, others)
+        elif kind in (_START, _PAUSE):
+            client.state["started"] = kind == _START
+            client.send(frame(kind, b"\x01"))
+        elif kind == DATA_PACKAGE:
+            recipe: Recipe | None = client.state["inputs"].get(payload[0])
+            if recipe is None:
+                raise ValueError("a data package of an unknown recipe")
+            values = recipe.unpack(payload[1:])
+            self.controller.inputs.update(values)
+            self.controller.inputs["written at"] = self.controller.time
+            if values.get("speed_slider_mask"):
+                fraction = float(values["speed_slider_fraction"])
+                self.controller.speed_slider = min(max(fraction, 0.0), 1.0)
+            self.heard()
+
+    def _set_outputs(self, client: Client, payload: bytes) -> None:
+        (frequency,) = struct.unpack_from(">d", payload)
+        names = _names(payload[8:])
+        types = tuple(OUTPUTS.get(name, "NOT_FOUND") for name in names)
+        recipe = Recipe(1, names, types)
+        client.state["outputs"] = recipe if recipe.is_valid else None
+        rate = 1.0 / self.controller.dt
+        client.state["every"] = max(1, round(rate / min(max(frequency, 1.0), rate)))
+        client.send(frame(SETUP_OUTPUTS, bytes([recipe.number]) + ",".join(types).encode()))
+
+    def _set_inputs(self, client: Client, payload: bytes, others: list[Client]) -> None:
+        names = _names(payload)
+        taken = {
+            name
+            for other in others
+            if other is not client
+            for recipe in other.state["inputs"].values()
+            for name in recipe.names
+        }
+        types = tuple(
+            "IN_USE" if name in taken else INPUTS.get(name, "NOT_FOUND") for name in names
+        )
+        recipe = Recipe(len(client.state["inputs"]) + 1, names, types)
+        number = recipe.number if recipe.is_valid else 0
+        if recipe.is_valid:
+            client.state["inputs"][recipe.number] = recipe
+        client.send(frame(SETUP_INPUTS, bytes([number]) + ",".join(types).encode()))
+
+    def state(self) -> dict[str, Any]:
+        """Return the value of every output, with the noise of the encoders."""
+        c = self.controller
+        noise = TrialNoise.encoder * self._rng.normal(size=(2, 6))
+        powered = c.robot_mode == MODE_RUNNING
+        playing = c.is_running_program
+        return {
+            **_UNCHANGING,
+            "timestamp": c.time,
+            "target_q": c.target_q.tolist(),
+            "target_qd": c.target_qd.tolist(),
+            "actual_q": (c.arm.q + noise[0]).tolist(),
+            "actual_qd": (c.arm.qd + 20 * noise[1] * (not c.at_rest)).tolist(),
+            "robot_mode": c.robot_mode,
+            "safety_mode": c.safety_mode,
+            "safety_status": c.safety_mode,
+            "speed_scaling": 1.0 if powered else 0.0,
+            "target_speed_fraction": c.speed_slider,
+            "runtime_state": _RUNTIME_PLAYING if playing else _RUNTIME_STOPPED,
+            "robot_status_bits": int(powered) | int(playing) << 1,
+            "safety_status_bits": _SAFETY_BITS[c.safety_mode],
+            "payload": c.payload,
+            "payload_cog": c.payload_cog,
+            **{f"output_int_register_{i}": value for i, value in enumerate(c.int_registers)},
+        }
+
+    def publish(self, clients: list[Client]) -> None:
+        """Send every client what it asked for, once a control cycle."""
+        self._tick += 1
+        now = self.controller.time
+        while self._late and self._late[0][0] <= now:
+            _, client, data = self._late.popleft()
+            client.send(data)
+        wanting = [
+            client
+            for client in clients
+            if client.state["started"]
+            and client.state["outputs"] is not None
+            and self._tick % client.state["every"] == 0
+        ]
+        if not wanting or now < self.lost_until:
+            return
+        state = self.state()
+        for client in wanting:
+            data = client.state["outputs"].pack(state)
+            if now < self.late_until:
+                self._late.append((now + _LATE_TIME, client, data))
+            elif self._late:
+                # No report overtakes another.
+                self._late.append((max(now, self._late[-1][0]), client, data))
+            else:
+                client.send(data)
+
+
+def _names(text: bytes) -> tuple[str, ...]:
+    """Return the names of a recipe; ur-rtde sends a comma after the last."""
+    return tuple(name for name in text.decode("ascii").split(",") if name)
+
+
+DASHBOARD_GREETING = "Connected: Universal Robots Dashboard Server"
+_SAFETY_WORDS = {
+    SAFETY_NORMAL: "NORMAL",
+    SAFETY_PROTECTIVE: "PROTECTIVE_STOP",
+    SAFETY_EMERGENCY: "ROBOT_EMERGENCY_STOP",
+}
+
+
+def dashboard_answer(controller: Controller, line: str) -> str:
+    """Return the dashboard's answer to one command.
+
+    Args:
+        controller: Controller that is asked.
+        line: Command, without its line break.
+    """
+    command = line.strip().lower()
+    major, minor, bugfix, build = controller.version
+    running = controller.is_running_program
+    safety = _SAFETY_WORDS[controller.safety_mode]
+    questions = {
+        "robotmode": "Robotmode: "
+        + ("RUNNING" if controller.robot_mode == MODE_RUNNING else "POWER_OFF"),
+        "safetymode": f"Safetymode: {safety}",
+        "safetystatus": f"Safetystatus: {safety}",
+        "running": f"Program running: {str(running).lower()}",
+        "programstate": f"{'PLAYING' if running else 'STOPPED'} "
+        f"{controller.program_name or '<unnamed>'}",
+        "polyscopeversion": f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2022)",
+        "get robot model": controller.setup.arm.model.removesuffix("e").upper(),
+        "get serial number": "20260000000",
+        "quit": "Disconnected",
+    }
+    if controller.is_e_series:
+        questions["is in remote control"] = "true"
+    if command in questions:
+        return questions[command]
+    controller.log("dashboard", command=command)
+    if command == "stop":
+        controller.stop_program("dashboard")
+        return "Stopped"
+    if command == "unlock protective stop":
+        if controller.safety_mode == SAFETY_PROTECTIVE:
+            controller.clear()
+        return "Protective stop releasing"
+    return f"could not understand: {line.strip()}"
