@@ -12,7 +12,6 @@ import pathlib
 import numpy as np
 
 import cablecast as cc
-from cablecast.data.dataset import measured_joints, trial_track
 from cablecast.motion.measured import grip_path_from_joints
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.base import purpose_seed
@@ -87,7 +86,7 @@ def main(out: pathlib.Path = pathlib.Path("runs/examples")) -> None:
         # Stopped at any moment, even by a power cut, this goes on where it was.
         data = cc.collect(rig, count=4, out=out / "pretend-tune-data")
         for row, action in enumerate(data.actions):
-            track, joints = trial_track(data, row), measured_joints(data, row)
+            track, joints = data.track(row), data.measured_joints(row)
             moved = np.degrees(np.ptp(joints.q[:, 0])) if joints else float("nan")
             print(f"action {action.round(2)}: {track.status.code}, base turned {moved:.0f} deg")
         # Polar casting needs no model; a policy that cc.train returns is given in the same way.

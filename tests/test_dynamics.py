@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.cable import Material
-from cablecast.data.dataset import settings_dynamics
+from cablecast.data.dataset import StoredSettings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError
@@ -52,7 +52,7 @@ def test_it_comes_back_from_plain_values_and_leaves_out_what_it_lacks():
 
 
 def test_a_rig_and_the_settings_of_a_dataset_play_all_of_it():
-    stored = settings_dynamics({"settings": WHOLE.to_dict()}, "the dataset")
+    stored = StoredSettings({"settings": WHOLE.to_dict()}, "the dataset").dynamics
     rig = RigEngine(ENGINE, SETUP, stored)
     rig.reset()
     np.testing.assert_allclose(rig.execute(MOTION).final_xy, landing(WHOLE), atol=1e-6)
@@ -61,10 +61,10 @@ def test_a_rig_and_the_settings_of_a_dataset_play_all_of_it():
 
 def test_settings_without_parameters_or_of_another_version_are_refused():
     with pytest.raises(DatasetError, match="the model lack params"):
-        settings_dynamics({"settings": {}}, "the model")
+        _ = StoredSettings({"settings": {}}, "the model").dynamics
     values = WHOLE.to_dict() | {"params": {"mass": 0.05}}
     with pytest.raises(DatasetError, match="does not fit this version"):
-        settings_dynamics({"settings": values}, "the model")
+        _ = StoredSettings({"settings": values}, "the model").dynamics
 
 
 def test_other_parameters_and_rows_keep_the_rest():

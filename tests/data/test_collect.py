@@ -13,13 +13,7 @@ import cablecast
 from cablecast.cast import TrialStatus
 from cablecast.data import record as record_module
 from cablecast.data import writer
-from cablecast.data.dataset import (
-    commanded_joints,
-    measured_joints,
-    read_dataset,
-    trial_rig,
-    trial_track,
-)
+from cablecast.data.dataset import read_dataset
 from cablecast.data.record import sample_actions
 from cablecast.errors import DatasetError, InputError, RigError
 from cablecast.motion.action import ActionRanges
@@ -63,17 +57,17 @@ def test_a_row_holds_the_action_the_track_and_both_joint_paths(unbroken):
     for row, values in enumerate(dataset.actions):
         action = Action.from_array(values)
         trajectory = plan_trajectory(action, SETUP)
-        track = trial_track(dataset, row)
+        track = dataset.track(row)
         expected = StickRig()._track(trajectory, row)
         assert track.status is expected.status
         np.testing.assert_array_equal(track.times, expected.times)
         np.testing.assert_array_equal(track.endpoint_xy, expected.endpoint_xy)
-        commanded, actual = commanded_joints(dataset, row), measured_joints(dataset, row)
+        commanded, actual = dataset.commanded_joints(row), dataset.measured_joints(row)
         np.testing.assert_array_equal(commanded.q, trajectory.joint_path.q)
         np.testing.assert_array_equal(commanded.times, trajectory.joint_path.times)
         np.testing.assert_array_equal(actual.times, commanded.times + SERVO_DELAY)
         np.testing.assert_array_equal(actual.q, commanded.q)
-        assert trial_rig(dataset, row) == {"rig": "stick", "seed": 0}
+        assert dataset.rig(row) == {"rig": "stick", "seed": 0}
         assert dataset.duration[row] == pytest.approx(trajectory.duration)
         if track.status is TrialStatus.OK:
             r2, psi = action.r2, action.psi
@@ -86,8 +80,8 @@ def test_a_row_holds_the_action_the_track_and_both_joint_paths(unbroken):
 
 def test_a_rig_that_sees_no_joints_leaves_their_columns_empty(tmp_path):
     dataset = collect(tmp_path / "d", StickRig(sees_joints=False), count=2)
-    assert measured_joints(dataset, 0) is None
-    assert commanded_joints(dataset, 0) is not None
+    assert dataset.measured_joints(0) is None
+    assert dataset.commanded_joints(0) is not None
 
 
 @pytest.mark.parametrize("kind", [StickRig, ManyStickRig])
@@ -258,7 +252,7 @@ def test_repeats_of_an_action_follow_one_another_and_differ_only_by_chance(tmp_p
     dataset = collect(tmp_path / "d", purpose="repeat", actions=actions, count=None, repeats=3)
     assert dataset.extra["repeat"] == [0, 1, 2, 0, 1, 2]
     np.testing.assert_array_equal(dataset.actions, np.repeat(actions, 3, axis=0))
-    tracks = [trial_track(dataset, row).endpoint_xy for row in range(3)]
+    tracks = [dataset.track(row).endpoint_xy for row in range(3)]
     assert np.abs(tracks[0] - tracks[1]).max() > 0
     assert np.abs(tracks[0] - tracks[1]).max() < 10 * NOISE
 

@@ -6,7 +6,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cablecast.data.dataset import commanded_joints, trial_track
 from cablecast.data.lerobot import DATA_FILE, EPISODES_FILE, TASKS_FILE, VIDEO_FILE, statistics
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
@@ -42,7 +41,7 @@ def test_frames_hold_the_track_and_the_commanded_joints(casts, exported):
     frames = rows_of(exported, DATA_FILE)
     for row in range(CAST_COUNT):
         mine = [frame for frame in frames if frame["episode_index"] == row]
-        track, joints = trial_track(casts, row), commanded_joints(casts, row)
+        track, joints = casts.track(row), casts.commanded_joints(row)
         assert [frame["observation.endpoint"] for frame in mine] == [
             pytest.approx(xy, abs=FLOAT32) for xy in track.endpoint_xy
         ]

@@ -8,7 +8,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from cablecast.cast import TrialStatus
-from cablecast.data.dataset import commanded_joints, measured_joints, trial_track
 from cablecast.data.record import collect_dataset
 from cablecast.data.recordings import read_recordings
 from cablecast.engines.warp_ import EngineWarp
@@ -39,7 +38,7 @@ def table_of(casts, motion):
     """Rows of samples as somebody else would have recorded them."""
     rows = []
     for number in range(len(casts)):
-        track, joints = trial_track(casts, number), commanded_joints(casts, number)
+        track, joints = casts.track(number), casts.commanded_joints(number)
         path = plan_trajectory(Action.from_array(casts.actions[number]), SETUP).grip_path
         samples = {
             round(t, 6): {"x_m": x, "y_m": y}
@@ -90,7 +89,7 @@ def test_tracks_and_motions_are_those_that_were_recorded(casts, tmp_path, motion
     assert np.abs(difference[..., :2]).max() < FIT_TOLERANCE
     assert here.endpoint_xy[here.compared] == pytest.approx(there.endpoint_xy[there.compared])
     if motion == "joints":
-        assert measured_joints(imported, 0).q == pytest.approx(commanded_joints(casts, 0).q)
+        assert imported.measured_joints(0).q == pytest.approx(casts.commanded_joints(0).q)
 
 
 def test_imported_casts_of_a_hand_tune_the_simulator(casts, tmp_path):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from stick_rig import COUNT, SETUP, StickRig
 
-from cablecast.data.dataset import measured_joints, trial_track
 from cablecast.data.record import collect_dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import DamagedFileError, InputError
@@ -27,9 +26,9 @@ def test_casts_come_out_as_they_went_in(casts, tmp_path):
     np.testing.assert_array_equal(again.endpoint_xy, casts.endpoint_xy)
     assert list(again.status) == list(casts.status)
     for row in range(COUNT):
-        there, here = trial_track(casts, row), trial_track(again, row)
+        there, here = casts.track(row), again.track(row)
         np.testing.assert_array_equal(here.endpoint_xy, there.endpoint_xy)
-        joints, known = measured_joints(again, row), measured_joints(casts, row)
+        joints, known = again.measured_joints(row), casts.measured_joints(row)
         np.testing.assert_array_equal(joints.q, known.q)
     assert again.fingerprint == store.dataset().fingerprint
 

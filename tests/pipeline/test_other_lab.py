@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import cablecast as cc
-from cablecast.data.dataset import commanded_joints, trial_track
 from cablecast.motion.trajectory import plan_trajectory
 
 pytest.importorskip("mujoco")
@@ -37,12 +36,12 @@ def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     assert casts.ok.any()
     # The joints are those of a UR5e: its kinematics, not a UR5's, bring them back to the grip.
     for row in range(len(casts)):
-        joints = commanded_joints(casts, row)
+        joints = casts.commanded_joints(row)
         motion = plan_trajectory(cc.Action.from_array(casts.actions[row]), setup)
         grip = setup.arm.grip_pose(joints.q)
         times = motion.joint_path.times
         np.testing.assert_allclose(grip, motion.grip_path.evaluate(times)[0], atol=1e-6)
-        track = trial_track(casts, row)
+        track = casts.track(row)
         moved = setup.arm.grip_pose(track.joint_path.q)[:, :2]
         ahead = np.array([0.0, setup.workspace.reset_y])
         np.testing.assert_allclose(moved[0], ahead, atol=1e-3)

@@ -110,7 +110,7 @@ def test_casts_that_were_made_again_are_tuned_to_again(folder, tmp_path):
 
 
 def test_simulated_casts_follow_the_tuned_parameters(simulated, tuned):
-    assert simulated.params == tuned.params
+    assert simulated.settings.dynamics.params == tuned.params
     assert simulated.kind == "sim"
     other = dataclasses.replace(tuned, setup=cc.Setup(cable="cable_2"))
     with pytest.raises(InputError, match="parameters are those of cable_2, not of cable_1"):

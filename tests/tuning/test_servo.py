@@ -3,7 +3,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.data.dataset import commanded_joints, measured_joints
 from cablecast.errors import DatasetError
 from cablecast.motion.servo import ServoModel, joint_response
 from cablecast.tuning.servo import identify_servo
@@ -51,7 +50,7 @@ def report(dataset, servo, rate=125.0, offset=0.0, noise=NOISE, rows=None):
     rng = np.random.default_rng(0)
     times, q = [], []
     for row in range(len(dataset)):
-        commanded = commanded_joints(dataset, row)
+        commanded = dataset.commanded_joints(row)
         end = commanded.times[-1]
         fine = np.arange(int((end + AFTER) / FINE) + 1) * FINE
         set_points = CubicSpline(commanded.times, commanded.q, bc_type="clamped")
@@ -68,7 +67,7 @@ def report(dataset, servo, rate=125.0, offset=0.0, noise=NOISE, rows=None):
 def assert_same_response(model, truth, dataset):
     """Delay and frequency can stand in for each other; the motion of the joints is what counts."""
     for row in range(len(dataset)):
-        q = commanded_joints(dataset, row).q
+        q = dataset.commanded_joints(row).q
         apart = (model.respond(q, TICK) - truth.respond(q, TICK))[:, MOVING]
         assert np.sqrt(np.mean(apart**2, axis=0)).max() < SAME_RESPONSE
 
@@ -78,7 +77,7 @@ def misfit(values, dataset, joint):
     delay, frequency, damping = values
     left = []
     for row in range(len(dataset)):
-        commanded, measured = commanded_joints(dataset, row), measured_joints(dataset, row)
+        commanded, measured = dataset.commanded_joints(row), dataset.measured_joints(row)
         q = commanded.q[:, joint]
         held = np.concatenate([q, np.full(len(measured.q) - len(q), q[-1])])
         moved = joint_response(held, TICK, delay=delay, frequency=frequency, damping=damping)
@@ -128,7 +127,7 @@ def test_limits_of_the_motor_at_the_base_are_found(dataset, limits, noise):
     values = np.full((2, 6), np.inf)
     values[:, 0] = limits
     weak = dataclasses.replace(SERVO, acceleration_max=values[0], speed_max=values[1])
-    q = commanded_joints(dataset, 0).q
+    q = dataset.commanded_joints(0).q
     assert np.abs(weak.respond(q, TICK) - SERVO.respond(q, TICK)).max() > 100 * NOISE
     found = identify_servo(report(dataset, weak, noise=noise)).model
     np.testing.assert_allclose(found.speed_max[0], limits[1], rtol=0.02)

@@ -88,7 +88,7 @@ class Collect:
                 out=out,
                 progress=progress,
             )
-        shares = ", ".join(f"{n} {code}" for code, n in dataset.info["status_counts"].items())
+        shares = ", ".join(f"{n} {code}" for code, n in dataset.status_counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
         return None
 

@@ -37,6 +37,6 @@ class Import:
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS["tune"]
         dataset = import_casts(self.table, setup, out=out)
-        counts = dataset.info["status_counts"]
+        counts = dataset.status_counts
         ends = ", ".join(f"{count} {code}" for code, count in counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({ends})")

@@ -67,6 +67,6 @@ class Simulate:
                 out=out,
                 progress=progress,
             )
-        counts = dataset.info["status_counts"]
+        counts = dataset.status_counts
         shares = ", ".join(f"{100 * n / len(dataset):.1f} % {code}" for code, n in counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")

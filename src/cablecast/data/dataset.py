@@ -1,7 +1,4 @@
-"""Reader of datasets: every shard is checked.
-
-Trials of a dataset as motions and tracks.
-"""
+"""Datasets of casts, read with every shard checked: rows, tracks, joints and settings."""
 
 import dataclasses
 import functools
@@ -14,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.data.schema import (
     ACTION_COLUMNS,
@@ -30,6 +27,7 @@ from cablecast.data.schema import (
 )
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, DatasetError, InputError
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath
 from cablecast.runs.folder import fingerprint
@@ -100,9 +98,14 @@ class Dataset:
         return self.info.get("fingerprint", "")
 
     @functools.cached_property
+    def settings(self) -> "StoredSettings":
+        """Settings that the casts were made with."""
+        return StoredSettings(self.info, self._name)
+
+    @property
     def setup(self) -> Setup:
         """Cable, workspace, arm and motion settings of the casts."""
-        return settings_setup(self.info, self._name)
+        return self.settings.setup
 
     @property
     def cable(self) -> Cable:
@@ -110,9 +113,10 @@ class Dataset:
         return self.setup.cable
 
     @property
-    def params(self) -> CableParams:
-        """Parameters that the cable was simulated with."""
-        return settings_dynamics(self.info, self._name).params
+    def status_counts(self) -> dict[str, int]:
+        """Number of trials of each status, by its code."""
+        codes, counts = np.unique(self.status, return_counts=True)
+        return dict(zip(codes.tolist(), counts.tolist(), strict=True))
 
     def table_margin(self) -> NDArray[np.float64]:
         """Return the least distance of the free end from the table's edges during each cast.
@@ -161,80 +165,174 @@ class Dataset:
             },
         )
 
+    def track(self, row: int) -> EndpointTrack:
+        """Return the track that the rig reported for one trial.
+
+        Raises:
+            DatasetError: The dataset holds no track of it, or a damaged one.
+        """
+        times, x, y = (self._values(name, row) for name in ("times", "track_x", "track_y"))
+        if times is None or x is None or y is None:
+            raise DatasetError(f"{self._name} holds no track of trial {row}")
+        nodes = self._values("nodes", row)
+        if nodes is not None:
+            if not len(times) or len(nodes) % (3 * len(times)):
+                raise self._damage(
+                    row,
+                    f"has {len(nodes)} node coordinates for {len(times)} times: they must be three "
+                    "for each node",
+                )
+            nodes = nodes.reshape(len(times), -1, 3)
+        return EndpointTrack(
+            times=times,
+            endpoint_xy=np.stack([x, y], axis=-1),
+            status=TrialStatus.from_code(str(self.status[row])),
+            nodes=nodes,
+            joint_path=self.measured_joints(row),
+            controller_log=self.controller_log(row),
+        )
+
+    def measured_joints(self, row: int) -> JointPath | None:
+        """Return the measured joints of one trial; None if the rig reported none."""
+        return self._joint_path("actual_times", "actual_q", row)
+
+    def commanded_joints(self, row: int) -> JointPath | None:
+        """Return the commanded joints of one trial; None if the motion had none."""
+        return self._joint_path("joint_times", "joint_q", row)
+
+    def controller_log(self, row: int) -> ControllerLog | None:
+        """Return what the arm's controller reported of one trial; None if not recorded."""
+        values = [self._values(name, row) for name in CONTROLLER_COLUMNS]
+        times, target_q, speed_scaling, safety_bits = values
+        if times is None or target_q is None or speed_scaling is None or safety_bits is None:
+            return None
+        try:
+            return ControllerLog(
+                times=times,
+                target_q=target_q.reshape(-1, JOINT_COUNT),
+                speed_scaling=speed_scaling,
+                safety_bits=safety_bits,
+            )
+        except (ValueError, InputError) as error:
+            raise DatasetError(f"trial {row} of {self._name}: {error}") from None
+
+    def measured_poses(self, row: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return the tracked poses of the grip in one trial; None if it was not tracked.
+
+        Returns:
+            Times [s], shape [sample], and x, y, z [m], yaw and pitch [rad], shape [sample, 5].
+        """
+        times, poses = (self._values(name, row) for name in ("grip_times", "grip_pose"))
+        if times is None or poses is None or not len(times):
+            return None
+        if len(poses) != len(CHANNELS) * len(times):
+            raise self._damage(
+                row,
+                f"has {len(poses)} grip coordinates for {len(times)} times: they must be five for "
+                "each",
+            )
+        return times, poses.reshape(-1, len(CHANNELS))
+
+    def rig(self, row: int) -> dict[str, Any]:
+        """Return the rig's description at one trial."""
+        texts = self.extra.get("rig")
+        return self.settings.rig if texts is None else json.loads(texts[row])
+
+    def _values(self, name: str, row: int) -> NDArray[np.float64] | None:
+        column = self.extra.get(name)
+        if column is None or column[row] is None:
+            return None
+        return np.asarray(column[row], dtype=float)
+
+    def _joint_path(self, times_name: str, q_name: str, row: int) -> JointPath | None:
+        times, q = self._values(times_name, row), self._values(q_name, row)
+        if times is None or q is None or not len(times):
+            return None
+        if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
+            raise self._damage(row, "has joints that are not finite or times that do not rise")
+        if len(q) != JOINT_COUNT * len(times):
+            raise self._damage(
+                row, f"has {len(q)} joint angles for {len(times)} times: they must be six for each"
+            )
+        q = q.reshape(-1, JOINT_COUNT)
+        # Rates are not stored; any reader can take differences of the angles.
+        qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
+        return JointPath(times=times, q=q, qd=qd)
+
+    def _damage(self, row: int, what: str) -> DatasetError:
+        return DatasetError(f"trial {row} of {self._name} {what}")
+
     @property
     def _name(self) -> str:
         return str(self.path or "the dataset")
 
 
-def settings_setup(info: Mapping[str, Any], owner: str) -> Setup:
-    """Return the set-up that stored settings describe.
+@dataclasses.dataclass(frozen=True)
+class StoredSettings:
+    """Settings that casts were made with, as a dataset or a model stores them.
 
-    Args:
-        info: Description of a dataset, with its settings.
+    Reading one raises `DatasetError` where it is missing, or was written by a version of cablecast
+    with other settings.
+
+    Attributes:
+        info: Description of the dataset: its settings, and the version that wrote them.
         owner: Name of the dataset or model, for errors.
-
-    Raises:
-        DatasetError: A section is missing, or was written by a version with other settings.
     """
-    settings = info.get("settings", {})
-    if missing := [name for name in SECTIONS if name not in settings]:
-        raise DatasetError(f"the settings of {owner} lack {', '.join(missing)}")
-    try:
-        return Setup.from_dict({name: settings[name] for name in SECTIONS})
-    except CablecastError as error:
-        raise _other_version(info, "set-up", owner, error) from None
 
+    info: Mapping[str, Any]
+    owner: str
 
-def settings_object(
-    make: Callable[[dict[str, Any]], T], info: Mapping[str, Any], name: str, owner: str
-) -> T:
-    """Return an object that stored settings describe.
+    @property
+    def values(self) -> dict[str, Any]:
+        """All settings, as plain values by name."""
+        return self.info.get("settings", {})
 
-    Args:
-        make: Function that makes it from the settings.
-        info: Description of a dataset, with its settings.
-        name: Key of the object in the settings.
-        owner: Name of the dataset or model, for errors.
+    @functools.cached_property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings."""
+        return self._read(
+            lambda values: Setup.from_dict({name: values[name] for name in SECTIONS}),
+            "set-up",
+            SECTIONS,
+        )
 
-    Raises:
-        DatasetError: The key is missing, or was written by a version with other settings.
-    """
-    values = info.get("settings", {}).get(name)
-    if values is None:
-        raise DatasetError(f"the settings of {owner} lack {name}")
-    try:
-        return make(values)
-    except (TypeError, AttributeError, InputError) as error:
-        raise _other_version(info, name, owner, error) from None
+    @property
+    def is_simulated(self) -> bool:
+        """True if the casts were simulated, with dynamics that are known."""
+        return self.values.get("params") is not None
 
+    @property
+    def dynamics(self) -> Dynamics:
+        """Cable and servo of the arm that the casts were simulated with."""
+        return self._read(Dynamics.from_dict, "dynamics", ("params",))
 
-def settings_dynamics(info: Mapping[str, Any], owner: str) -> Dynamics:
-    """Return the dynamics of one cable that stored settings describe.
+    @property
+    def ranges(self) -> ActionRanges | None:
+        """Ranges from which the actions were chosen; None for given actions."""
+        if self.values.get("ranges") is None:
+            return None
+        return self._read(
+            lambda values: ActionRanges(**{k: tuple(v) for k, v in values["ranges"].items()}),
+            "ranges",
+            ("ranges",),
+        )
 
-    Args:
-        info: Description of a dataset, with its settings.
-        owner: Name of the dataset or model, for errors.
+    @property
+    def rig(self) -> dict[str, Any]:
+        """Description of the rig; empty for simulated casts."""
+        return dict(self.values.get("rig", {}))
 
-    Raises:
-        DatasetError: There are no parameters, or another version wrote them.
-    """
-    settings = info.get("settings", {})
-    if settings.get("params") is None:
-        raise DatasetError(f"the settings of {owner} lack params")
-    try:
-        return Dynamics.from_dict(settings)
-    except (TypeError, AttributeError, InputError) as error:
-        raise _other_version(info, "dynamics", owner, error) from None
-
-
-def _other_version(
-    info: Mapping[str, Any], name: str, owner: str, error: Exception
-) -> DatasetError:
-    version = str(info.get("cablecast_version", "?"))[:20]
-    return DatasetError(
-        f"{owner} was made by cablecast {version}, whose {name} does not fit this version "
-        f"({error}): make it anew"
-    )
+    def _read(self, make: Callable[[dict[str, Any]], T], what: str, needed: tuple[str, ...]) -> T:
+        if missing := [name for name in needed if self.values.get(name) is None]:
+            raise DatasetError(f"the settings of {self.owner} lack {', '.join(missing)}")
+        try:
+            return make(self.values)
+        except (TypeError, AttributeError, CablecastError) as error:
+            version = str(self.info.get("cablecast_version", "?"))[:20]
+            raise DatasetError(
+                f"{self.owner} was made by cablecast {version}, whose {what} does not fit this "
+                f"version ({error}): make it anew"
+            ) from None
 
 
 def read_dataset(path: str | pathlib.Path) -> Dataset:
@@ -297,142 +395,3 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
         info=info,
         path=path,
     )
-
-
-def trial_track(dataset: Dataset, row: int) -> EndpointTrack:
-    """Return the track that the rig reported for one trial.
-
-    Args:
-        dataset: Trials on a rig.
-        row: Index of the trial.
-
-    Raises:
-        DatasetError: The dataset holds no tracks.
-    """
-    times, x, y = (_values(dataset, name, row) for name in ("times", "track_x", "track_y"))
-    if times is None or x is None or y is None:
-        raise DatasetError(f"{dataset.path or 'the dataset'} holds no track of trial {row}")
-    return EndpointTrack(
-        times=times,
-        endpoint_xy=np.stack([x, y], axis=-1),
-        status=TrialStatus.from_code(str(dataset.status[row])),
-        nodes=_nodes(dataset, row, len(times)),
-        joint_path=measured_joints(dataset, row),
-        controller_log=controller_log(dataset, row),
-    )
-
-
-def measured_joints(dataset: Dataset, row: int) -> JointPath | None:
-    """Return the measured joints of one trial; None if the rig reported none.
-
-    Args:
-        dataset: Trials on a rig.
-        row: Index of the trial.
-    """
-    return _joint_path(dataset, "actual_times", "actual_q", row)
-
-
-def controller_log(dataset: Dataset, row: int) -> ControllerLog | None:
-    """Return what the arm's controller reported of one trial; None where it was not recorded.
-
-    Args:
-        dataset: Trials on a rig.
-        row: Index of the trial.
-    """
-    values = [_values(dataset, name, row) for name in CONTROLLER_COLUMNS]
-    times, target_q, speed_scaling, safety_bits = values
-    if times is None or target_q is None or speed_scaling is None or safety_bits is None:
-        return None
-    try:
-        return ControllerLog(
-            times=times,
-            target_q=target_q.reshape(-1, JOINT_COUNT),
-            speed_scaling=speed_scaling,
-            safety_bits=safety_bits,
-        )
-    except (ValueError, InputError) as error:
-        raise DatasetError(f"trial {row} of {dataset.path or 'the dataset'}: {error}") from None
-
-
-def commanded_joints(dataset: Dataset, row: int) -> JointPath | None:
-    """Return the commanded joints of one trial; None if the motion had none.
-
-    Args:
-        dataset: Trials on a rig.
-        row: Index of the trial.
-    """
-    return _joint_path(dataset, "joint_times", "joint_q", row)
-
-
-def measured_poses(
-    dataset: Dataset, row: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the tracked poses of the grip in one trial; None if it was not tracked.
-
-    Args:
-        dataset: Trials that were imported.
-        row: Index of the trial.
-
-    Returns:
-        Times [s], shape [sample], and x, y, z [m], yaw and pitch [rad], shape [sample, 5].
-    """
-    times, poses = (_values(dataset, name, row) for name in ("grip_times", "grip_pose"))
-    if times is None or poses is None or not len(times):
-        return None
-    if len(poses) != len(CHANNELS) * len(times):
-        raise DatasetError(
-            f"trial {row} of {dataset.path or 'the dataset'} has {len(poses)} grip coordinates for "
-            f"{len(times)} times: they must be five for each"
-        )
-    return times, poses.reshape(-1, len(CHANNELS))
-
-
-def trial_rig(dataset: Dataset, row: int) -> dict[str, Any]:
-    """Return the rig's description at one trial.
-
-    Args:
-        dataset: Trials on a rig.
-        row: Index of the trial.
-    """
-    texts = dataset.extra.get("rig")
-    return dict(dataset.info["settings"]["rig"]) if texts is None else json.loads(texts[row])
-
-
-def _values(dataset: Dataset, name: str, row: int):
-    column = dataset.extra.get(name)
-    if column is None or column[row] is None:
-        return None
-    return np.asarray(column[row], dtype=float)
-
-
-def _nodes(dataset: Dataset, row: int, sample_count: int):
-    """Return the cable's nodes at the samples of a track, where they were stored."""
-    nodes = _values(dataset, "nodes", row)
-    if nodes is None:
-        return None
-    if not sample_count or len(nodes) % (3 * sample_count):
-        raise DatasetError(
-            f"trial {row} of {dataset.path or 'the dataset'} has {len(nodes)} node coordinates "
-            f"for {sample_count} times: they must be three for each node"
-        )
-    return nodes.reshape(sample_count, -1, 3)
-
-
-def _joint_path(dataset: Dataset, times_name: str, q_name: str, row: int) -> JointPath | None:
-    times, q = _values(dataset, times_name, row), _values(dataset, q_name, row)
-    if times is None or q is None or not len(times):
-        return None
-    if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
-        raise DatasetError(
-            f"trial {row} of {dataset.path or 'the dataset'} has joints that are not finite or "
-            "times that do not rise"
-        )
-    if len(q) != JOINT_COUNT * len(times):
-        raise DatasetError(
-            f"trial {row} of {dataset.path or 'the dataset'} has {len(q)} joint angles for "
-            f"{len(times)} times: they must be six for each"
-        )
-    q = q.reshape(-1, JOINT_COUNT)
-    # Rates are not stored; any reader can take differences of the angles.
-    qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
-    return JointPath(times=times, q=q, qd=qd)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_COUNT, JOINT_NAMES
 from cablecast.cast import TrialStatus
-from cablecast.data.dataset import Dataset, commanded_joints, measured_joints, trial_track
+from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
 from cablecast.motion.action import ACTION_NAMES
 from cablecast.motion.trajectory import JointPath
@@ -95,8 +95,8 @@ def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
     episodes = []
     first = 0
     for row in range(len(dataset)):
-        track = trial_track(dataset, row)
-        measured, commanded = measured_joints(dataset, row), commanded_joints(dataset, row)
+        track = dataset.track(row)
+        measured, commanded = dataset.measured_joints(row), dataset.commanded_joints(row)
         state, target = measured or commanded, commanded or measured
         if state is None or target is None:
             raise DatasetError(

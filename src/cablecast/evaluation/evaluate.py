@@ -32,7 +32,6 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import Cable
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import finite_or_none, mirror_xy, xy_to_polar
-from cablecast.data.dataset import trial_track
 from cablecast.data.record import TrialPlan, record_trials
 from cablecast.errors import InputError, check_count
 from cablecast.files import write_text
@@ -339,7 +338,7 @@ def evaluate_policy(
             target_xy=target_xy[row // repeats],
             action=motions[row // repeats].action,
             predicted_xy=np.asarray(plan.predicted_xy[row // repeats], dtype=float),
-            track=trial_track(dataset, row),
+            track=dataset.track(row),
             trajectory=motions[row // repeats],
             inside_coverage=bool(inside[row // repeats]),
         )
@@ -347,7 +346,7 @@ def evaluate_policy(
     )
     return Evaluation(
         setup=setup,
-        rig=dict(dataset.info["settings"]["rig"]),
+        rig=dataset.settings.rig,
         target_xy=target_xy,
         inside_coverage=inside,
         trials=casts,

@@ -185,7 +185,7 @@ class Repeatability:
             )
         return cls(
             setup=dataset.setup,
-            rig=dict(dataset.info["settings"]["rig"]),
+            rig=dataset.settings.rig,
             actions=tuple(actions),
         )
 

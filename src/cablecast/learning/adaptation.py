@@ -62,7 +62,7 @@ def real_rows(
             other motions.
     """
     if model is not None:
-        there, here = model.info["dataset"]["settings"], real.info["settings"]
+        there, here = model.settings.values, real.settings.values
         for name in SECTIONS:
             if differences := settings_differences(there.get(name, {}), here.get(name, {})):
                 raise InputError(

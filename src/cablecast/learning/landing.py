@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.data.dataset import Dataset, settings_object, settings_setup
+from cablecast.data.dataset import Dataset, StoredSettings
 from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
 from cablecast.setup import Setup
@@ -146,9 +146,9 @@ def dataset_summary(dataset: Dataset) -> dict[str, Any]:
     """Return the description of a dataset that is stored with a model."""
     return {
         "fingerprint": dataset.fingerprint,
-        "kind": dataset.info.get("kind", ""),
+        "kind": dataset.kind,
         "row_count": len(dataset),
-        "settings": dataset.info["settings"],
+        "settings": dataset.settings.values,
     }
 
 
@@ -291,12 +291,17 @@ class LandingModel:
     @property
     def cable(self) -> Cable:
         """Cable of the training casts."""
-        return settings_object(Cable.from_dict, self.info["dataset"], "cable", "the model")
+        return self.setup.cable
 
     @functools.cached_property
+    def settings(self) -> StoredSettings:
+        """Settings that the training casts were made with."""
+        return StoredSettings(self.info["dataset"], "the model")
+
+    @property
     def setup(self) -> Setup:
         """Cable, workspace, arm and motion settings of the training casts."""
-        return settings_setup(self.info["dataset"], "the model")
+        return self.settings.setup
 
     @property
     def action_ranges(self) -> "ActionRanges":
@@ -306,15 +311,7 @@ class LandingModel:
         """
         from cablecast.motion.action import ActionRanges
 
-        known = self.info["dataset"]["settings"].get("ranges")
-        if known is None:
-            return ActionRanges.for_setup(self.setup)
-        return settings_object(
-            lambda values: ActionRanges(**{k: tuple(v) for k, v in values.items()}),
-            self.info["dataset"],
-            "ranges",
-            "the model",
-        )
+        return self.settings.ranges or ActionRanges.for_setup(self.setup)
 
     @functools.cached_property
     def fingerprint(self) -> str:

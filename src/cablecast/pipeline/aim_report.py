@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.data.dataset import trial_track
 from cablecast.evaluation.evaluate import (
     Evaluation,
     TargetCast,
@@ -44,7 +43,7 @@ def aim_evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
             target_xy=result.target_xy[index],
             action=Action.from_array(trial.action),
             predicted_xy=trial.expected_xy,
-            track=trial_track(casts, trial.number),
+            track=casts.track(trial.number),
             trajectory=plan_trajectory(Action.from_array(trial.action), session.setup),
             inside_coverage=bool(inside[index]),
         )

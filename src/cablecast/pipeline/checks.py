@@ -112,7 +112,7 @@ def check_evaluate(
     if out is not None:
         require("the report", "matplotlib", "jinja2")
         refuse_other_work(out, "evaluate")
-    if model is not None and "params" in model.info["dataset"]["settings"]:
+    if model is not None and model.settings.is_simulated:
         from cablecast.pipeline.rigs import engine_rig
 
         engine_rig(model, device).close()

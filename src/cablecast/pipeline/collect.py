@@ -91,8 +91,8 @@ def collect(
             record_run(
                 folder,
                 "collect",
-                {**dataset.info["settings"], "purpose": purpose},
-                {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
+                {**dataset.settings.values, "purpose": purpose},
+                {"cast_count": len(dataset), "status_counts": dataset.status_counts},
             )
     return dataset
 

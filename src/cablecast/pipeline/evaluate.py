@@ -118,7 +118,7 @@ def _split(
     evaluation: Evaluation, model: LandingModel | None, device: str
 ) -> dict[str, Any] | None:
     """Return the parts of the errors, where the model knows its simulator."""
-    if model is None or "params" not in model.info["dataset"]["settings"]:
+    if model is None or not model.settings.is_simulated:
         return None
     with engine_rig(model, device) as engine:
         split = split_errors(evaluation, model, engine)

@@ -68,8 +68,8 @@ def import_casts(
             record_run(
                 folder,
                 "import",
-                dataset.info["settings"],
-                {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
+                dataset.settings.values,
+                {"cast_count": len(dataset), "status_counts": dataset.status_counts},
             )
     return dataset
 

@@ -1,6 +1,5 @@
 """The simulator of a model as a rig, so that the model's own error can be told from the world's."""
 
-from cablecast.data.dataset import settings_dynamics
 from cablecast.engines import make_engine
 from cablecast.errors import InputError
 from cablecast.learning.landing import LandingModel
@@ -19,12 +18,9 @@ def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
     Raises:
         InputError: The model has seen no simulated cast.
     """
-    info = model.info["dataset"]
-    settings = info["settings"]
-    if "params" not in settings:
+    settings = model.settings
+    if not settings.is_simulated:
         raise InputError("the model has seen no simulated cast: its simulator is unknown")
-    engine = make_engine(
-        "warp", settings["engine"]["segment_count"], settings["engine"]["dt"], device
-    )
-    dynamics = settings_dynamics(info, "the model")
-    return make_rig(RigEngine(engine, model.setup, dynamics), model.setup)
+    engine = settings.values["engine"]
+    engine = make_engine("warp", engine["segment_count"], engine["dt"], device)
+    return make_rig(RigEngine(engine, model.setup, settings.dynamics), model.setup)

@@ -77,8 +77,8 @@ def simulate(
             record_run(
                 folder,
                 "simulate",
-                {**dataset.info["settings"], "device": device},
-                {"cast_count": len(dataset), "status_counts": dataset.info["status_counts"]},
+                {**dataset.settings.values, "device": device},
+                {"cast_count": len(dataset), "status_counts": dataset.status_counts},
             )
     return dataset
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
-from cablecast.data.dataset import Dataset, commanded_joints, measured_joints
+from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
 from cablecast.motion.servo import ServoModel, joint_response
 from cablecast.motion.trajectory import JointPath
@@ -144,7 +144,7 @@ class _Motions:
 def can_identify_servo(dataset: Dataset) -> bool:
     """Return whether some trial has both commanded and measured joints."""
     return any(
-        commanded_joints(dataset, row) is not None and measured_joints(dataset, row) is not None
+        dataset.commanded_joints(row) is not None and dataset.measured_joints(row) is not None
         for row in range(len(dataset))
     )
 
@@ -165,7 +165,7 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     """
     pairs: list[tuple[JointPath, JointPath]] = []
     for row in range(len(dataset) if count is None else min(count, len(dataset))):
-        commanded, measured = commanded_joints(dataset, row), measured_joints(dataset, row)
+        commanded, measured = dataset.commanded_joints(row), dataset.measured_joints(row)
         if commanded is not None and measured is not None:
             pairs.append((commanded, measured))
     if not pairs:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams, Material
 from cablecast.cast import TrialStatus
-from cablecast.data.dataset import Dataset, measured_joints, measured_poses, trial_track
+from cablecast.data.dataset import Dataset
 from cablecast.engines.base import CableState, Engine, reset_state
 from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.motion.casting import cast_grip_paths
@@ -123,7 +123,7 @@ class MeasuredTracks:
         if count > len(dataset) or count == 0:
             name = str(dataset.path or "the dataset")
             raise DatasetError(f"{name} has {len(dataset)} trials, not {max(count, 1)}")
-        tracks = [trial_track(dataset, row) for row in range(count)]
+        tracks = [dataset.track(row) for row in range(count)]
         workspace = dataset.setup.workspace
         sample_max = max(len(track.times) for track in tracks)
         times = np.empty((count, sample_max))
@@ -164,13 +164,13 @@ def _fallen_from(track: NDArray[np.float64], workspace: Workspace) -> int:
 
 def has_measured_joints(dataset: Dataset) -> bool:
     """Return whether the rig reported the joints of every trial."""
-    return all(measured_joints(dataset, row) is not None for row in range(len(dataset)))
+    return all(dataset.measured_joints(row) is not None for row in range(len(dataset)))
 
 
 def has_measured_motion(dataset: Dataset) -> bool:
     """Return whether the joints of every trial were reported, or its grip tracked."""
     return all(
-        measured_joints(dataset, row) is not None or measured_poses(dataset, row) is not None
+        dataset.measured_joints(row) is not None or dataset.measured_poses(row) is not None
         for row in range(len(dataset))
     )
 
@@ -184,7 +184,7 @@ def _grip_paths(dataset: Dataset, count: int, source: str) -> GripPath:
         return cast_grip_paths(dataset.actions[:count], dataset.setup)
     paths, arm = [], dataset.setup.arm
     for row in range(count):
-        joints, poses = measured_joints(dataset, row), measured_poses(dataset, row)
+        joints, poses = dataset.measured_joints(row), dataset.measured_poses(row)
         if joints is not None:
             paths.append(grip_path_from_joints(joints, arm))
         elif poses is not None:

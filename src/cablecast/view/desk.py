@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
-from cablecast.data.dataset import settings_dynamics
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, TargetError
@@ -152,12 +151,12 @@ class Desk:
         """
         if session.setup.to_settings() != self.setup.to_settings():
             raise InputError("the model was made for another set-up than the rig's")
-        info: dict[str, Any] = session.aimer.policy.model.info.get("dataset", {})
+        settings = session.aimer.policy.model.settings
         with self._lock:
             self._refuse_casting()
             self._session, self.preview = session, None
-            if info.get("settings", {}).get("params") is not None:
-                self._dynamics = settings_dynamics(info, "the model")
+            if settings.is_simulated:
+                self._dynamics = settings.dynamics
             if self.album.undone:
                 self._forget_undone()
 

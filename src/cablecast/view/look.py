@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike
 
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import xy_to_polar
-from cablecast.data.dataset import Dataset, read_dataset, trial_track
+from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.schema import INFO_PATH, read_info
 from cablecast.data.store import CastStore
 from cablecast.engines.base import Engine, Rollout
@@ -476,15 +476,14 @@ def _of_tuning(path: pathlib.Path) -> Collection:
 
 
 def _of_dataset(dataset: Dataset, path: pathlib.Path) -> Collection:
-    settings: dict[str, Any] = dataset.info["settings"]
-    targets = settings.get("targets")
+    targets = dataset.settings.values.get("targets")
     repeats = 1 if not targets else max(1, len(dataset) // len(targets))
 
     def looked(row: int) -> LookedCast:
         target = None if not targets else np.array(targets[row // repeats], dtype=float)
         measured = None
         if dataset.extra.get("times") is not None:
-            measured = lambda: ShownCast.of_track(trial_track(dataset, row))  # noqa: E731
+            measured = lambda: ShownCast.of_track(dataset.track(row))  # noqa: E731
         return LookedCast(
             label=_label(row, target),
             action=dataset.actions[row],

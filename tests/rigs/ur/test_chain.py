@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.cli.main import main
-from cablecast.data.dataset import controller_log, measured_joints, read_dataset, trial_rig
+from cablecast.data.dataset import read_dataset
 from cablecast.rigs.ur.rig import REPORT_GAP_MAX
 from cablecast.setup import save_setup
 
@@ -56,9 +56,9 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
     casts = read_dataset("runs/cable_1/tune-data")
     tip = admin.state()["tip"]
     assert np.linalg.norm(casts.endpoint_xy[-1] - tip[:2]) < LANDING_ERROR_MAX
-    assert trial_rig(casts, 0)["camera"] == "stream"
+    assert casts.rig(0)["camera"] == "stream"
     for row in range(2):
-        joints, log = measured_joints(casts, row), controller_log(casts, row)
+        joints, log = casts.measured_joints(row), casts.controller_log(row)
         assert np.diff(joints.times[joints.times <= casts.duration[row]]).max() <= REPORT_GAP_MAX
         np.testing.assert_allclose(np.diff(log.times), np.diff(joints.times), atol=1e-9)
         assert set(log.speed_scaling) == {1.0}

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from cablecast.cast import TrialStatus
-from cablecast.data.dataset import measured_joints
 from cablecast.data.record import collect_dataset
 from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
@@ -163,7 +162,7 @@ def test_an_e_series_of_another_size_casts_at_500_hz(make_twin, model, lab, r2, 
         casts = collect_dataset(tmp_path, rig, setup, purpose="tune", actions=actions, attempts=2)
     assert casts.info["status_counts"] == {"ok": 1}
     # A busy computer misses reports; the most common step is that of the controller.
-    assert np.median(np.diff(measured_joints(casts, 0).times)) == pytest.approx(0.002, abs=1e-6)
+    assert np.median(np.diff(casts.measured_joints(0).times)) == pytest.approx(0.002, abs=1e-6)
     assert not [e for e in process.admin.events() if e["what"] == "protective stop"]
 
 
