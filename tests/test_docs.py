@@ -14,8 +14,7 @@ import pytest
 from benchmarks.__main__ import NAMES
 
 import cablecast
-from cablecast.arm.kinematics import ARM_MODELS
-from cablecast.arm.ur import JointLimits
+from cablecast.arm.ur import ARM_MODELS, JointLimits
 from cablecast.cli import main as run_command
 from cablecast.cli.main import VERBS
 from cablecast.motion.action import ActionRanges, grid_actions

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from cablecast.arm.kinematics import LINKS
-from cablecast.arm.ur import JOINT_NAMES, ArmUR, JointLimits
+from cablecast.arm.ur import JOINT_NAMES, LINKS, ArmUR, JointLimits
 from cablecast.errors import InputError
 
 

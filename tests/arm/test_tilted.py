@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.arm.kinematics import tilted_motion
-from cablecast.arm.ur import ArmUR
+from cablecast.arm.ur import ArmUR, tilted_motion
 from cablecast.errors import IKError
 
 # Both sides are closed forms in double precision, with chains of a few dozen operations.

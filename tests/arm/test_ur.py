@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cablecast.arm.kinematics import ARM_MODELS
-from cablecast.arm.ur import ArmUR
+from cablecast.arm.ur import ARM_MODELS, ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
 
 # Both sides are closed forms in double precision, with chains of a few dozen operations.

@@ -1,6 +1,12 @@
-"""Joint limits: position, velocity and acceleration.
+"""A UR arm that holds a cable: link lengths, mounting, gripper, limits, kinematics both ways.
 
-ArmUR: a UR arm at the table, with joint limits and inverse kinematics for any motion.
+The arm stands at the origin of the base frame (docs/conventions.md), `base_height` above the table.
+
+Inverse kinematics uses a single branch (elbow up, arm stretched outwards), so that joint angles do
+not jump along a continuous path; the first two time derivatives are exact. A gripper that points
+straight down has a closed form, which is fast. For one that tilts in the vertical plane of its
+cable, the six joints are solved for a full pose on the same branch, so that a motion may start
+untilted and tilt on the way.
 """
 
 import dataclasses
@@ -11,11 +17,70 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.kinematics import ArmGeometry, JointMotion, level_motion, tilted_motion
-from cablecast.errors import IKError, InputError, check_keys, check_number
+from cablecast.errors import (
+    IKError,
+    InputError,
+    UnknownNameError,
+    check_keys,
+    check_number,
+    check_ranges,
+)
+
+Array = NDArray[np.float64]
 
 JOINT_NAMES = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
 JOINT_COUNT = len(JOINT_NAMES)
+
+
+@dataclasses.dataclass(frozen=True)
+class Links:
+    """Lengths of an arm with the joint order of a UR [m], the first six by Denavit and Hartenberg.
+
+    Attributes:
+        d1: Height of the shoulder above the base.
+        upper_arm: Length of the upper arm, -a2.
+        forearm: Length of the forearm, -a3.
+        d4: Lateral offset of the first wrist joint.
+        d5: Offset between the first two wrist joints.
+        d6: Distance from the last wrist joint to the flange.
+        upper_aside: Distance along the shoulder's axis from the DH frames' plane to the upper arm.
+        forearm_aside: The same distance to the forearm.
+        girth: Thickness of the arm as a multiple of a UR5's [-].
+    """
+
+    d1: float
+    upper_arm: float
+    forearm: float
+    d4: float
+    d5: float
+    d6: float
+    upper_aside: float
+    forearm_aside: float
+    girth: float = 1.0
+
+
+# Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (support
+# article), for the DH lengths; factory calibrations of single arms differ by up to millimetres.
+# Universal_Robots_ROS2_Description, physical_parameters.yaml of each model, for the distances aside
+# (shoulder_offset and elbow_offset). The girth is the ratio of the footprints on the data sheets
+# (128, 149 and 190 mm), but a UR3 counts as thick as a UR5, which is on the safe side.
+LINKS = {
+    # d1, upper_arm, forearm, d4, d5, d6, upper_aside, forearm_aside, girth
+    "ur3": Links(0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819, 0.1198, 0.0275),
+    "ur3e": Links(0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921, 0.12, 0.027),
+    "ur5": Links(0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823, 0.136, 0.016),
+    "ur5e": Links(0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007),
+    "ur10": Links(0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922, 0.220941, 0.049042, 1.28),
+    "ur10e": Links(0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, 1.28),
+}
+
+ARM_MODELS = tuple(LINKS)
+
+_DH_ALPHA = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
+_COS_ALPHA, _SIN_ALPHA = np.cos(_DH_ALPHA), np.sin(_DH_ALPHA)
+
+# A pose with less pitch counts as level [rad].
+_LEVEL = 1e-9
 
 
 class LimitKind(enum.Enum):
@@ -103,25 +168,100 @@ class JointLimits:
         return np.array([self.position, self.velocity, self.acceleration])
 
 
-Array = NDArray[np.float64]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointMotion:
+    """Joint angles with their time derivatives; NaN where a pose is out of reach.
 
-# A pose with less pitch counts as level [rad].
-_LEVEL = 1e-9
+    Attributes:
+        q: Angles [rad], shape [..., 6].
+        qd: Rates [rad/s], same shape.
+        qdd: Accelerations [rad/s²], same shape.
+        radius: Distance from the base axis of the flange or, if the motion tilts the gripper, of
+            the first wrist joint [m], shape [...].
+        radius_min: Smallest radius that the arm reaches at this height [m], shape [...].
+        radius_max: Largest radius that the arm reaches at this height [m], shape [...].
+        lead: Angle from the arm's plane to the flange due to the shoulder offset, with its rate and
+            acceleration [rad] and [s], shape [..., 3]; NaN if the motion tilts the gripper, since
+            it then does not determine the mirrored motion.
+        base_yaw: Rotation of the base about the vertical, positive to the right [rad].
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    radius: Array
+    radius_min: Array
+    radius_max: Array
+    lead: Array
+    base_yaw: float = 0.0
+
+    def mirrored(self) -> "JointMotion":
+        """Return the joint motion for the poses mirrored about the workspace axis.
+
+        The arm is not symmetric. The base and the last wrist joint change sign and are corrected by
+        the lead. The other joints move as before.
+        """
+        turned = []
+        for order, values in enumerate((self.q, self.qd, self.qdd)):
+            values = values.copy(order="K")
+            for joint in (0, 5):
+                values[..., joint] = -values[..., joint] - 2.0 * self.lead[..., order]
+            if order == 0:
+                values[..., 0] += 2.0 * self.base_yaw
+            turned.append(values)
+        return dataclasses.replace(self, q=turned[0], qd=turned[1], qdd=turned[2])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ArmUR(ArmGeometry):
-    """A UR arm at the table.
+class ArmUR:
+    """A UR arm at the table, with a gripper that points down and holds the cable sideways.
+
+    The defaults reproduce the paper's r_max = 0.94 m. With the tool down, the flange of a stretched
+    UR5 is 0.918 m from the base axis if the first wrist joint is level with the shoulder:
+    base_height + d1 = grip_height + gripper_length + d6. That gives a base height of 0.183 m for a
+    gripper of 0.17 m (a common two-finger gripper with its fingertips). The cable leaves the
+    fingers 0.022 m in front of the flange axis, the width of a fingertip, so the grip reaches
+    0.940 m. At this height all radii from 0.2 to 0.94 m are within reach.
 
     Attributes:
+        model: Name of the arm, one of `ARM_MODELS`.
+        base_height: Height of the robot's base above the table's surface [m].
+        base_yaw_deg: Rotation of the base about the vertical, positive to the right [deg]. At 0 the
+            arm points along y when its first joint is at zero.
+        gripper_length: Distance from the flange down to the axis of the gripped cable [m].
+        grip_offset: Distance along the cable from the flange axis to the point where the cable
+            leaves the fingers [m].
+        measured: Whether the five values above were measured on the real robot. A motion for a
+            robot is saved only if this is true.
         limits: Joint limits; those of the model where none are given, see `JointLimits`.
     """
 
+    model: str = "ur5"
+    base_height: float = 0.183
+    base_yaw_deg: float = 0.0
+    gripper_length: float = 0.17
+    grip_offset: float = 0.022
+    measured: bool = False
     # Those of the model as soon as the arm is made.
     limits: JointLimits = cast(JointLimits, None)  # noqa: RUF009
 
     def __post_init__(self):
-        super().__post_init__()
+        if self.model not in LINKS:
+            raise UnknownNameError(
+                f"unknown arm model {str(self.model)[:40]!r}: one of {', '.join(ARM_MODELS)}"
+            )
+        check_ranges(
+            self,
+            {
+                "base_height": (-1.0, 2.0, "m"),
+                "base_yaw_deg": (-180.0, 180.0, "deg"),
+                "gripper_length": (0.0, 1.0, "m"),
+                "grip_offset": (0.0, 0.5, "m"),
+            },
+            "arm",
+        )
+        if not isinstance(self.measured, bool):
+            raise InputError(f"arm measured = {self.measured!r} must be true or false")
         if self.limits is None:
             object.__setattr__(self, "limits", JointLimits.of_model(self.model))
         if not isinstance(self.limits, JointLimits):
@@ -146,6 +286,78 @@ class ArmUR(ArmGeometry):
                 values["limits"], values.get("model", cls.model)
             )
         return cls(**values)
+
+    @property
+    def links(self) -> Links:
+        """Link lengths of the model."""
+        return LINKS[self.model]
+
+    @property
+    def base_yaw(self) -> float:
+        """Rotation of the base about the vertical, positive to the right [rad]."""
+        return float(np.radians(self.base_yaw_deg))
+
+    def forward(self, q: ArrayLike) -> Array:
+        """Return the pose of the flange in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            T_base_flange, shape [..., 4, 4]; z of the flange points out of it.
+        """
+        return self.frames(q)[-1]
+
+    def frames(self, q: ArrayLike) -> list[Array]:
+        """Return the poses of the DH frames in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            Seven poses, each of shape [..., 4, 4]: joint k turns about z of frame k, and the last
+            frame is the flange.
+        """
+        q = np.asarray(q, dtype=float)
+        T = np.zeros((*q.shape[:-1], 4, 4))
+        # In the DH convention, the arm points along -x of its base when its first joint is at zero.
+        c, s = np.cos(self.base_yaw), np.sin(self.base_yaw)
+        T[..., :3, :3] = [[-s, c, 0.0], [-c, -s, 0.0], [0.0, 0.0, 1.0]]
+        T[..., 2, 3] = self.base_height
+        T[..., 3, 3] = 1.0
+        frames = [T]
+        links = self.links
+        a = np.array([0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0])
+        c, s = np.cos(q), np.sin(q)
+        steps = np.zeros((*q.shape, 4, 4))
+        steps[..., 0, 0], steps[..., 0, 1] = c, -s * _COS_ALPHA
+        steps[..., 0, 2], steps[..., 0, 3] = s * _SIN_ALPHA, a * c
+        steps[..., 1, 0], steps[..., 1, 1] = s, c * _COS_ALPHA
+        steps[..., 1, 2], steps[..., 1, 3] = -c * _SIN_ALPHA, a * s
+        steps[..., 2, 1], steps[..., 2, 2] = _SIN_ALPHA, _COS_ALPHA
+        steps[..., 2, 3] = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
+        steps[..., 3, 3] = 1.0
+        for joint in range(q.shape[-1]):
+            T = T @ steps[..., joint, :, :]
+            frames.append(T)
+        return frames
+
+    def grip_pose(self, q: ArrayLike) -> Array:
+        """Return the pose of the gripped cable end.
+
+        Args:
+            q: Joint angles [rad], shape [..., 6].
+
+        Returns:
+            x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
+        """
+        T = self.forward(q)
+        # The cable leaves the fingers along -y of the flange, whose z points down.
+        along = -T[..., :3, 1]
+        position = T[..., :3, 3] + self.gripper_length * T[..., :3, 2] + self.grip_offset * along
+        yaw = np.arctan2(along[..., 0], along[..., 1])
+        pitch = np.arcsin(np.clip(along[..., 2], -1.0, 1.0))
+        return np.concatenate([position, yaw[..., None], pitch[..., None]], axis=-1)
 
     def inverse(self, poses: ArrayLike) -> Array:
         """Return joint angles that bring the gripped end to given poses.
@@ -183,7 +395,7 @@ class ArmUR(ArmGeometry):
 
         Args:
             poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]. If any is tilted, all are solved
-                by the slower general form of arm/tilted.py.
+                by the slower general form.
             velocities: Their first derivatives, same shape.
             accelerations: Their second derivatives, same shape.
 
@@ -193,6 +405,262 @@ class ArmUR(ArmGeometry):
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
         solve = tilted_motion if np.any(_tilted(p)) else level_motion
         return solve(self, p, v, a)
+
+
+def level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
+    """Return joint angles along moving poses of pitch 0, with exact rates and accelerations.
+
+    The base joint turns the arm's plane; the flange has the lateral offset d4 from it. In that
+    plane, upper arm and forearm are a two-link arm that carries the first wrist joint. The wrist
+    joints keep the tool down and turn the cable to its yaw.
+
+    Args:
+        arm: Geometry of the arm.
+        p: x, y, z [m], yaw, pitch [rad], shape [..., 5].
+        v: First derivatives, same shape.
+        a: Second derivatives, same shape.
+
+    Returns:
+        Joint motion; NaN where a pose is out of reach.
+    """
+    links = arm.links
+    x, dx, ddx, y, dy, ddy = _flange(arm.grip_offset, p, v, a)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # Polar coordinates of the flange: azimuth (positive to the right) and radius.
+        rho2 = x * x + y * y
+        rho = np.sqrt(rho2)
+        drho = (x * dx + y * dy) / rho
+        ddrho = (dx * dx + dy * dy + x * ddx + y * ddy - drho * drho) / rho
+        azimuth = np.arctan2(x, y)
+        dazimuth = (y * dx - x * dy) / rho2
+        ddazimuth = (y * ddx - x * ddy - 2.0 * rho * drho * dazimuth) / rho2
+        # Distance within the arm's plane, and the angle by which the plane leads the flange.
+        e = np.sqrt(rho2 - links.d4 * links.d4)
+        de = rho * drho / e
+        dde = (drho * drho + rho * ddrho - de * de) / e
+        lead = np.arctan2(links.d4, e)
+        dlead = -links.d4 * de / rho2
+        ddlead = -links.d4 * (dde - 2.0 * de * drho / rho) / rho2
+        q1, dq1, ddq1 = -azimuth - lead, -dazimuth - dlead, -ddazimuth - ddlead
+        # First wrist joint as seen from the shoulder: out and up.
+        height = p[..., 2] + (arm.gripper_length + links.d6 - arm.base_height - links.d1)
+        upper, fore, rates, radius_min, radius_max = two_link(
+            links, (e - links.d5, height), (de, v[..., 2]), (dde, a[..., 2])
+        )
+        (dupper, dfore), (ddupper, ddfore) = rates
+        wrist_2 = np.full_like(q1, -np.pi / 2)
+        zero = np.zeros_like(q1)
+        q = [q1 + arm.base_yaw, -upper, upper - fore, fore - np.pi / 2, wrist_2, p[..., 3] + q1]
+        qd = [dq1, -dupper, dupper - dfore, dfore, zero, v[..., 3] + dq1]
+        qdd = [ddq1, -ddupper, ddupper - ddfore, ddfore, zero, a[..., 3] + ddq1]
+    # Keep each joint's values contiguous in memory: they are computed and read joint by joint.
+    motion = [np.moveaxis(np.stack(columns), 0, -1) for columns in (q, qd, qdd)]
+    lost = np.isnan(upper) | np.isnan(e)
+    if np.any(lost):
+        for values in motion:
+            values[lost] = np.nan
+    return JointMotion(
+        q=motion[0],
+        qd=motion[1],
+        qdd=motion[2],
+        radius=rho,
+        radius_min=radius_min,
+        radius_max=radius_max,
+        lead=np.moveaxis(np.stack([lead, dlead, ddlead]), 0, -1),
+        base_yaw=arm.base_yaw,
+    )
+
+
+def _flange(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
+    """Return x and y of the flange, `o` [m] behind the grip, with two derivatives."""
+    if o == 0.0:
+        return tuple(values[..., i] for i in (0, 1) for values in (p, v, a))
+    yaw, dyaw, ddyaw = p[..., 3], v[..., 3], a[..., 3]
+    s, c = o * np.sin(yaw), o * np.cos(yaw)
+    return (
+        p[..., 0] - s,
+        v[..., 0] - c * dyaw,
+        a[..., 0] - c * ddyaw + s * dyaw**2,
+        p[..., 1] - c,
+        v[..., 1] + s * dyaw,
+        a[..., 1] + s * ddyaw + c * dyaw**2,
+    )
+
+
+def two_link(
+    links: Links,
+    place: tuple[Array, Array],
+    rate: tuple[Array, Array],
+    acceleration: tuple[Array, Array],
+) -> tuple[Array, Array, tuple[tuple[Array, Array], tuple[Array, Array]], Array, Array]:
+    """Return the elbow-up elevations of both links for a place of the first wrist joint.
+
+    Args:
+        links: Link lengths of the arm.
+        place: Distance out and height up from the shoulder [m].
+        rate: First derivatives of the place [m/s].
+        acceleration: Second derivatives of the place [m/s²].
+
+    Returns:
+        Elevation of the upper arm and of the forearm [rad], their rates and accelerations, and the
+        smallest and largest radius of the flange within reach at this height [m].
+    """
+    upper_arm, forearm = links.upper_arm, links.forearm
+    out, up = place
+    span2 = out * out + up * up
+    cos_elbow = (span2 - upper_arm**2 - forearm**2) / (2.0 * upper_arm * forearm)
+    # Intentionally NaN beyond the reach: it marks the pose.
+    sin_elbow = np.sqrt(1.0 - cos_elbow * cos_elbow)
+    elbow = np.arctan2(sin_elbow, cos_elbow)
+    upper = np.arctan2(up, out) + np.arctan2(forearm * sin_elbow, upper_arm + forearm * cos_elbow)
+    fore = upper - elbow
+    cu, su, cf, sf = np.cos(upper), np.sin(upper), np.cos(fore), np.sin(fore)
+    # Differentiate out + i up = upper_arm exp(i upper) + forearm exp(i fore), and project onto each
+    # link, which eliminates the rate of that link.
+    dout, dup = rate
+    dupper = -(dout * cf + dup * sf) / (upper_arm * sin_elbow)
+    dfore = (dout * cu + dup * su) / (forearm * sin_elbow)
+    pull_u, pull_f = upper_arm * dupper * dupper, forearm * dfore * dfore
+    ddout = acceleration[0] + pull_u * cu + pull_f * cf
+    ddup = acceleration[1] + pull_u * su + pull_f * sf
+    ddupper = -(ddout * cf + ddup * sf) / (upper_arm * sin_elbow)
+    ddfore = (ddout * cu + ddup * su) / (forearm * sin_elbow)
+
+    def flange_radius(span: float) -> Array:
+        reach = np.sqrt(np.maximum(span * span - up * up, 0.0)) + links.d5
+        return np.sqrt(reach * reach + links.d4**2)
+
+    bounds = flange_radius(upper_arm - forearm), flange_radius(upper_arm + forearm)
+    return upper, fore, ((dupper, dfore), (ddupper, ddfore)), *bounds
+
+
+def tilted_motion(arm: ArmUR, poses: Array, velocities: Array, accelerations: Array) -> JointMotion:
+    """Return joint angles along moving poses of any pitch, with exact rates and accelerations.
+
+    Args:
+        arm: Geometry of the arm.
+        poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
+        velocities: Their first derivatives, same shape.
+        accelerations: Their second derivatives, same shape.
+
+    Returns:
+        Joint motion; NaN where a pose is out of reach. Its radii are those of the first wrist
+        joint. Its lead is NaN: mirrored poses must be solved separately.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        q, radius, radius_min, radius_max = _angles(arm, poses)
+        reached = np.all(np.isfinite(q), axis=-1)
+        qd, qdd = np.full_like(q, np.nan), np.full_like(q, np.nan)
+        qd[reached], qdd[reached] = _rates(
+            arm, q[reached], poses[reached], velocities[reached], accelerations[reached]
+        )
+    q[~reached] = np.nan
+    return JointMotion(
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        radius=radius,
+        radius_min=radius_min,
+        radius_max=radius_max,
+        lead=np.full((*radius.shape, 3), np.nan),
+        base_yaw=arm.base_yaw,
+    )
+
+
+def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
+    """Return the unit vectors along the cable, along the tool, forward and right, [..., 3] each."""
+    yaw, pitch = poses[..., 3], poses[..., 4]
+    zero = np.zeros_like(yaw)
+    forward = np.stack([np.sin(yaw), np.cos(yaw), zero], axis=-1)
+    right = np.stack([np.cos(yaw), -np.sin(yaw), zero], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    cos_pitch, sin_pitch = np.cos(pitch)[..., None], np.sin(pitch)[..., None]
+    along = cos_pitch * forward + sin_pitch * up
+    tool = sin_pitch * forward - cos_pitch * up
+    return along, tool, forward, right
+
+
+def _angles(arm: ArmUR, poses: Array) -> tuple[Array, Array, Array, Array]:
+    """Return joint angles, and the radius of the first wrist joint with its bounds."""
+    links = arm.links
+    along, tool, _, right = _directions(poses)
+    flange = poses[..., :3] - arm.gripper_length * tool - arm.grip_offset * along
+    # The centre behind the flange does not move with joints 5 and 6.
+    centre = flange - links.d6 * tool
+    rho = np.hypot(centre[..., 0], centre[..., 1])
+    in_plane = np.sqrt(rho * rho - links.d4**2)
+    q1 = -np.arctan2(centre[..., 0], centre[..., 1]) - np.arctan2(links.d4, in_plane)
+    c1, s1 = np.cos(q1), np.sin(q1)
+    zero = np.zeros_like(q1)
+    # Arm plane: outward direction, and the common axis of joints 2, 3 and 4.
+    outward = np.stack([-s1, c1, zero], axis=-1)
+    axis = np.stack([-c1, -s1, zero], axis=-1)
+    cos_q5 = np.clip(_dot(tool, axis), -1.0, 1.0)
+    q5 = -np.arccos(cos_q5)
+    sin_q5 = np.sin(q5)
+    # x and y of the flange are the directions right and -along; see ArmUR.grip_pose.
+    q6 = np.arctan2(_dot(along, axis) / sin_q5, _dot(right, axis) / sin_q5)
+    # Within half a turn of the untilted gripper, so that the joint does not jump by a full turn.
+    untilted = poses[..., 3] + q1
+    q6 = untilted + (q6 - untilted + np.pi) % (2 * np.pi) - np.pi
+    # The fifth axis, perpendicular to the plane's axis and to the tool, carries the offset d5.
+    fifth = np.cross(axis, tool) / sin_q5[..., None]
+    elevation = np.arctan2(fifth[..., 2], _dot(fifth, outward))
+    wrist = centre - links.d5 * fifth
+    out = _dot(wrist, outward)
+    up = wrist[..., 2] - arm.base_height - links.d1
+    still = np.zeros_like(out)
+    upper, fore, *_ = two_link(links, (out, up), (still, still), (still, still))
+    q = np.stack(
+        [q1 + arm.base_yaw, -upper, upper - fore, fore - np.pi / 2 - elevation, q5, q6], axis=-1
+    )
+    radius_min, radius_max = (
+        np.sqrt(np.maximum(span**2 - up * up, 0.0) + links.d4**2)
+        for span in (links.upper_arm - links.forearm, links.upper_arm + links.forearm)
+    )
+    return q, np.hypot(wrist[..., 0], wrist[..., 1]), radius_min, radius_max
+
+
+def _rates(
+    arm: ArmUR, q: Array, poses: Array, velocities: Array, accelerations: Array
+) -> tuple[Array, Array]:
+    """Return joint rates and accelerations for motions of the gripped end, [pose, 6] each."""
+    _, _, forward, right = _directions(poses)
+    up = np.array([0.0, 0.0, 1.0])
+    dyaw, dpitch = velocities[:, 3, None], velocities[:, 4, None]
+    ddyaw, ddpitch = accelerations[:, 3, None], accelerations[:, 4, None]
+    # Yaw is positive to the right, against the z axis. `right` turns with the yaw.
+    spin = -dyaw * up + dpitch * right
+    spin_rate = -ddyaw * up + ddpitch * right - dpitch * dyaw * forward
+    frames = arm.frames(q)
+    axes = np.stack([T[:, :3, 2] for T in frames[:-1]], axis=1)
+    places = np.stack([T[:, :3, 3] for T in frames[:-1]], axis=1)
+    arms = poses[:, None, :3] - places
+    jacobian = np.concatenate([np.cross(axes, arms), axes], axis=2).transpose(0, 2, 1)
+    qd = np.linalg.solve(jacobian, np.concatenate([velocities[:, :3], spin], axis=1)[..., None])
+    qd = qd[..., 0]
+    # Acceleration of the gripped end at zero joint acceleration.
+    turns = axes * qd[..., None]
+    before = np.cumsum(turns, axis=1) - turns
+    axes_rate = np.cross(before, axes)
+    places_rate = np.stack(
+        [
+            np.sum(np.cross(turns[:, :joint], places[:, joint, None] - places[:, :joint]), axis=1)
+            for joint in range(q.shape[1])
+        ],
+        axis=1,
+    )
+    linear = np.cross(axes_rate, arms) + np.cross(axes, velocities[:, None, :3] - places_rate)
+    bias = np.concatenate(
+        [np.sum(linear * qd[..., None], axis=1), np.sum(axes_rate * qd[..., None], axis=1)], axis=1
+    )
+    wanted = np.concatenate([accelerations[:, :3], spin_rate], axis=1) - bias
+    qdd = np.linalg.solve(jacobian, wanted[..., None])[..., 0]
+    return np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("...i,...i->...", a, b)
 
 
 def _tilted(poses: Array) -> NDArray[np.bool_]:

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.kinematics import JointMotion
-from cablecast.arm.ur import JOINT_NAMES, ArmUR, LimitKind
+from cablecast.arm.ur import JOINT_NAMES, ArmUR, JointMotion, LimitKind
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import (
     ActionRanges,

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.arm.robot import Obstacle, RobotConfig
-from cablecast.arm.shape import arm_capsules, find_collision, segment_distance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import CablecastError, InputError, JointLimitError
 from cablecast.motion.action import Action
@@ -168,35 +167,6 @@ def test_an_obstacle_in_the_way_is_named(robot_setup, home):
     blocked = dataclasses.replace(robot_setup, robot=robot)
     with pytest.raises(JointLimitError, match="from obstacle 1, less than"):
         check_path(still, blocked, "standing")
-
-
-def test_an_arm_that_leans_onto_the_table_or_itself_is_found(robot_setup):
-    arm, robot = robot_setup.arm, robot_setup.robot
-    flat = np.array([[0.0, 0.35, -0.3, 0.0, -1.5, 0.0]])
-    assert "table" in find_collision(arm, robot, flat)
-    folded = np.array([[0.0, -1.5, 2.9, 0.3, -1.5, 0.0]])
-    assert "from the" in find_collision(arm, robot, folded)
-
-
-def test_capsules_join_one_another_from_base_to_grip(robot_setup, home):
-    parts = arm_capsules(robot_setup.arm, home[None], 0.04)
-    for before, after in itertools.pairwise(parts):
-        np.testing.assert_allclose(before.end, after.start, atol=1e-9)
-    np.testing.assert_allclose(parts[-1].end[0], robot_setup.arm.grip_pose(home)[:3], atol=1e-9)
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12))
-def test_the_distance_of_segments_is_that_of_their_nearest_points(values):
-    a, b, c, d = np.array(values).reshape(4, 1, 3)
-    u = np.linspace(0, 1, 60)
-    one, other = a + u[:, None] * (b - a), c + u[:, None] * (d - c)
-    nearest = np.linalg.norm(one[:, None] - other[None], axis=-1).min()
-    found = segment_distance(a, b, c, d)[0]
-    # The grid of points is coarser than the segments.
-    step = max(np.linalg.norm(b - a), np.linalg.norm(d - c)) / 59
-    assert found <= nearest + 1e-9
-    assert found >= nearest - 2 * step
 
 
 def test_set_points_of_a_rate_that_no_controller_has_are_refused():

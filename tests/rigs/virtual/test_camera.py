@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
+from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
@@ -39,38 +39,6 @@ def observe(model, points, joint_path=None, seed=0):
     times = np.arange(len(points)) / 60
     rng = np.random.default_rng(seed)
     return model.observe(times, points, joint_path, CABLE_RADIUS, rng, ARM)
-
-
-@pytest.mark.parametrize(
-    "arm", [ARM, ArmUR(model="ur5e", base_height=0.1, base_yaw_deg=90.0)], ids=["ur5", "ur5e"]
-)
-def test_the_last_rod_of_the_arm_ends_where_the_gripper_holds_the_cable(arm):
-    path = arm_at(0.4, 0.7, arm)
-    shape = arm_shape(path.q[:1], arm)
-    pose = arm.grip_pose(path.q[0])
-    # The cable leaves the fingers beside their axis.
-    distance = np.linalg.norm(shape.ends[0, -1, 1] - pose[:3])
-    assert distance == pytest.approx(arm.grip_offset, abs=1e-9)
-    # Each rod begins where one before it ends, but for those that carry the sides' offsets.
-    ends = shape.ends[0]
-    gaps = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
-    np.testing.assert_allclose(gaps, 0.0, atol=1e-9)
-
-
-def test_a_turn_of_the_base_leaves_the_arm_where_it_is_and_turns_only_its_first_joint():
-    turned = ArmUR(base_yaw_deg=60.0)
-    there, here = (arm_shape(arm_at(0.3, 0.7, arm).q[:1], arm) for arm in (turned, ARM))
-    np.testing.assert_allclose(there.ends, here.ends, atol=1e-9)
-
-
-def test_a_line_of_sight_is_measured_from_a_rod_s_surface():
-    rod = np.array([[[[-1.0, 0.0, 0.5], [1.0, 0.0, 0.5]]]])
-    shape = ArmShape(ends=rod, radii=np.array([0.04]))
-    beside = sight_clearance(np.array([[0.0, 0.3, 0.0]]), [0.0, 0.3, 2.0], shape)
-    below = sight_clearance(np.array([[0.2, 0.0, 0.0]]), [0.2, 0.0, 2.0], shape)
-    past_the_end = sight_clearance(np.array([[1.5, 0.0, 0.0]]), [1.5, 0.0, 2.0], shape)
-    np.testing.assert_allclose([beside[0], below[0]], [0.26, -0.04], atol=1e-12)
-    np.testing.assert_allclose(past_the_end, [0.46], atol=1e-12)
 
 
 def test_the_error_model_sees_what_it_should_and_hides_what_geometry_hides():
