@@ -17,9 +17,9 @@ import numpy as np
 
 from benchmarks.common import Table
 from benchmarks.places import (
+    FINE_TUNING_MIN,
     METHODS,
     MISSED_PCT,
-    REAL_MIN,
     Found,
     Place,
     PlaceArgs,
@@ -47,8 +47,7 @@ class Args(PlaceArgs):
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
     methods: tuple[str, ...] = METHODS
-    """Methods, some of aim, full gain, one simulator, simulated, correction, fine-tuning, paper,
-    many."""
+    """Methods, some of aim, full gain, one simulator, simulated, fine-tuning, paper."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
     quick: bool = False
@@ -86,7 +85,7 @@ def run(args: Args, report: ProgressCallback) -> Found:
                 here = Place(args, name, lab, cable, report)
                 for count in args.counts:
                     for method in args.methods:
-                        if count < REAL_MIN.get(method, 0) or (method == "paper" and count < 2):
+                        if count < {"fine-tuning": FINE_TUNING_MIN, "paper": 2}.get(method, 0):
                             continue
                         rows = here.results(method, count, own)
                         found.setdefault((name, cable, count, method), []).extend(rows)

@@ -33,9 +33,9 @@ from cablecast.runs.workers import LOCAL
 LOOPS = ("aim", "full gain", "one simulator")
 """Methods that look where a cast landed before the next one. aim: this package's loop. full gain:
 the same with every miss taken at face value. one simulator: the same without an ensemble."""
-METHODS = (*LOOPS, "simulated", "correction", "fine-tuning", "paper")
-"""simulated: the model of the fit, no casts in landing space. correction, fine-tuning: `train` with
-the real casts. paper: Differential Evolution, then fine-tuning where there are enough casts."""
+METHODS = (*LOOPS, "simulated", "fine-tuning", "paper")
+"""simulated: the model of the fit, no casts in landing space. fine-tuning: `train` with the real
+casts. paper: Differential Evolution, then fine-tuning where there are enough casts."""
 
 RIGS = ("virtual", "strange", "scattering", "even", "patchy", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
@@ -56,8 +56,8 @@ MISSED_PCT = 100.0
 """Miss of a cast without a landing [% of cable length]."""
 FIT_MAX = 20
 """Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
-REAL_MIN = {"correction": 50, "fine-tuning": 50}
-"""Casts that a method needs: some of them have no landing to learn from."""
+FINE_TUNING_MIN = 50
+"""Casts that fine-tuning needs: some of them have no landing to learn from."""
 
 Found = dict[tuple[str, str, int, str], list[dict]]
 """Results at the targets by rig, cable, number of casts and method."""
@@ -284,16 +284,15 @@ class Place:
         if method in LOOPS:
             known = self._known(policy, count, ensemble=method != "one simulator")
             return LoopSession(known, method == "full gain")
-        if method == "simulated" or (method == "paper" and count < REAL_MIN["fine-tuning"]):
+        if method == "simulated" or (method == "paper" and count < FINE_TUNING_MIN):
             return FixedSession(policy)
         real = self.casts(count)
         if real is None:
             raise InputError(f"method {method} needs casts")
         real = dataclasses.replace(real, info=real.info | {"kind": "real"})
         simulated = cc.read_dataset(self.models / fit_name(count, method == "paper") / "dataset")
-        how: Any = "correction" if method == "correction" else "fine-tuning"
         model: Any = policy.model
-        return FixedSession(cc.train(simulated, real, method=how, start=model))
+        return FixedSession(cc.train(simulated, real, start=model))
 
     def _known(
         self, policy: ForwardSearchPolicy, count: int, *, ensemble: bool = True

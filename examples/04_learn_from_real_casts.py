@@ -37,7 +37,7 @@ def main(
             real,
             start=before.model,
             candidate_count=candidate_count,
-            out=out / "model-correction",
+            out=out / "model-fine-tuning",
         )
         metrics = after.model.metrics
         print(

@@ -181,7 +181,7 @@ READS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("train", "runs/model/*", ()),
     ("train real", "runs/real-data/**/*", ()),
     ("train real", "runs/model/*", ()),
-    ("train real", "runs/model-correction/*", ()),
+    ("train real", "runs/model-fine-tuning/*", ()),
     ("plan", "runs/model/*", ()),
     ("repeat", "runs/repeat/**/*", ()),
     ("repeat", "runs/repeat/**/*", ("runs/repeat/metrics.json",)),

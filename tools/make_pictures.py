@@ -16,7 +16,7 @@ SOURCES = {
     "coverage.png": "select/coverage.png",
     "tracks.png": "tune/tracks.png",
     "repeatability.png": "repeat/repeatability.png",
-    "landings.png": "evaluate-correction/landings.png",
+    "landings.png": "evaluate-fine-tuning/landings.png",
 }
 
 

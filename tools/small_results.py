@@ -64,7 +64,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     ),
     "train real": (
         *("--dataset", "runs/dataset", "--real", "runs/real-data", "--start", "runs/model"),
-        *("--candidate-count", "200", "--out", "runs/model-correction"),
+        *("--candidate-count", "200", "--out", "runs/model-fine-tuning"),
     ),
     "plan": ("--model", "runs/model", "--target", "1.0", "10"),
     "evaluate": ("--model", "runs/model", *STICK, "--out", "runs/evaluate"),

@@ -1,6 +1,5 @@
 import dataclasses
 import json
-from typing import cast
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ import pytest
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import PART_NAMES, Evaluation, TargetCast, split_errors
-from cablecast.learning.landing import LandingModel
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
@@ -49,19 +47,6 @@ class EnginePlaysTargets:
         pass
 
 
-@dataclasses.dataclass(frozen=True)
-class OneAnswer:
-    """A model that answers the same for every action of the right half of the table."""
-
-    xy: np.ndarray
-
-    def predict(self, actions):
-        # A model knows the half of the actions with theta2 > 0 only.
-        if np.any(actions[:, 1] < 0):
-            raise ValueError("an action of the left half was not mirrored")
-        return np.tile(self.xy, (len(actions), 1))
-
-
 @pytest.fixture(scope="module")
 def trajectories():
     return [plan_trajectory(Action.from_array(row), SETUP) for row in (RIGHT, LEFT, RIGHT)]
@@ -92,12 +77,6 @@ def evaluation_of(trajectories, landed, predicted, status=None, repeats=REPEATS)
     )
 
 
-# What the model without a correction answers: mirrored for the target on the left.
-NETWORK = np.array([[0.41, 0.88], [-0.41, 0.88], [0.41, 0.88]])
-
-MODEL = cast(LandingModel, OneAnswer(NETWORK[0]))
-
-
 def planted(trajectories, **errors):
     """Return the split of an evaluation in which each step of the way is off by what is given [m].
 
@@ -106,11 +85,11 @@ def planted(trajectories, **errors):
     zero = np.zeros((len(TARGETS), 2))
     scatter = errors.get("repeatability", np.zeros((len(TARGETS), REPEATS, 2)))
     predicted = TARGETS + errors.get("plan", zero)
-    engine = NETWORK + errors.get("network", zero)
+    engine = predicted + errors.get("model", zero)
     means = engine + errors.get("mismatch", zero)
     landed = means[:, None] + scatter
     evaluation = evaluation_of(trajectories, landed, predicted)
-    split = split_errors(evaluation, MODEL, EnginePlaysTargets(engine))
+    split = split_errors(evaluation, EnginePlaysTargets(engine))
     assert split is not None
     return evaluation, split
 
@@ -122,7 +101,7 @@ def test_the_parts_add_up_to_the_way_from_target_to_landing(trajectories):
         trajectories,
         repeatability=rng.normal(scale=0.03, size=(len(TARGETS), REPEATS, 2)),
         mismatch=rng.normal(scale=0.1, size=shape),
-        network=rng.normal(scale=0.02, size=shape),
+        model=rng.normal(scale=0.02, size=shape),
         plan=rng.normal(scale=0.05, size=shape),
     )
     assert tuple(split.parts) == PART_NAMES
@@ -133,16 +112,14 @@ def test_the_parts_add_up_to_the_way_from_target_to_landing(trajectories):
     assert sum(shares) == pytest.approx(100.0)
 
 
-@pytest.mark.parametrize("name", ["mismatch", "network", "plan"])
+@pytest.mark.parametrize("name", ["mismatch", "model", "plan"])
 def test_a_planted_error_is_found_in_its_part_and_in_no_other(trajectories, name):
     error = np.array([[0.062, 0.0], [0.0, -0.031], [0.031, 0.031]])
     _, split = planted(trajectories, **{name: error})
     _, without = planted(trajectories)
     for part in PART_NAMES:
         found = split.parts[part] - without.parts[part]
-        # Whoever plans with a worse network or towards another place needs another correction.
-        moved = {"plan": {"plan": 1.0, "correction": -1.0}}.get(name, {name: 1.0})
-        expected = moved.get(part, 0.0) * np.repeat(error, REPEATS, axis=0) * 100 / CABLE.length
+        expected = (part == name) * np.repeat(error, REPEATS, axis=0) * 100 / CABLE.length
         np.testing.assert_allclose(found, expected, atol=CLOSE)
 
 
@@ -157,32 +134,22 @@ def test_scatter_about_the_mean_landing_is_repeatability_and_its_mean_is_mismatc
     np.testing.assert_allclose(left, np.array([-3.0, -1.0, 1.0, 3.0]) / 0.62, atol=CLOSE)
 
 
-def test_a_correction_that_undoes_the_mismatch_leaves_nothing_of_both(trajectories):
-    mismatch = np.array([[0.1, 0.0], [0.0, 0.1], [-0.1, 0.05]])
-    # Planned so that the corrected model expects each cast where it lands, which is not the target.
-    _, split = planted(trajectories, mismatch=mismatch, plan=NETWORK + mismatch - TARGETS)
-    left = split.to_dict()["parts"]["mismatch_left"]
-    assert left["rms_pct"] == pytest.approx(0.0, abs=CLOSE)
-    assert left["share_pct"] == pytest.approx(0.0, abs=CLOSE)
-    assert split.to_dict()["parts"]["plan"]["share_pct"] == pytest.approx(100.0)
-
-
 def test_casts_that_did_not_land_are_left_out(trajectories):
     landed = np.repeat(TARGETS[:, None], REPEATS, axis=1) + 0.02
     evaluation = evaluation_of(trajectories, landed, TARGETS, {1: TrialStatus.OFF_TABLE})
-    split = split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
+    split = split_errors(evaluation, EnginePlaysTargets(TARGETS))
     assert split is not None
     assert split.to_dict()["cast_count"] == 2 * REPEATS
     nowhere = dict.fromkeys(range(3), TrialStatus.OCCLUDED)
     evaluation = evaluation_of(trajectories, landed, TARGETS, nowhere)
-    assert split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS)) is None
+    assert split_errors(evaluation, EnginePlaysTargets(TARGETS)) is None
 
 
 def test_the_share_outside_the_coverage_is_that_of_its_squared_errors(trajectories):
     offsets = np.array([[0.03, 0.0], [0.03, 0.0], [0.06, 0.0]])
     landed = np.repeat((TARGETS + offsets)[:, None], REPEATS, axis=1)
     evaluation = evaluation_of(trajectories, landed, TARGETS)
-    split = split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
+    split = split_errors(evaluation, EnginePlaysTargets(TARGETS))
     assert split is not None
     values = split.to_dict()
     assert values["outside_coverage"]["cast_count"] == REPEATS
@@ -193,7 +160,7 @@ def test_the_share_outside_the_coverage_is_that_of_its_squared_errors(trajectori
 def test_one_cast_at_each_target_leaves_no_repeatability(trajectories):
     landed = (TARGETS + 0.05)[:, None]
     evaluation = evaluation_of(trajectories, landed, TARGETS, repeats=1)
-    split = split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
+    split = split_errors(evaluation, EnginePlaysTargets(TARGETS))
     assert split is not None
     assert split.repeats == 1
     np.testing.assert_allclose(split.parts["repeatability"], 0.0, atol=CLOSE)
@@ -205,4 +172,4 @@ def test_casts_that_no_model_planned_are_refused(trajectories):
     trials = tuple(dataclasses.replace(trial, action=None) for trial in evaluation.trials)
     evaluation = dataclasses.replace(evaluation, trials=trials)
     with pytest.raises(InputError, match="a model planned"):
-        split_errors(evaluation, MODEL, EnginePlaysTargets(TARGETS))
+        split_errors(evaluation, EnginePlaysTargets(TARGETS))

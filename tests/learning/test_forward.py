@@ -1,4 +1,3 @@
-import dataclasses
 import itertools
 import subprocess
 import sys
@@ -7,8 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.learning.landing import DEVIATION
-from cablecast.learning.network import ForwardModel, LandingCorrection
+from cablecast.learning.network import ForwardModel
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -63,7 +61,6 @@ def test_a_saved_model_is_loaded_with_the_same_predictions_and_description(tmp_p
     )
     assert loaded.info == model.info
     assert loaded.fingerprint == model.fingerprint
-    assert loaded.cable == OTHER.cable
     assert loaded.setup == OTHER
 
 
@@ -110,49 +107,3 @@ def test_margins_are_interpolated_between_simulated_actions():
 def test_actions_of_the_wrong_shape_are_refused():
     with pytest.raises(InputError, match=r"shape \(4,\)"):
         random_model().predict(np.ones(4))
-
-
-def corrected_model():
-    """Return a random model with a correction from ten casts."""
-    model, changes = random_model(), np.diag(DEVIATION)
-    places, _ = model.correction_inputs(some_actions(10), changes)
-    correction = LandingCorrection(
-        changes=changes,
-        inputs=places,
-        length_scales=np.full(6, 2.0),
-        size_weights=np.array([0.2, 0.0, -0.1, 0.3, 0.5]),
-        amplitude=0.1,
-        noise=0.02,
-        residuals=np.random.default_rng(2).normal(scale=0.1, size=(10, 2)),
-    )
-    return dataclasses.replace(model, correction=correction)
-
-
-def test_a_corrected_prediction_is_that_of_the_network_and_the_shift():
-    model, actions = corrected_model(), some_actions()
-    assert model.correction is not None
-    inputs = model.correction_inputs(actions, model.correction.changes)
-    shift = model.correction.shift(*inputs)
-    assert np.max(np.abs(shift)) > 0.01
-    np.testing.assert_array_equal(model.predict(actions), random_model().predict(actions) + shift)
-    np.testing.assert_array_equal(model.predict_spread(actions), model.correction.spread(*inputs))
-    assert random_model().predict_spread(actions) is None
-
-
-def test_a_correction_sees_features_landings_and_how_far_these_move():
-    model, actions, changes = corrected_model(), some_actions(), np.diag(DEVIATION)
-    places, sizes = model.correction_inputs(actions, changes)
-    features = model.normalize(actions)
-    landing = (random_model().predict(actions) - model.endpoint_mean) / model.endpoint_scale
-    np.testing.assert_allclose(places, np.hstack([features, landing]))
-    np.testing.assert_array_equal(sizes[:, :4], features)
-    moved = np.exp(sizes[:, 4]) * model.endpoint_scale
-    np.testing.assert_allclose(moved, random_model().sensitivity(actions, changes))
-
-
-def test_the_sensitivity_is_that_of_the_network_alone():
-    actions, changes = some_actions(), np.diag(DEVIATION)
-    np.testing.assert_array_equal(
-        corrected_model().sensitivity(actions, changes),
-        random_model().sensitivity(actions, changes),
-    )

@@ -93,14 +93,6 @@ def test_rows_without_a_known_endpoint_are_left_out_and_off_table_rows_are_not(d
     assert all(np.all(np.isfinite(matrix)) for matrix, _ in model.weights)
 
 
-def test_training_can_go_on_from_a_model(dataset, model):
-    config = dataclasses.replace(SMALL, epochs=1, learning_rate=1e-6)
-    moved = train_forward_model(dataset, config=config, start=model)
-    actions = random_actions(50, seed=2)
-    np.testing.assert_allclose(moved.predict(actions), model.predict(actions), atol=1e-3)
-    assert moved.fingerprint != model.fingerprint
-
-
 def test_an_action_set_without_psi_can_be_learned(dataset):
     actions = dataset.actions.copy()
     actions[:, 3] = actions[:, 1]

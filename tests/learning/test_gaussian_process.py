@@ -117,4 +117,3 @@ def test_a_saved_process_predicts_the_same(model, tmp_path):
     actions = random_actions(100, seed=6)
     np.testing.assert_array_equal(loaded.predict(actions), model.predict(actions))
     assert loaded.info == described.info
-    assert loaded.predict_spread(actions) is None

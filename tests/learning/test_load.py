@@ -12,7 +12,7 @@ pytest.importorskip("safetensors")
 
 def process():
     shared = vars(network([4, 2])).copy()
-    del shared["weights"], shared["correction"]
+    del shared["weights"]
     return GaussianProcessModel(
         **shared,
         inputs=np.ones((3, 4), dtype=np.float32),

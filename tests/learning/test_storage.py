@@ -81,7 +81,7 @@ def test_a_saved_policy_is_loaded_with_the_same_plans_and_the_same_set_up(tmp_pa
 
 def test_the_set_up_is_stored_once_and_nothing_is_pickled(policy, file):
     with np.load(file, allow_pickle=False) as stored:
-        assert set(stored) == {"meta", "actions", "predicted_xy", "sensitivity", "spread", "margin"}
+        assert set(stored) == {"meta", "actions", "predicted_xy", "sensitivity", "margin"}
         meta = json.loads(str(stored["meta"]))
     assert meta["setup"] == SETUP.to_dict()
     assert set(meta) == {"format", "format_version", "setup", "info"}

@@ -124,8 +124,8 @@ def test_a_policy_plans_by_radius_and_angle_and_is_read_back(policy, folder):
     loaded = cc.ForwardSearchPolicy.load(folder / "model").plan(r=1.0, theta_deg=20.0)
     np.testing.assert_array_equal(loaded.actions, plan.actions)
     motion = cc.plan_motion(policy, r=1.0, theta_deg=20.0)
-    assert motion.trajectory.duration == plan.trajectories[0].duration
-    assert motion.miss_pct == pytest.approx(
+    assert motion.trajectories[0].duration == plan.trajectories[0].duration
+    assert motion.miss_pct[0] == pytest.approx(
         100 * np.linalg.norm(plan.predicted_xy[0] - plan.target_xy[0]) / 0.62
     )
 
@@ -174,8 +174,8 @@ def test_casts_of_the_wrong_kind_or_method_are_refused_before_training(simulated
         cc.tune(simulated)
     with pytest.raises(InputError, match="needs casts: simulated ones"):
         cc.train()
-    with pytest.raises(InputError, match="correction learns from both casts, not from sim"):
-        cc.train(simulated, method="correction")
+    with pytest.raises(InputError, match="gaussian-process learns from simulated casts alone"):
+        cc.train(simulated, casts, method="gaussian-process")
     with pytest.raises(InputError, match="method 'guess' must be one of"):
         cc.train(simulated, method="guess")
     other = dataclasses.replace(simulated, info=simulated.info | {"fingerprint": "another"})

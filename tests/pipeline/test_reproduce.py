@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from cablecast.learning.adaptation import REAL_ONLY, FineTuningConfig
+from cablecast.learning.network import FINE_TUNING, REAL_ONLY, fine_tune, train_on_real
 from cablecast.pipeline.reproduce import reproduce
 from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
 from cablecast.tuning.tune import TuneConfig
@@ -51,10 +51,10 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     monkeypatch.setattr("cablecast.pipeline.reproduce_stages.TuneConfig", search)
     # The pages of the single evaluations are made, but their figures are not rendered.
     monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
-    brief = dataclasses.replace(REAL_ONLY, epochs=10, patience=10)
-    monkeypatch.setattr("cablecast.learning.adaptation.REAL_ONLY", brief)
-    tuning = functools.partial(FineTuningConfig, epochs=10)
-    monkeypatch.setattr("cablecast.learning.adaptation.FineTuningConfig", tuning)
+    for function, config in ((train_on_real, REAL_ONLY), (fine_tune, FINE_TUNING)):
+        brief = dataclasses.replace(config, epochs=10, patience=10)
+        name = f"cablecast.pipeline.train.{function.__name__}"
+        monkeypatch.setattr(name, functools.partial(function, config=brief))
     begun = []
 
     def stop(report):
@@ -78,7 +78,7 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
 
     first, second = (reproduced.metrics["evaluations"][cable] for cable in TINY.cables)
     assert set(first) == set(METHODS)
-    assert set(second) == {"correction"}
+    assert set(second) == {"fine-tuning"}
     for values in first.values():
         assert values["trial_count"] == FEW_TARGETS
     chosen = json.loads((tmp_path / "cable_1/select/metrics.json").read_text())["choice"]

@@ -1,14 +1,14 @@
 """`cablecast plan`: the motion for one target."""
 
 import dataclasses
-import math
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
 from cablecast.cli.options import argument
 
 if TYPE_CHECKING:
-    from cablecast.pipeline.plan import MotionPlan
+    from cablecast.learning.policy import Plan
+    from cablecast.motion.trajectory import JointPath
 
 EXIT_FAR_OFF = 3
 
@@ -42,9 +42,14 @@ class PlanVerb:
     def run(self) -> int:
         """Plan, print, and save if asked to; return the exit status."""
         from cablecast.cli.options import cable_name, check_same_setup, load_lab
-        from cablecast.errors import check_number
+        from cablecast.errors import InputError, check_number
         from cablecast.learning.policy import ForwardSearchPolicy
-        from cablecast.pipeline.plan import check_measured, check_writable, plan_motion
+        from cablecast.pipeline.plan import (
+            check_measured,
+            check_writable,
+            plan_motion,
+            save_motion,
+        )
         from cablecast.runs.places import find_model
 
         check_number("miss_max", self.miss_max, 0.0, 1e4, "%")
@@ -57,45 +62,43 @@ class PlanVerb:
         check_same_setup(self.setup, self.cable, policy.setup, folder)
         r, theta_deg = self.target
         plan = plan_motion(policy, r=r, theta_deg=theta_deg)
-        print_plan(plan)
+        path = plan.trajectories[0].joint_path
+        if path is None:
+            raise InputError("the planned motion has no joint path")
+        _print_plan(plan, path)
         if self.save is not None:
-            plan.save(self.save, lab, force=self.force)
-            print(f"saved      {self.save} ({len(plan.joint_path.times)} rows)")
-        if plan.miss_pct > self.miss_max:
+            save_motion(plan, self.save, lab, force=self.force)
+            print(f"saved      {self.save} ({len(path.times)} rows)")
+        miss_pct = float(plan.miss_pct[0])
+        if miss_pct > self.miss_max:
             print(
-                f"note: the predicted miss of {plan.miss_pct:.1f} % is above --miss-max "
+                f"note: the predicted miss of {miss_pct:.1f} % is above --miss-max "
                 f"{self.miss_max:g} %"
             )
             return EXIT_FAR_OFF
         return 0
 
 
-def print_plan(plan: "MotionPlan") -> None:
-    """Print a plan for a person."""
+def _print_plan(plan: "Plan", path: "JointPath") -> None:
     import numpy as np
 
     from cablecast.cli.options import polar_text
 
-    cable, action = plan.setup.cable, plan.action
+    cable, action = plan.setup.cable, plan.actions[0]
     print(f"cable      {cable.name}, {cable.length:.2f} m")
-    print(f"target     {polar_text(plan.target_xy)}")
-    if action is not None:
-        theta1_deg, theta2_deg, psi_deg = np.degrees(action.to_array()[[0, 1, 3]])
-        print(
-            f"action     theta1 = {theta1_deg:.2f} deg, theta2 = {theta2_deg:.2f} deg, "
-            f"r2 = {action.r2:.4f} m, psi = {psi_deg:.2f} deg"
-        )
-    print(f"predicted  {polar_text(plan.predicted_xy)}")
-    print(f"           {plan.miss_pct:.2f} % of cable length from the target")
-    if math.isfinite(plan.spread_pct):
-        print(
-            f"expected   real landings within {plan.spread_pct:.1f} % of that along x and y (rms)"
-        )
-    print(f"duration   {float(plan.joint_path.times[-1]):.3f} s")
-    peaks_deg = np.degrees(plan.joint_path.peak_speed)
+    print(f"target     {polar_text(plan.target_xy[0])}")
+    theta1_deg, theta2_deg, psi_deg = np.degrees(action[[0, 1, 3]])
+    print(
+        f"action     theta1 = {theta1_deg:.2f} deg, theta2 = {theta2_deg:.2f} deg, "
+        f"r2 = {action[2]:.4f} m, psi = {psi_deg:.2f} deg"
+    )
+    print(f"predicted  {polar_text(plan.predicted_xy[0])}")
+    print(f"           {plan.miss_pct[0]:.2f} % of cable length from the target")
+    print(f"duration   {float(path.times[-1]):.3f} s")
+    peaks_deg = np.degrees(path.peak_speed)
     speeds = ", ".join(f"q{k} {speed:.0f}" for k, speed in enumerate(peaks_deg, start=1))
     print(f"peak joint speeds [deg/s]  {speeds}")
-    if not plan.inside_coverage:
+    if not plan.inside_coverage[0]:
         print(
             "note: no simulated cast of this cable lands near this target; this is the action with "
             "the nearest predicted landing"

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cablecast.cli.options import Device, argument
 
 Mode = typing.Literal["sim", "real", "both"]
-Method = typing.Literal["correction", "fine-tuning", "network", "gaussian-process"]
+Method = typing.Literal["network", "gaussian-process"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -17,9 +17,9 @@ class Train:
 
     Also predicts the landings of 50,000 candidate motions, which `plan` and `evaluate` search. Part
     of the casts is held out to measure the model's error, and a model card is written beside the
-    model. With --real, the model also learns the sim-to-real residual from casts of a robot. 36,000
-    casts take one to two minutes on two cores, the Gaussian process up to five. Training that was
-    interrupted begins again.
+    model. With --real, the model is then fine-tuned on casts of a robot. 36,000 casts take one to
+    two minutes on two cores, the Gaussian process up to five. Training that was interrupted starts
+    again.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of the casts")] = None
@@ -35,19 +35,14 @@ class Train:
     mode: Annotated[Mode | None, argument("{sim,real,both}", "both with --real, otherwise sim")] = (
         None
     )
-    """Casts to learn from: simulated, real, or both, first simulated and then real."""
-    method: Annotated[
-        Method | None,
-        argument("METHOD", "correction where both are learned from, otherwise network"),
-    ] = None
-    """Learning method: network (simulated or real casts alone), gaussian-process (the paper's
-    baseline on simulated casts), and for both: correction (a Gaussian process on the sim-to-real
-    residual, with its standard deviation) or fine-tuning (the network continues to train, as in the
-    paper)."""
+    """Casts to learn from: simulated, real, or both (trained on the simulated ones, then fine-tuned
+    on the real ones)."""
+    method: Method = "network"
+    """Learning method: network, or gaussian-process, the paper's baseline on simulated casts."""
     start: Annotated[pathlib.Path | None, argument("DIR", "a new one is trained")] = None
     """Model of the simulated casts to start from, for --mode both."""
     out: Annotated[
-        pathlib.Path | None, argument("DIR", "runs/CABLE/model, or model-METHOD with real casts")
+        pathlib.Path | None, argument("DIR", "runs/CABLE/model, model-real or model-fine-tuning")
     ] = None
     """Folder of the model."""
     seed: int = 0
@@ -68,7 +63,7 @@ class Train:
         from cablecast.pipeline.train import train
         from cablecast.runs.places import cable_folder, find_casts, find_dataset
 
-        mode, method = self._mode_and_method()
+        mode = self._mode()
         name = cable_name(self.setup, self.cable)
         folders = {}
         if mode != "real":
@@ -79,12 +74,12 @@ class Train:
         for kind, dataset in casts.items():
             check_same_setup(self.setup, self.cable, dataset.setup, folders[kind])
         cable = next(iter(casts.values())).cable
-        out = self.out or cable_folder(cable.name) / _folder_name(mode, method)
+        out = self.out or cable_folder(cable.name) / _folder_name(mode, self.method)
         with console_progress() as progress:
             policy = train(
                 casts.get("simulated"),
                 casts.get("real"),
-                method=method,
+                method=self.method,
                 start=None if self.start is None else ForwardModel.load(self.start),
                 epochs=self.epochs,
                 candidate_count=self.candidate_count,
@@ -95,32 +90,23 @@ class Train:
             )
         print(f"The model of {cable.name} is in {out}: {_errors(policy.model.metrics)}")
 
-    def _mode_and_method(self) -> tuple[Mode, Method]:
+    def _mode(self) -> Mode:
         from cablecast.errors import InputError
-        from cablecast.pipeline.train import MODES
 
-        mode = self.mode
-        if mode is None:
-            by_default = "both" if self.real else "sim"
-            mode = MODES[self.method][0] if self.method and not self.real else by_default
-        method: Method = self.method or ("correction" if mode == "both" else "network")
-        if mode not in MODES[method]:
-            raise InputError(
-                f"--method {method} learns from --mode {' or '.join(MODES[method])}, not {mode}"
-            )
+        mode = self.mode or ("both" if self.real else "sim")
         if mode == "sim" and self.real:
             raise InputError(f"--mode sim uses no real casts, but --real {self.real} was given")
         if mode != "both" and self.start:
             raise InputError(f"--mode {mode} takes no --start, but {self.start} was given")
-        return mode, method
+        return mode
 
 
 def _folder_name(mode: Mode, method: Method) -> str:
     from cablecast.runs.places import MODEL_FOLDER
 
-    if (mode, method) == ("sim", "network"):
-        return MODEL_FOLDER
-    return f"{MODEL_FOLDER}-{'real' if mode == 'real' else method}"
+    if method == "gaussian-process":
+        return f"{MODEL_FOLDER}-{method}"
+    return MODEL_FOLDER + {"sim": "", "real": "-real", "both": "-fine-tuning"}[mode]
 
 
 def _errors(metrics: dict[str, Any]) -> str:

@@ -12,11 +12,11 @@ The error is a sum of vectors on the table:
 
     landing - target = (landing - mean landing of the same cast)         repeatability of the rig
                      + (mean landing - engine's landing)                 mismatch of the engine
-                     + (engine's landing - network's prediction)         error of the network
-                     + (network's prediction - model's prediction)       correction by real casts
+                     + (engine's landing - model's prediction)           error of the model
                      + (model's prediction - target)                     plan, with coverage gaps
 
-The correction counteracts the mismatch; their sum is the remaining mismatch.
+A model that was fine-tuned on real casts differs from the engine on purpose: its error then
+counteracts the mismatch.
 """
 
 import csv
@@ -31,14 +31,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.conventions import finite_or_none, mirror_xy, xy_to_polar
+from cablecast.conventions import finite_or_none, xy_to_polar
 from cablecast.data.record import TrialPlan, record_trials
 from cablecast.errors import InputError, check_count
 from cablecast.files import write_text
-from cablecast.learning.landing import LandingModel
-from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import Policy
-from cablecast.motion.action import Action, mirror_to_right
+from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.checked import ATTEMPT_COUNT
@@ -442,7 +440,7 @@ def save_trials(evaluation: Evaluation, path: pathlib.Path) -> None:
     write_text(path, text.getvalue())
 
 
-PART_NAMES = ("repeatability", "mismatch", "network", "correction", "plan")
+PART_NAMES = ("repeatability", "mismatch", "model", "plan")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -450,8 +448,7 @@ class ErrorSplit:
     """Errors of the casts that landed, each as a sum of parts.
 
     Attributes:
-        parts: Vectors by name, in % of cable length, each of shape [cast, 2]. "mismatch" and
-            "correction" are also given together, as "mismatch left".
+        parts: Vectors by name, in % of cable length, each of shape [cast, 2].
         total: Landing minus target [% of cable length], shape [cast, 2].
         inside_coverage: Whether the target of each cast lies inside the coverage, shape [cast].
         repeats: Number of casts at each target.
@@ -472,12 +469,11 @@ class ErrorSplit:
         square = float(np.mean(np.sum(self.total**2, axis=1)))
         outside = ~self.inside_coverage
         outside_square = float(np.sum(self.total[outside] ** 2)) / len(self.total)
-        left = {"mismatch left": self.parts["mismatch"] + self.parts["correction"]}
         parts = {}
-        for name, vectors in (self.parts | left).items():
+        for name, vectors in self.parts.items():
             size = np.linalg.norm(vectors, axis=1)
             share = float(np.mean(np.sum(vectors * self.total, axis=1))) / max(square, 1e-12)
-            parts[name.replace(" ", "_")] = {
+            parts[name] = {
                 "median_pct": float(np.median(size)),
                 "rms_pct": float(np.sqrt(np.mean(size**2))),
                 "share_pct": 100.0 * share,
@@ -494,14 +490,13 @@ class ErrorSplit:
         }
 
 
-def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -> ErrorSplit | None:
+def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
     """Split the errors of an evaluation.
 
     With one cast per target, repeatability cannot be separated from mismatch and is zero.
 
     Args:
-        evaluation: Casts of a policy that planned with the model.
-        model: Model of landings.
+        evaluation: Casts of a policy that planned with a model.
         engine_rig: Engine that the model learned from, as a rig; it is not closed.
 
     Returns:
@@ -511,13 +506,13 @@ def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -
         InputError: A cast was not planned by a model.
     """
     trials = evaluation.trials
+    if any(trial.action is None for trial in trials):
+        raise InputError("only casts that a model planned can be split")
     targets = sorted({trial.target_index for trial in trials})
     first = {target: next(t for t in trials if t.target_index == target) for target in targets}
     played = run_trials(engine_rig, [first[target].trajectory for target in targets])
     # The engine's table has no edge: a cast that leaves the table still has a landing.
     engine_xy = dict(zip(targets, (track.endpoint_xy[-1] for track in played), strict=True))
-    network_xy = _network_predictions(model, [first[target].action for target in targets])
-    network = dict(zip(targets, network_xy, strict=True))
 
     landed = [
         trial
@@ -539,8 +534,7 @@ def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -
     parts = {
         "repeatability": xy - by_target(means),
         "mismatch": by_target(means) - by_target(engine_xy),
-        "network": by_target(engine_xy) - by_target(network),
-        "correction": by_target(network) - predicted,
+        "model": by_target(engine_xy) - predicted,
         "plan": predicted - target_xy,
     }
     return ErrorSplit(
@@ -549,12 +543,3 @@ def split_errors(evaluation: Evaluation, model: LandingModel, engine_rig: Rig) -
         inside_coverage=np.array([trial.inside_coverage for trial in landed]),
         repeats=1 + max(trial.repeat for trial in trials),
     )
-
-
-def _network_predictions(model: LandingModel, actions) -> NDArray[np.float64]:
-    """Return predictions without the correction, for actions of either side [m], [action, 2]."""
-    if any(action is None for action in actions):
-        raise InputError("only casts that a model planned can be split")
-    folded, side = mirror_to_right(np.array([action.to_array() for action in actions]))
-    alone = model.uncorrected if isinstance(model, ForwardModel) else model
-    return mirror_xy(alone.predict(folded), side)

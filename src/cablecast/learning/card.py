@@ -22,8 +22,6 @@ _INPUT_LINE = (
 )
 
 _ADAPTATIONS = {
-    "correction": "A Gaussian process over the action and the predicted landing corrects the "
-    "network by real casts, and estimates how far real landings scatter about the prediction.",
     "fine-tuning": "The training of the network continued on real casts, as in the paper.",
     "real only": "The network was trained on real casts alone.",
 }
@@ -45,7 +43,7 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
     """
     info = model.info
     lines = [
-        f"# Landing model of {model.cable.name}",
+        f"# Landing model of {model.setup.cable.name}",
         "",
         _KINDS[model.FORMAT],
         "",
@@ -57,7 +55,7 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         "",
         "## Prediction errors",
         "",
-        *_error_lines(info["metrics"], model.cable.length),
+        *_error_lines(info["metrics"], model.setup.cable.length),
         "",
         "## Limits",
         "",
@@ -102,12 +100,6 @@ def _error_lines(metrics: Mapping[str, Any], cable_length: float) -> list[str]:
         if f"{name}_median_pct" in metrics:
             median, p90 = metrics[f"{name}_median_pct"], metrics[f"{name}_p90_pct"]
             lines.append(f"| {metrics[count]} {words} | {median:.2f} | {p90:.2f} |")
-    if "spread_calibration" in metrics:
-        lines += [
-            "",
-            f"The errors on these real casts are {metrics['spread_calibration']:.2f} times as "
-            "large as the spread that it predicted (root mean square; 1 is right).",
-        ]
     lines += [
         "",
         f"These are errors of prediction, in % of cable length ({cable_length:g} m). "
@@ -117,14 +109,14 @@ def _error_lines(metrics: Mapping[str, Any], cable_length: float) -> list[str]:
 
 
 def _limit_lines(model: LandingModel) -> list[str]:
-    config, info = model.setup.motion, model.info
+    config = model.setup.motion
     lines = [
         f"- It holds for this cable, for v_max = {config.v_max:g} m/s and r0 = {config.r0:g} m, "
         "and for actions within the ranges of its casts.",
         "- It predicts endpoints only. Whether a cast keeps the cable on the table is interpolated "
         "from the casts of its dataset.",
     ]
-    if not (info.get("adaptation") or info["dataset"].get("kind") == "real"):
+    if not model.has_real_casts:
         lines.append("- It has seen no real casts, so its error on a rig is not known.")
     return lines
 

@@ -1,8 +1,4 @@
-"""Features of actions, their normalisation, and the perturbations used for sensitivity.
-
-Rows of a dataset that a model learns from, their table margins, and error statistics.
-
-LandingModel: base class of the models that predict the landing of a cast.
+"""LandingModel: base class of the models that predict the landing of a cast from its action.
 
 Prediction needs only NumPy; torch is needed only for training, so planning starts at once.
 """
@@ -12,19 +8,16 @@ import functools
 import json
 import pathlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable
 from cablecast.data.dataset import Dataset, StoredSettings
 from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
+from cablecast.motion.action import ActionRanges
 from cablecast.setup import Setup
-
-if TYPE_CHECKING:
-    from cablecast.motion.action import ActionRanges
 
 FEATURE_COUNT = 4
 
@@ -242,19 +235,6 @@ class LandingModel:
         """
         raise NotImplementedError
 
-    def predict_spread(self, actions: ArrayLike) -> NDArray[np.float64] | None:
-        """Predict how far real landings scatter about the predicted endpoints.
-
-        Args:
-            actions: Actions, shape [action, 4].
-
-        Returns:
-            Standard deviation along each of x and y [m], shape [action]; None for a model that has
-            no estimate of it.
-        """
-        del actions
-        return None
-
     def landing_shifts(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
@@ -288,15 +268,20 @@ class LandingModel:
         """Prediction errors, row counts and training time."""
         return self.info["metrics"]
 
-    @property
-    def cable(self) -> Cable:
-        """Cable of the training casts."""
-        return self.setup.cable
-
     @functools.cached_property
     def settings(self) -> StoredSettings:
         """Settings that the training casts were made with."""
-        return StoredSettings(self.info["dataset"], "the model")
+        return StoredSettings(self.info.get("dataset", {}), "the model")
+
+    @property
+    def dataset_fingerprint(self) -> str:
+        """Fingerprint of the dataset that the model was trained on; empty where unknown."""
+        return self.info.get("dataset", {}).get("fingerprint", "")
+
+    @property
+    def has_real_casts(self) -> bool:
+        """Whether the model has been trained on casts of a rig, alone or after simulated ones."""
+        return "adaptation" in self.info or self.info["dataset"].get("kind") == "real"
 
     @property
     def setup(self) -> Setup:
@@ -304,13 +289,8 @@ class LandingModel:
         return self.settings.setup
 
     @property
-    def action_ranges(self) -> "ActionRanges":
-        """Ranges from which the training actions were chosen.
-
-        For a dataset of given actions, the default ranges of its motion parameters.
-        """
-        from cablecast.motion.action import ActionRanges
-
+    def action_ranges(self) -> ActionRanges:
+        """Ranges of the training actions; those that suit the set-up for a dataset without any."""
         return self.settings.ranges or ActionRanges.for_setup(self.setup)
 
     @functools.cached_property

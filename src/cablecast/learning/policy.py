@@ -65,8 +65,6 @@ class Plan:
             without an action.
         predicted_xy: Predicted landings [m], shape [target, 2].
         inside_coverage: Whether the target lies inside the policy's coverage, shape [target].
-        spread: Predicted standard deviation of the landing about `predicted_xy`, along each axis
-            [m], shape [target]; NaN if unknown.
         sensitivity: Shift of the predicted landing for action errors of 1 degree and 1 cm [m],
             shape [target]; NaN if unknown.
         motions: Planned motions, one per target. If None, `trajectories` plans them from the
@@ -78,7 +76,6 @@ class Plan:
     actions: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
     predicted_xy: NDArray[np.float64]
     inside_coverage: NDArray[np.bool_]
-    spread: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
     sensitivity: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
     motions: tuple[Trajectory, ...] | None = None
 
@@ -89,7 +86,6 @@ class Plan:
             ("actions", (count, 4), float),
             ("predicted_xy", (count, 2), float),
             ("inside_coverage", (count,), bool),
-            ("spread", (count,), float),
             ("sensitivity", (count,), float),
         ):
             values = np.asarray(getattr(self, name), dtype=kind)
@@ -107,6 +103,12 @@ class Plan:
 
     def __len__(self) -> int:
         return len(self.target_xy)
+
+    @property
+    def miss_pct(self) -> NDArray[np.float64]:
+        """Distances from the predicted landings to the targets [% of cable length]."""
+        miss = np.linalg.norm(self.predicted_xy - self.target_xy, axis=1)
+        return 100.0 * miss / self.setup.cable.length
 
     @functools.cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -154,13 +156,9 @@ ARRAY_SHAPES: dict[str, tuple[int, ...]] = {
     "actions": (4,),
     "predicted_xy": (2,),
     "sensitivity": (),
-    "spread": (),
     "margin": (),
 }
 """Arrays of the file, and the shape of each after the candidate axis."""
-
-# The spread is NaN if the model has seen no real casts.
-_MAY_BE_NAN = {"spread"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -248,7 +246,7 @@ def _checked(arrays: dict[str, NDArray]) -> dict[str, NDArray[np.float64]]:
         values = arrays[name]
         if values.dtype != np.float64 or values.shape != (count, *shape):
             raise InputError(f"{name} has shape {values.shape} and type {values.dtype}")
-        if name not in _MAY_BE_NAN and not np.all(np.isfinite(values)):
+        if not np.all(np.isfinite(values)):
             raise InputError(f"{name} is not finite")
     return arrays
 
@@ -366,21 +364,7 @@ TABLE_MARGIN = 0.0
 
 TABLE_MARGIN_MAX = 5.0
 
-REACH_PCT = 6.0
-"""Distance from the target within which candidates are compared by their expected miss, if the
-model predicts a spread [% of cable length]. The best one is moved onto the target."""
-
 _NEIGHBOR_COUNT = 16
-_REACH_COUNT = 512
-_SHORTLIST_COUNT = 8
-
-# The spread is known at the candidate, not at the action moved onto the target. Each metre of the
-# move counts as this many metres of spread.
-_MOVE_COST = 0.15
-
-_Chosen = tuple[
-    NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None
-]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -398,18 +382,12 @@ class ForwardSearchPolicy:
     The chosen action is then refined so that its predicted landing is on the target; see
     `refine_actions`. That takes a third of a millisecond per target, mostly to check feasibility.
 
-    A model that has learned from real casts also predicts their spread. The policy then takes, of
-    all candidates within `REACH_PCT`, the one with the least expected miss: the remaining distance
-    to the target and the spread combined (docs/learning.md).
-
     Attributes:
         model: Model that predicts the landings and refines the plans.
         actions: Candidates that stay on the table, shape [candidate, 4].
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
         sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
             theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
-        spread: Standard deviation along each axis of real landings about the predicted ones [m],
-            shape [candidate]; NaN if the model has seen no real casts.
         margin: Predicted distance that the free end keeps within the table's edges [m], shape
             [candidate].
         info: Fingerprint of the model, numbers of candidates, seed, table margin.
@@ -419,7 +397,6 @@ class ForwardSearchPolicy:
     actions: NDArray[np.float64]
     predicted_xy: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
-    spread: NDArray[np.float64]
     margin: NDArray[np.float64]
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -480,10 +457,9 @@ class ForwardSearchPolicy:
             "kept_count": int(kept.sum()),
             "table_margin": table_margin,
             "model_fingerprint": model.fingerprint,
-            "dataset_fingerprint": model.info.get("dataset", {}).get("fingerprint", ""),
+            "dataset_fingerprint": model.dataset_fingerprint,
         }
         actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
-        spread = model.predict_spread(actions)
         sensitivity = model.sensitivity(actions, deviations(actions))
         side = side_of(predicted_xy)
         return cls(
@@ -491,7 +467,6 @@ class ForwardSearchPolicy:
             actions=mirror_actions(actions, side),
             predicted_xy=mirror_xy(predicted_xy, side),
             sensitivity=sensitivity,
-            spread=np.full(len(actions), np.nan) if spread is None else spread,
             margin=margin,
             info=facts | (info or {}),
         )
@@ -524,77 +499,32 @@ class ForwardSearchPolicy:
             target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
         )
         side = side_of(targets)
-        choose = self._least_sensitive if np.isnan(self.spread[0]) else self._least_risky
-        chosen, actions, predicted_xy, spread = choose(mirror_xy(targets, side))
+        to_right = mirror_xy(targets, side)
+        chosen = self._least_sensitive(to_right)
+        actions, predicted_xy = refine_actions(
+            self.actions[chosen],
+            to_right,
+            self._changes,
+            model=self.model,
+            table_margin=self.info.get("table_margin", TABLE_MARGIN),
+        )
         return Plan(
             setup=self.setup,
             target_xy=targets,
             actions=mirror_actions(actions, side),
             predicted_xy=mirror_xy(predicted_xy, side),
             inside_coverage=self.inside_coverage(targets),
-            spread=np.array(np.nan) if spread is None else spread,
             sensitivity=self.sensitivity[chosen],
         )
 
-    def _least_sensitive(self, targets: NDArray[np.float64]) -> _Chosen:
-        """Choose the least sensitive of equally near candidates.
-
-        Args:
-            targets: Targets on the right half [m], shape [target, 2].
-
-        Returns:
-            Indices of the chosen candidates, their refined actions, the landings of these, and None
-            for the unknown spread.
-        """
-        distance, index = self._neighbors(targets, _NEIGHBOR_COUNT)
+    def _least_sensitive(self, targets: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return the least sensitive of equally near candidates for targets on the right half."""
+        count = min(_NEIGHBOR_COUNT, len(self.actions))
+        distance, index = self.tree.query(targets, k=count)
+        distance, index = (np.reshape(values, (-1, count)) for values in (distance, index))
         tied = distance <= distance[:, :1] + TIE_PCT / 100 * self.setup.cable.length
         best = np.argmin(np.where(tied, self.sensitivity[index], np.inf), axis=1)
-        chosen = index[np.arange(len(targets)), best]
-        return chosen, *self._refined(chosen, targets), None
-
-    def _least_risky(self, targets: NDArray[np.float64]) -> _Chosen:
-        """Choose the candidate within `REACH_PCT` that has the least expected miss.
-
-        Args:
-            targets: Targets on the right half [m], shape [target, 2].
-
-        Returns:
-            As `_least_sensitive`, with the spread of the refined actions [m].
-        """
-        distance, index = self._neighbors(targets, _REACH_COUNT)
-        reach = np.maximum(REACH_PCT / 100 * self.setup.cable.length, distance[:, :1])
-        risk = (_MOVE_COST * distance) ** 2 + 2.0 * self.spread[index] ** 2
-        risk[distance > reach] = np.inf
-        short = np.argsort(risk, axis=1)[:, : min(_SHORTLIST_COUNT, risk.shape[1])]
-        rows = np.arange(len(targets))
-        # Recompute the spread of the shortlist after its actions have been moved.
-        candidates = np.take_along_axis(index, short, axis=1).ravel()
-        goals = np.repeat(targets, short.shape[1], axis=0)
-        actions, predicted_xy = self._refined(candidates, goals)
-        spread = self.model.predict_spread(mirror_to_right(actions)[0])
-        if spread is None:
-            raise InputError("the policy's candidates have a spread, but its model predicts none")
-        miss = np.sum((predicted_xy - goals) ** 2, axis=1) + 2.0 * spread**2
-        # Candidates out of reach are on the shortlist only if there are too few within reach.
-        miss[np.isinf(np.take_along_axis(risk, short, axis=1)).ravel()] = np.inf
-        best = rows * short.shape[1] + np.argmin(miss.reshape(short.shape), axis=1)
-        return candidates[best], actions[best], predicted_xy[best], spread[best]
-
-    def _neighbors(self, targets: NDArray[np.float64], count: int):
-        """Return distances and indices of the nearest candidates, shapes [target, candidate]."""
-        count = min(count, len(self.actions))
-        distance, index = self.tree.query(targets, k=count)
-        return np.reshape(distance, (-1, count)), np.reshape(index, (-1, count))
-
-    def _refined(self, chosen: NDArray[np.intp], targets: NDArray[np.float64]):
-        """Return candidates moved onto targets, and their predicted landings."""
-        return refine_actions(
-            self.actions[chosen],
-            targets,
-            self._changes,
-            model=self.model,
-            table_margin=self.info.get("table_margin", TABLE_MARGIN),
-        )
+        return index[np.arange(len(targets)), best]
 
     def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
         """Return which targets lie within the simulated coverage, on either half of the table.

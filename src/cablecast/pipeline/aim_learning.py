@@ -42,7 +42,7 @@ class Learned:
     fitted_count: int | None = None
 
     def __post_init__(self):
-        if "adaptation" in self.policy.model.info:
+        if self.policy.model.has_real_casts:
             raise InputError(
                 "aiming learns from real casts itself: give it a policy of simulated casts alone"
             )

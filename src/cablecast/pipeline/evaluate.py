@@ -121,7 +121,7 @@ def _split(
     if model is None or not model.settings.is_simulated:
         return None
     with engine_rig(model, device) as engine:
-        split = split_errors(evaluation, model, engine)
+        split = split_errors(evaluation, engine)
     return None if split is None else split.to_dict()
 
 

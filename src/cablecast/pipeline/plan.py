@@ -1,101 +1,25 @@
-"""plan_motion: the motion for one target, and what to expect of it."""
+"""plan_motion: the motion for one target; and the file of a motion for a robot."""
 
-import dataclasses
 import os
 import pathlib
 
-import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.errors import InputError
 from cablecast.files import remove_leftovers, write_text
-from cablecast.learning.policy import Policy
-from cablecast.motion.action import Action
-from cablecast.motion.trajectory import JointPath, Trajectory
+from cablecast.learning.policy import Plan, Policy
+from cablecast.motion.trajectory import JointPath
 from cablecast.runs.folder import settings_differences
 from cablecast.setup import Setup
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MotionPlan:
-    """One motion for one target.
-
-    Attributes:
-        setup: Cable, workspace, arm and motion settings that it was planned for.
-        target_xy: Target [m], shape [2].
-        action: Action; None for a motion that no action describes.
-        predicted_xy: Predicted landing [m], shape [2].
-        spread: Standard deviation along each axis of real landings about the predicted one [m];
-            NaN where the model has seen no real casts.
-        inside_coverage: Whether simulated casts land near the target.
-        trajectory: Motion down to joint set points.
-    """
-
-    setup: Setup
-    target_xy: NDArray[np.float64]
-    action: Action | None
-    predicted_xy: NDArray[np.float64]
-    spread: float
-    inside_coverage: bool
-    trajectory: Trajectory
-
-    @property
-    def miss_pct(self) -> float:
-        """Distance from the predicted landing to the target [% of cable length]."""
-        offset = np.linalg.norm(self.predicted_xy - self.target_xy)
-        return 100.0 * float(offset) / self.setup.cable.length
-
-    @property
-    def spread_pct(self) -> float:
-        """Spread in % of cable length; NaN where unknown."""
-        return 100.0 * self.spread / self.setup.cable.length
-
-    @property
-    def joint_path(self) -> JointPath:
-        """Set points of the joints.
-
-        Raises:
-            InputError: The motion has none.
-        """
-        path = self.trajectory.joint_path
-        if path is None:
-            raise InputError("the planned motion has no joint path")
-        return path
-
-    def save(self, path: str | os.PathLike[str], setup: Setup, *, force: bool = False) -> None:
-        """Write the motion for a robot as CSV: t [s], q1..q6 [rad], qd1..qd6 [rad/s].
-
-        The header states the arm's geometry that the joint angles hold for.
-
-        Args:
-            path: File to write.
-            setup: Set-up of the robot, whose arm a person has measured. Its geometry must be that
-                of the plan: with another gripper the same angles drive into the table.
-            force: Whether a regular file that exists is overwritten.
-
-        Raises:
-            InputError: The arm was not measured or is another one, or the file exists.
-        """
-        check_measured(setup)
-        mine, theirs = self.setup.to_settings()["arm"], setup.to_settings()["arm"]
-        if differences := settings_differences(mine, theirs):
-            raise InputError(
-                f"the motion was planned for another arm: {'; '.join(differences)}. Simulate and "
-                "train with the lab file of this arm"
-            )
-        path = pathlib.Path(path)
-        check_writable(path, force)
-        remove_leftovers(path)
-        write_text(path, motion_csv(self.joint_path, self.setup))
 
 
 def plan_motion(
     policy: Policy,
     *,
-    target_xy: NDArray[np.float64] | None = None,
+    target_xy: ArrayLike | None = None,
     r: float | None = None,
     theta_deg: float | None = None,
-) -> MotionPlan:
+) -> Plan:
     """Plan the motion that lands the cable's free end on a target.
 
     Args:
@@ -110,16 +34,41 @@ def plan_motion(
     plan = policy.plan(target_xy, r=r, theta_deg=theta_deg)
     if len(plan) != 1:
         raise InputError(f"plan_motion takes one target, not {len(plan)}: use policy.plan")
-    trajectory = plan.trajectories[0]
-    return MotionPlan(
-        setup=plan.setup,
-        target_xy=np.asarray(plan.target_xy[0]),
-        action=trajectory.action,
-        predicted_xy=np.asarray(plan.predicted_xy[0]),
-        spread=float(plan.spread[0]),
-        inside_coverage=bool(plan.inside_coverage[0]),
-        trajectory=trajectory,
-    )
+    return plan
+
+
+def save_motion(
+    plan: Plan, path: str | os.PathLike[str], setup: Setup, *, force: bool = False
+) -> None:
+    """Write the motion for one target as CSV for a robot: t [s], q1..q6 [rad], qd1..qd6 [rad/s].
+
+    The header states the arm's geometry that the joint angles hold for.
+
+    Args:
+        plan: Result of `plan_motion`.
+        path: File to write.
+        setup: Set-up of the robot, whose arm a person has measured. Its geometry must be that
+            of the plan: with another gripper the same angles drive into the table.
+        force: Whether a regular file that exists is overwritten.
+
+    Raises:
+        InputError: The arm was not measured or is another one, the file exists, or the motion has
+            no joint path.
+    """
+    check_measured(setup)
+    mine, theirs = plan.setup.to_settings()["arm"], setup.to_settings()["arm"]
+    if differences := settings_differences(mine, theirs):
+        raise InputError(
+            f"the motion was planned for another arm: {'; '.join(differences)}. Simulate and "
+            "train with the lab file of this arm"
+        )
+    path = pathlib.Path(path)
+    check_writable(path, force)
+    joint_path = plan.trajectories[0].joint_path
+    if joint_path is None:
+        raise InputError("the planned motion has no joint path")
+    remove_leftovers(path)
+    write_text(path, motion_csv(joint_path, plan.setup))
 
 
 def check_measured(setup: Setup) -> None:

@@ -26,10 +26,10 @@ from cablecast.tuning.tune import TuneConfig
 from cablecast.tuning.tuned import load_tuned
 
 CABLES = ("cable_1", "cable_2", "cable_3")
-METHODS = ("polar", "gaussian-process", "real", "sim", "fine-tuning", "correction")
+METHODS = ("polar", "gaussian-process", "real", "sim", "fine-tuning")
 """Polar casting, the Gaussian process of D_sim, the forward model of D_real, of D_sim, and of D_sim
-fine-tuned on D_real, which are the paper's; and the forward model corrected by D_real, ours."""
-BEST_METHOD = "correction"
+fine-tuned on D_real."""
+BEST_METHOD = "fine-tuning"
 
 TARGET_COUNT = 32
 
@@ -285,8 +285,7 @@ class StageMaker:
             "gaussian-process": (True, False, "gaussian-process"),
             "real": (False, True, "network"),
             "sim": (True, False, "network"),
-            "fine-tuning": (True, True, "fine-tuning"),
-            "correction": (True, True, "correction"),
+            "fine-tuning": (True, True, "network"),
         }
 
         def work() -> None:
@@ -314,8 +313,7 @@ class StageMaker:
             # Each of its steps multiplies with a matrix of all pairs of casts.
             "gaussian-process": 300.0 * share**2,
             "real": 15.0,
-            "fine-tuning": 30.0,
-            "correction": 20.0 if is_first else training,
+            "fine-tuning": 30.0 if is_first else 30.0 + training,
         }
         title = f"learn ({method})"
         return self._stage(cable, f"model-{method}", title, expected.get(method, training), work)

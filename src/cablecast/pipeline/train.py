@@ -7,48 +7,44 @@ import typing
 from typing import Any
 
 from cablecast.data.dataset import Dataset
-from cablecast.errors import CheckpointError, InputError, check_count, check_seed
+from cablecast.errors import (
+    CheckpointError,
+    InputError,
+    MissingExtraError,
+    check_count,
+    check_seed,
+)
 from cablecast.files import write_bytes, write_text
-from cablecast.learning.adaptation import (
+from cablecast.learning.card import model_card
+from cablecast.learning.checkpoint import check_device
+from cablecast.learning.gaussian_process import GaussianProcessConfig, train_gaussian_process
+from cablecast.learning.landing import LandingModel
+from cablecast.learning.network import (
+    FINE_TUNING,
     REAL_ONLY,
-    FineTuningConfig,
-    correct_model,
+    ForwardModel,
+    TrainingConfig,
     fine_tune,
+    train_forward_model,
     train_on_real,
 )
-from cablecast.learning.checkpoint import check_device
-from cablecast.learning.gaussian_process import (
-    GaussianProcessConfig,
-    train_gaussian_process,
-)
-from cablecast.learning.landing import LandingModel
-from cablecast.learning.network import ForwardModel, TrainingConfig, train_forward_model
 from cablecast.learning.policy import CANDIDATE_COUNT, ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 
-Mode = typing.Literal["sim", "real", "both"]
-Method = typing.Literal["correction", "fine-tuning", "network", "gaussian-process"]
+Method = typing.Literal["network", "gaussian-process"]
 
 CARD_FILE = "MODELCARD.md"
 CURVE_FILE = "learning_curve.png"
-
-MODES: dict[Method, tuple[Mode, ...]] = {
-    "correction": ("both",),
-    "fine-tuning": ("both",),
-    "network": ("sim", "real"),
-    "gaussian-process": ("sim",),
-}
-"""Casts that a method may learn from."""
 
 
 def train(
     simulated: Dataset | None = None,
     real: Dataset | None = None,
     *,
-    method: Method | None = None,
+    method: Method = "network",
     start: ForwardModel | None = None,
     epochs: int = 100,
     candidate_count: int = CANDIDATE_COUNT,
@@ -59,16 +55,14 @@ def train(
 ) -> ForwardSearchPolicy:
     """Train the model that predicts where a cast lands, and prepare the policy that searches it.
 
+    Given both kinds of casts, a network is trained on the simulated ones and then fine-tuned on the
+    real ones (section V-F).
+
     Args:
-        simulated: Casts that `simulate` made (D_sim).
-        real: Casts that `collect` recorded (D_real), which teach what the simulator does not know.
-        method: Way to learn: "network" (simulated or real casts alone), "gaussian-process" (the
-            paper's baseline, simulated casts), and where both are given "correction" (a Gaussian
-            process on the sim-to-real residual, with its standard deviation) or "fine-tuning" (the
-            network goes on training, as in the paper). Where None: correction if both are given,
-            otherwise network.
-        start: Model of the same simulated casts to begin with, where both are given; trained first
-            where None.
+        simulated: Simulated casts of one cable, D_sim.
+        real: Casts of a rig, D_real.
+        method: "network", or "gaussian-process", the paper's baseline on simulated casts alone.
+        start: Network of the same simulated casts to fine-tune; trained first where None.
         epochs: Largest number of passes over the simulated casts.
         candidate_count: Number of motions that the policy chooses from.
         seed: Seed of the held-out casts, the first weights and the candidates.
@@ -84,174 +78,118 @@ def train(
             out of bounds.
         MissingExtraError: torch or safetensors is missing.
     """
-    casts = _check_casts(simulated, real)
-    method = _check_method(method, casts)
+    _check_casts(simulated, real, method)
     check_count("candidate_count", candidate_count, high=ACTION_COUNT_MAX)
     check_seed(seed)
     require("training a model", "torch", "safetensors")
     check_device(device)
     if start is not None:
         _check_start(start, simulated)
-    job = _Training(casts, method, start, TrainingConfig(epochs=epochs), seed, device, progress)
+    config = TrainingConfig(epochs=epochs)
+    casts = {
+        role: dataset
+        for role, dataset in (("sim", simulated), ("real", real))
+        if dataset is not None
+    }
+    both = len(casts) == 2
     setup = next(iter(casts.values())).setup
+    used = config if simulated is not None else REAL_ONLY
     settings = {
         **setup.to_settings(),
-        **job.settings(),
+        "method": "fine-tuning" if both else method,
+        "training": dataclasses.asdict(
+            GaussianProcessConfig() if method == "gaussian-process" else used
+        ),
+        **{f"{role}_fingerprint": dataset.fingerprint for role, dataset in casts.items()},
+        **({"fine_tuning": dataclasses.asdict(FINE_TUNING)} if both else {}),
+        **({} if start is None else {"start_fingerprint": start.fingerprint}),
         "candidate_count": candidate_count,
         "seed": seed,
         "device": device,
     }
+
+    def on_epoch(row: dict[str, float]) -> None:
+        progress(Progress(task="Training", done=int(row["epoch"]), total=epochs, unit="epochs"))
+
+    def trained() -> LandingModel:
+        options: dict[str, Any] = {"seed": seed, "device": device}
+        if method == "gaussian-process" and simulated is not None:
+            return train_gaussian_process(simulated, seed=seed, progress=progress)
+        model = start
+        if model is None and simulated is not None:
+            model = train_forward_model(simulated, config=config, on_epoch=on_epoch, **options)
+        if real is None:
+            return typing.cast(ForwardModel, model)
+        if model is None:
+            return train_on_real(real, progress=progress, **options)
+        return fine_tune(model, real, progress=progress, **options)
+
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "train", settings)
         if run.metrics is not None:
             progress(Progress(task=f"Training the model of {setup.cable.name}", note=DONE_NOTE))
             return ForwardSearchPolicy.load(folder)
         with run.begun():
-            model = job.model()
+            model = trained()
             progress(Progress(task=f"Predicting {candidate_count} candidate motions"))
             policy = ForwardSearchPolicy.build(
                 model, candidate_count, seed, ranges=model.action_ranges
             )
             if out is not None:
                 policy.save(folder)
-                write_documents(model, policy.info, folder, progress)
+                _write_documents(policy, folder, progress)
                 run.finish({**model.metrics, "policy": policy.info})
         return policy
 
 
-def _check_casts(simulated: Dataset | None, real: Dataset | None) -> dict[str, Dataset]:
-    """Return the casts by where they come from, "sim" first.
-
-    Raises:
-        InputError: There are none, or they are not of the kind that they are given as.
-    """
-    casts = {name: d for name, d in (("sim", simulated), ("real", real)) if d is not None}
-    if not casts:
+def _check_casts(simulated: Dataset | None, real: Dataset | None, method: str) -> None:
+    if simulated is None and real is None:
         raise InputError("training needs casts: simulated ones, real ones, or both")
-    for name, dataset in casts.items():
-        if (dataset.kind == "sim") is not (name == "sim"):
+    for dataset, is_simulated, words in (
+        (simulated, True, "simulated"),
+        (real, False, "casts of a rig"),
+    ):
+        if dataset is not None and (dataset.kind == "sim") is not is_simulated:
             raise InputError(
                 f"{dataset.path or 'the dataset'} holds casts of kind {dataset.kind!r}, which are "
-                f"not {'simulated' if name == 'sim' else 'casts of a rig'}"
+                f"not {words}"
             )
-    return casts
-
-
-def _check_method(method: Method | None, casts: dict[str, Dataset]) -> Method:
-    mode: Mode = "both" if len(casts) == 2 else "sim" if "sim" in casts else "real"
-    method = method or ("correction" if mode == "both" else "network")
-    if method not in MODES:
-        raise InputError(f"method {str(method)[:40]!r} must be one of {', '.join(MODES)}")
-    if mode not in MODES[method]:
-        raise InputError(
-            f"method {method} learns from {' or '.join(MODES[method])} casts, not from {mode}"
-        )
-    return method
+    if method not in typing.get_args(Method):
+        known = ", ".join(typing.get_args(Method))
+        raise InputError(f"method {str(method)[:40]!r} must be one of {known}")
+    if method == "gaussian-process" and (simulated is None or real is not None):
+        raise InputError("method gaussian-process learns from simulated casts alone")
 
 
 def _check_start(start: ForwardModel, simulated: Dataset | None) -> None:
     if simulated is None:
         raise InputError("a model to start from needs the simulated casts that it learned from")
-    there = start.info["dataset"]["fingerprint"]
-    if there != simulated.fingerprint:
+    if start.dataset_fingerprint != simulated.fingerprint:
         raise CheckpointError(
-            f"the model to start from was trained on another dataset ({there}, not "
-            f"{simulated.fingerprint})"
+            "the model to start from was trained on another dataset "
+            f"({start.dataset_fingerprint}, not {simulated.fingerprint})"
         )
-    if "adaptation" in start.info:
+    if start.has_real_casts:
         raise CheckpointError("the model to start from has learned from real casts already")
 
 
-@dataclasses.dataclass(frozen=True)
-class _Training:
-    """One way to learn from some casts."""
-
-    casts: dict[str, Dataset]
-    method: Method
-    start: ForwardModel | None
-    config: TrainingConfig
-    seed: int
-    device: str
-    progress: ProgressCallback
-
-    def settings(self) -> dict[str, Any]:
-        """Return what decides the model, as plain values."""
-        configs: dict[str, Any] = {
-            "network": self.config if "sim" in self.casts else REAL_ONLY,
-            "gaussian-process": GaussianProcessConfig(),
-        }
-        settings = {
-            "method": self.method,
-            "training": dataclasses.asdict(configs.get(self.method, self.config)),
-            **{f"{name}_fingerprint": casts.fingerprint for name, casts in self.casts.items()},
-        }
-        if self.method == "fine-tuning":
-            settings["fine_tuning"] = dataclasses.asdict(FineTuningConfig())
-        if self.start is not None:
-            settings["start_fingerprint"] = self.start.fingerprint
-        return settings
-
-    def model(self) -> LandingModel:
-        """Return the trained model."""
-        seed, device, progress = self.seed, self.device, self.progress
-        if "sim" not in self.casts:
-            return train_on_real(
-                self.casts["real"], seed=seed, device=device, progress=self.progress
-            )
-        simulated = self.casts["sim"]
-        if self.method == "gaussian-process":
-            return train_gaussian_process(simulated, seed=seed, progress=progress)
-        start = self.start or self._network(simulated)
-        if self.method == "correction":
-            return correct_model(start, self.casts["real"], seed=seed, progress=progress)
-        if self.method == "fine-tuning":
-            return fine_tune(
-                start, self.casts["real"], seed=seed, device=device, progress=self.progress
-            )
-        return start
-
-    def _network(self, simulated: Dataset) -> ForwardModel:
-        epochs = self.config.epochs
-
-        def on_epoch(row: dict[str, float]) -> None:
-            done = int(row["epoch"])
-            self.progress(Progress(task="Training", done=done, total=epochs, unit="epochs"))
-
-        return train_forward_model(
-            simulated, config=self.config, seed=self.seed, device=self.device, on_epoch=on_epoch
-        )
-
-
-def write_documents(
-    model: LandingModel,
-    policy_info: dict[str, Any],
-    folder: pathlib.Path,
-    progress: ProgressCallback = ignore,
+def _write_documents(
+    policy: ForwardSearchPolicy, folder: pathlib.Path, progress: ProgressCallback
 ) -> None:
-    """Write the card of a model, and its learning curve where matplotlib is installed.
-
-    Args:
-        model: The model.
-        policy_info: Description of its policy.
-        folder: Run folder.
-        progress: Told where there is no curve, and why.
-    """
-    from cablecast.errors import MissingExtraError
-    from cablecast.learning.card import model_card
-
-    card = model_card(model, policy_info)
+    """Write the card of a model, and its learning curve where matplotlib is installed."""
+    model = policy.model
+    card = model_card(model, policy.info)
     adaptation = model.info.get("adaptation", {})
     # A network of real casts alone has no other curve than that of its adaptation.
     curves = [("Pre-training" if adaptation else "Training", model.info.get("curve", []))]
-    if adaptation.get("curve"):
-        curves.append(("On real casts", adaptation["curve"]))
+    curves.append(("On real casts", adaptation.get("curve", [])))
     curves = [(title, curve) for title, curve in curves if len(curve) > 1]
     if curves:
         try:
             from cablecast.report.curves import learning_curves
             from cablecast.report.style import png_bytes
 
-            figure = learning_curves(curves, model.cable.length)
+            figure = learning_curves(curves, model.setup.cable.length)
             write_bytes(folder / CURVE_FILE, png_bytes(figure))
             card += f"\n![learning curve]({CURVE_FILE})\n"
         except MissingExtraError as error:

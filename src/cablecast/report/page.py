@@ -139,9 +139,7 @@ BEST_METHOD_PUBLISHED = "forward model, D_sim + D_real"
 SPLIT_PARTS = {
     "repeatability": "equal casts land apart",
     "mismatch": "the simulator is not the rig",
-    "network": "the network is not the simulator",
-    "correction": "what was learned from casts of the rig",
-    "mismatch_left": "simulator and correction together",
+    "model": "the model is not the simulator",
     "plan": "no cast is expected to land on the target",
 }
 """Cause of each part of an error, in words; see `cablecast.evaluation.evaluate`."""
@@ -194,10 +192,8 @@ def split_table(evaluations: Mapping[str, Mapping[str, Any]], title: str) -> Tab
         return None
     rows = []
     for name, split in splits.items():
-        # A part that was not measured is not there, and nothing was corrected without casts.
+        # A part that was not measured is not there.
         parts = [part for part in SPLIT_PARTS if split["parts"].get(part, {}).get("rms_pct")]
-        if "correction" not in parts:
-            parts = [part for part in parts if part != "mismatch_left"]
         whole = ("", pct(split["rms_pct"]), "100")
         rows.append(Row(cells=(name, *whole), kind="ours"))
         for part in parts:

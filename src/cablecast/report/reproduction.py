@@ -46,12 +46,11 @@ METHOD_NAMES = {
     "real": "forward model, D_real",
     "sim": "forward model, D_sim",
     "fine-tuning": "forward model, D_sim + D_real",
-    "correction": "corrected forward model, D_sim + D_real",
 }
-"""Names of the methods: those of the paper's table II as there, and last our own."""
+"""Names of the methods, as in the paper's table II."""
 
-BEST_METHOD = "correction"
-"""Method that is carried out on all cables. The paper's is the fine-tuned forward model."""
+BEST_METHOD = "fine-tuning"
+"""Method that is carried out on all cables, as in the paper."""
 
 _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
 """Stages whose settings hold the set-up; those that decide the figures come first."""
@@ -337,10 +336,9 @@ def model_part(results: Reproduction) -> Part | None:
         if metrics is None:
             continue
         caption = f"How the model of {cable} learned from simulated casts"
-        # Fine-tuning begins with the same curve; it was done on the first cable only.
         figures += results.picture(
-            cable, "model-fine-tuning", "learning_curve.png", f"{caption}, then from real ones."
-        ) or results.picture(cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}.")
+            cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}, then from real ones."
+        )
         told.append(
             f"{cable}: on simulated casts that it had not seen the median error is "
             f"{metrics['held_out_median_pct']:.1f} % of the cable's length; on casts of the rig "
@@ -353,10 +351,8 @@ def model_part(results: Reproduction) -> Part | None:
     return Part(
         title="Learning where casts land",
         paragraphs=[
-            "A network first learns from casts that were simulated with the tuned parameters. The "
-            "rig's deviation from them is then learned from its own casts in two ways: the network "
-            "goes on training with them, as in the paper, or it stays as it is and a correction is "
-            "added that also tells its own uncertainty.",
+            "A network is first trained on casts that were simulated with the tuned parameters, "
+            "and then fine-tuned on casts of the rig.",
             *told,
         ],
         figures=figures,
@@ -456,11 +452,11 @@ def split_part(results: Reproduction) -> Part | None:
     return Part(
         title="Where the errors come from",
         paragraphs=[
-            "Each planned cast was also played in the tuned simulator and predicted by the network "
-            "alone. That splits the way from a target to a landing into steps with one cause each: "
-            "what the plan leaves, what the correction adds, the difference between the network "
-            "and the simulator it learned from (fine-tuning makes them differ on purpose), the "
-            "difference between the simulator and the rig, and the scatter of equal casts.",
+            "Each planned cast was also made in the tuned simulator. That splits the way from a "
+            "target to a landing into steps with one cause each: what the plan leaves, the "
+            "difference between the model and the simulator that it was trained on (fine-tuning "
+            "makes them differ on purpose), the difference between the simulator and the rig, and "
+            "the scatter of equal casts.",
         ],
         tables=tables,
     )

@@ -400,13 +400,9 @@ def legend_text(shown: MissMap) -> str:
         swatches.append(
             f'<span style="color: rgb({red},{green},{blue})">■</span> {share:.3g}{more}'
         )
-    what = (
-        "with the scatter of real casts"
-        if shown.is_measured
-        else "with what an action that is off by 1° and 1 cm adds"
-    )
-    return f"Expected miss of a first cast, {what}, in % of the cable's length: " + ", ".join(
-        swatches
+    return (
+        "Expected miss of a first cast, with what an action that is off by 1° and 1 cm adds, in % "
+        f"of the cable's length: {', '.join(swatches)}"
     )
 
 

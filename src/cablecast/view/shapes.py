@@ -315,15 +315,12 @@ class MissMap:
 
     Attributes:
         xy: Targets of a grid [m], shape [row, column, 2].
-        miss: Expected miss, prediction and scatter together [m]; NaN off the reach, shape
-            [row, column].
-        is_measured: True for the scatter of real casts; otherwise it is the shift for errors
-            of the action of one degree and one centimetre.
+        miss: Expected miss, prediction and the shift for errors of the action of one degree and
+            one centimetre together [m]; NaN off the reach, shape [row, column].
     """
 
     xy: Array
     miss: Array
-    is_measured: bool
 
 
 def miss_map(policy: Policy, step: float = MAP_STEP) -> MissMap:
@@ -342,12 +339,9 @@ def miss_map(policy: Policy, step: float = MAP_STEP) -> MissMap:
     inside = np.hypot(*flat.T) <= table.reach(setup.cable.length)
     miss = np.full(len(flat), np.nan)
     plan = policy.plan(flat[inside])
-    is_measured = bool(np.all(np.isfinite(plan.spread)))
-    # A standard deviation along each axis makes sqrt(2) of it in the plane.
-    scatter = np.sqrt(2.0) * plan.spread if is_measured else plan.sensitivity
     offset = np.linalg.norm(plan.predicted_xy - plan.target_xy, axis=1)
-    miss[inside] = np.hypot(offset, np.nan_to_num(scatter))
-    return MissMap(xy=xy, miss=miss.reshape(xy.shape[:2]), is_measured=is_measured)
+    miss[inside] = np.hypot(offset, np.nan_to_num(plan.sensitivity))
+    return MissMap(xy=xy, miss=miss.reshape(xy.shape[:2]))
 
 
 # Colours of shares 0, 1/2 and 1 of the scale: sure, doubtful, out of reach. Blue to orange stays
