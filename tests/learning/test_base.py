@@ -67,7 +67,7 @@ def test_every_plan_has_one_motion_with_joints_per_target(policy):
         assert trajectory.joint_path.q.shape[1] == 6
     assert plan.trajectories is plan.trajectories
     assert plan.setup == SETUP
-    assert plan.spread.shape == plan.sensitivity.shape == plan.inside_coverage.shape == (3,)
+    assert plan.sensitivity.shape == plan.inside_coverage.shape == (3,)
 
 
 def test_polar_targets_are_the_same_as_cartesian_ones(policy):
@@ -114,9 +114,8 @@ def test_every_policy_checks_its_targets(policy, asked, words):
 
 def test_what_a_plan_does_not_know_is_nan():
     plan = some_plan()
-    assert np.isnan(plan.spread).all()
     assert np.isnan(plan.sensitivity).all()
-    assert plan.spread.shape == (2,)
+    assert plan.sensitivity.shape == (2,)
 
 
 def test_a_plan_that_gives_its_motions_needs_no_actions():
@@ -139,7 +138,7 @@ def test_an_action_that_the_arm_cannot_follow_shows_when_its_motion_is_wanted():
         ({"actions": np.zeros((2, 3))}, r"actions has shape \(2, 3\)"),
         ({"predicted_xy": np.zeros((3, 2))}, "predicted_xy has shape"),
         ({"inside_coverage": np.ones(3, dtype=bool)}, "inside_coverage has shape"),
-        ({"spread": np.zeros(5)}, "spread has shape"),
+        ({"sensitivity": np.zeros(5)}, "sensitivity has shape"),
         ({"actions": np.array([ACTION, [np.nan] * 4])}, "neither an action nor a motion for .* 1"),
         ({"motions": ()}, "0 motions for 2 targets"),
     ],
@@ -152,4 +151,4 @@ def test_a_plan_whose_parts_do_not_fit_is_refused(changes, words):
 
 def test_plans_cannot_be_changed():
     with pytest.raises(dataclasses.FrozenInstanceError):
-        some_plan().spread = np.zeros(2)
+        some_plan().sensitivity = np.zeros(2)

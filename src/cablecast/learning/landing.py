@@ -281,7 +281,7 @@ class LandingModel:
     @property
     def has_real_casts(self) -> bool:
         """Whether the model has been trained on casts of a rig, alone or after simulated ones."""
-        return "adaptation" in self.info or self.info["dataset"].get("kind") == "real"
+        return "adaptation" in self.info or self.info.get("dataset", {}).get("kind") == "real"
 
     @property
     def setup(self) -> Setup:
