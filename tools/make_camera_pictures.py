@@ -26,8 +26,7 @@ from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck, draw_report
 from cablecast.vision.tags import load_cv2
-from cablecast.vision.tracker import TrialTiming
-from cablecast.vision.trials import CameraOfTrials
+from cablecast.vision.trials import CameraOfTrials, TrialTiming
 
 IMAGES = pathlib.Path(__file__).parents[1] / "docs" / "images"
 CLOCK = 250.0

@@ -36,8 +36,7 @@ from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.ur.twin.truth import TruthCamera
 from cablecast.setup import Setup, load_setup
-from cablecast.vision.tracker import TrialCamera
-from cablecast.vision.trials import CameraOfTrials
+from cablecast.vision.trials import CameraOfTrials, TrialCamera
 
 ROOT = pathlib.Path(__file__).parents[1]
 PHASES = ("reset", "approach", "cast", "settle", "readout")

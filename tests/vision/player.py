@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from cablecast.vision.tracker import TrialTiming
+from cablecast.vision.trials import TrialTiming
 
 DT = 0.01
 

@@ -19,8 +19,7 @@ from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
-from cablecast.vision.tracker import TrialCamera
-from cablecast.vision.trials import CameraOfTrials
+from cablecast.vision.trials import CameraOfTrials, TrialCamera
 from cablecast.vision.video import read_video
 
 RATE, CLOCK = 30.0, 700.0

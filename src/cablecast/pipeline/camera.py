@@ -1,23 +1,18 @@
-"""Verbs of the camera: check_camera, sync_camera and sync_film.
-
-Calibration verbs: calibrate_table and calibrate_lens_of, which write into the lab file.
-"""
+"""Verbs of the camera: check_camera, sync_camera, sync_film, calibrate_table, calibrate_lens_of."""
 
 import dataclasses
 import pathlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
 from cablecast.camera.tags import Point, TableFit, fit_table
-from cablecast.errors import InputError, check_count, check_number
+from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_csv
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
-from cablecast.pipeline.places import require
-from cablecast.pipeline.track_video import read_pictures
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup, load_setup, update_lab_file
@@ -30,16 +25,25 @@ from cablecast.vision.calibration import (
 )
 from cablecast.vision.check import CameraCheck, CameraReport
 from cablecast.vision.clock import ClockOffset, SeenMotion, sync_by_motion
-from cablecast.vision.live import Frame, LiveCamera
-from cablecast.vision.tracker import TrialCamera
-from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
-from cablecast.vision.video import read_video
+from cablecast.vision.live import LiveCamera
+from cablecast.vision.trials import (
+    ClockCamera,
+    TrialCamera,
+    calibrate_camera,
+    require_camera,
+    tags_of,
+)
+from cablecast.vision.video import read_pictures, read_video
 
 SYNC_ACTION = Action(-0.5, 0.5, 0.6, 0.5)
 """Cast by which the clocks are compared: to the left, and as far to the right."""
+AXIS_OFFSET_MAX = 0.01
+"""Distance of the robot's axis from the table's middle line that is not worth a word [m]."""
 
 _CALIBRATION_FRAMES = 8
 _LOG_COLUMNS = ("time_s", *(f"q{joint}" for joint in range(1, JOINT_COUNT + 1)))
+_BOARD_MOVE = 0.08
+"""Way of a board between two pictures of it, as a share of the image's width."""
 
 
 def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) -> CameraReport:
@@ -55,16 +59,15 @@ def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) 
         InputError: A value is out of bounds, or the camera sent too little.
         MissingExtraError: OpenCV is not installed.
     """
-    require("the camera", "cv2")
     check_number("seconds", seconds, 0.2, 600.0, "s")
     check_number("tip_speed", tip_speed, 0.1, 50.0, "m/s")
     with LiveCamera(require_camera(setup)) as camera:
         check = CameraCheck(setup, camera.facts, tip_speed)
-        begin: float | None = None
+        start: float | None = None
         for frame in camera:
-            begin = frame.time if begin is None else begin
+            start = frame.time if start is None else start
             check.look(frame)
-            if frame.time >= begin + seconds:
+            if frame.time >= start + seconds:
                 break
         return check.report(camera.dropped_count)
 
@@ -77,13 +80,10 @@ def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOf
         make_rig: Makes the rig that uses a camera; it is reset, and casts straight ahead.
 
     Raises:
-        CameraError: The camera failed.
+        CameraError: The camera failed, or the cast was aborted.
         InputError: The motion was not seen.
         RigError: The rig failed.
     """
-    from cablecast.vision.trials import ClockCamera
-
-    require("the camera", "cv2")
     trajectory = plan_trajectory(SYNC_ACTION, setup)
     with ClockCamera(setup) as camera:
         rig = make_rig(camera)
@@ -92,7 +92,9 @@ def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOf
             rig.execute(trajectory)
         finally:
             rig.close()
-        return camera.found()
+        if camera.found is None:
+            raise CameraError("the cast was aborted, so that the clocks could not be compared")
+        return camera.found
 
 
 def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffset:
@@ -109,8 +111,7 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     Raises:
         InputError: A file makes no sense, or the motion was too short, or not seen.
     """
-    require("the camera", "cv2")
-    settings, reported = require_camera(setup), read_log(log)
+    settings, reported = require_camera(setup), _read_log(log)
     seen, first = SeenMotion(settings.row_time), []
     for time, image in read_video(film)[1]:
         if len(first) < _CALIBRATION_FRAMES:
@@ -120,15 +121,8 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     return sync_by_motion(seen, reported, setup.arm, view)
 
 
-def read_log(path: pathlib.Path) -> JointPath:
-    """Return the joints that a robot reported.
-
-    Args:
-        path: CSV file with the columns time_s [s] and q1 to q6 [rad].
-
-    Raises:
-        InputError: There is no such file, or it is no such log.
-    """
+def _read_log(path: pathlib.Path) -> JointPath:
+    """Return the joints that a robot reported in a CSV file."""
     rows = read_csv(path, _LOG_COLUMNS)
     try:
         values = np.array([[float(row[name]) for name in _LOG_COLUMNS] for row in rows])
@@ -136,18 +130,10 @@ def read_log(path: pathlib.Path) -> JointPath:
         raise InputError(f"{path} holds something else than numbers") from None
     if len(values) < 2 or not np.all(np.isfinite(values)):
         raise InputError(f"{path} must hold at least two rows of finite numbers")
-    if np.any(np.diff(values[:, 0]) <= 0):
+    times, q = values[:, 0], values[:, 1:]
+    if np.any(np.diff(times) <= 0):
         raise InputError(f"the times in {path} do not rise")
-    q = values[:, 1:]
-    qd = np.gradient(q, values[:, 0], axis=0)
-    return JointPath(times=values[:, 0], q=q, qd=qd)
-
-
-AXIS_OFFSET_MAX = 0.01
-"""Distance of the robot's axis from the table's middle line that is not worth a word [m]."""
-
-_BOARD_MOVE = 0.08
-"""Way of a board between two pictures of it, as a share of the image's width."""
+    return JointPath(times=times, q=q, qd=np.gradient(q, times, axis=0))
 
 
 def calibrate_table(
@@ -170,9 +156,8 @@ def calibrate_table(
     require_camera(setup)
     fit = fit_table(tags_of(setup), touched)
     if write:
-        near_y = round(setup.workspace.table_near_y - fit.axis_xy[1], 5)
         rows = [
-            {name: round(float(value), 5) if name != "id" else value for name, value in row.items()}
+            {name: value if name == "id" else round(value, 5) for name, value in row.items()}
             for row in fit.layout.to_rows()
         ]
         changes = {
@@ -180,7 +165,7 @@ def calibrate_table(
                 "base_height": round(fit.base_height, 5),
                 "base_yaw_deg": round(fit.base_yaw_deg, 3),
             },
-            "workspace": {"table_near_y": near_y},
+            "workspace": {"table_near_y": round(setup.workspace.table_near_y - fit.axis_xy[1], 5)},
             "camera": {"tags": rows},
         }
         update_lab_file(lab_file, changes)
@@ -211,9 +196,7 @@ def calibrate_lens_of(
         CameraError: The camera failed.
         InputError: Too few pictures show the board, or they are of another size.
     """
-    require("the camera", "cv2")
-    setup = load_setup(lab_file)
-    settings = require_camera(setup)
+    settings = require_camera(load_setup(lab_file))
     board = board or Board()
     if pictures is not None:
         images = read_pictures(pictures)
@@ -221,34 +204,26 @@ def calibrate_lens_of(
         check_count("pictures of a board", count, 5, 200)
         # A lens of another size must not stop a new calibration.
         with LiveCamera(dataclasses.replace(settings, lens=None)) as camera:
-            images = gather_boards(camera, board, count, progress)
+            images = _gather_boards(camera, board, count, progress)
     fit = calibrate_lens(images, board)
-    size = (fit.lens.width, fit.lens.height)
-    if size != (settings.width, settings.height):
+    if (fit.lens.width, fit.lens.height) != (settings.width, settings.height):
         raise InputError(
-            f"the pictures have {size[0]} x {size[1]} px, but the lab file asks the camera for "
-            f"{settings.width} x {settings.height}"
+            f"the pictures have {fit.lens.width} x {fit.lens.height} px, but the lab file asks the "
+            f"camera for {settings.width} x {settings.height}"
         )
     if write:
         update_lab_file(lab_file, {"camera": {"lens": fit.lens.to_dict()}})
     return fit
 
 
-def gather_boards(
-    frames: Iterable[Frame], board: Board, count: int, progress: ProgressCallback = ignore
+def _gather_boards(
+    camera: LiveCamera, board: Board, count: int, progress: ProgressCallback
 ) -> list[NDArray[np.uint8]]:
-    """Return pictures that show a board at places apart from one another.
-
-    Args:
-        frames: Frames of a camera.
-        board: Board that is shown, in either pattern.
-        count: Pictures to take.
-        progress: Told how many pictures are taken.
-    """
+    """Return pictures that show a board, in either pattern, at places apart from one another."""
     patterns = [dataclasses.replace(board, legacy=legacy) for legacy in (False, True)]
     images: list[NDArray[np.uint8]] = []
     places: list[NDArray[np.float64]] = []
-    for frame in frames:
+    for frame in camera:
         corners = max((find_board(frame.image, pattern)[0] for pattern in patterns), key=len)
         if len(corners) < BOARD_CORNERS_MIN:
             continue

@@ -12,8 +12,8 @@ from cablecast.data.dataset import Dataset
 from cablecast.data.lerobot import VIDEO_FILE, Episode, episodes_of, write_tables
 from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.files import remove_leftovers, temporary_prefix
-from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.vision.tags import load_cv2
 from cablecast.vision.video import Image, read_video, write_video
 
 ExportFormat = typing.Literal["lerobot"]
@@ -60,7 +60,7 @@ def export_dataset(
     if out.is_file() or (out.is_dir() and any(out.iterdir())):
         raise InputError(f"{out} is not empty: --out needs a new folder")
     if films is not None:
-        require("films", "cv2")
+        load_cv2()
     episodes = episodes_of(dataset, fps)
     out.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(out)

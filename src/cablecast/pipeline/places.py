@@ -17,7 +17,6 @@ _EXTRAS = {
     "torch": "learn",
     "safetensors": "learn",
     "mujoco": "mujoco",
-    "cv2": "camera",
     "viser": "view",
     "trimesh": "view",
 }

@@ -12,19 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.camera.lens import Lens
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DamagedFileError, InputError, check_number
 from cablecast.files import read_csv, write_bytes, write_text
-from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
-from cablecast.vision.video import read_video
+from cablecast.vision.video import read_pictures, read_video
 
 TRACK_FILE = "track.csv"
 FRAMES_FILE = "frames.csv"
@@ -32,13 +31,13 @@ CALIBRATION_FILE = "calibration.json"
 PICTURE_FILE = "track.png"
 
 _CALIBRATION_FRAMES = 12
-_BOARD_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-
 
 MarkerColor = typing.Literal["green", "red", "blue"]
 
 # The tracker looks for green: a marker of another color is seen with two channels swapped (BGR).
 _CHANNELS = {"green": (0, 1, 2), "red": (0, 2, 1), "blue": (1, 0, 2)}
+_PLAIN = ("view_deg", "begin", "start", "marker", "color", "marker_z")
+"""Settings of a run that are no files."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -122,7 +121,7 @@ def track_video(
             bounds.
         MissingExtraError: OpenCV is not installed.
     """
-    require("tracking", "cv2")
+    load_cv2()
     config, video = config or TrackConfig(), pathlib.Path(video)
     if not video.is_file():
         raise InputError(f"there is no video {video}")
@@ -135,12 +134,7 @@ def track_video(
         "calibration_sha256": _digest(config.calibration),
         "tags_sha256": _digest(config.tags),
         "board_sha256": _digest(config.board),
-        "view_deg": config.view_deg,
-        "begin": config.begin,
-        "start": config.start,
-        "marker": config.marker,
-        "color": config.color,
-        "marker_z": config.marker_z,
+        **{name: getattr(config, name) for name in _PLAIN},
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "track", settings)
@@ -175,6 +169,7 @@ def _digest(path: pathlib.Path | None) -> str | None:
 def _track(
     video: pathlib.Path, setup: Setup, config: TrackConfig, progress: ProgressCallback
 ) -> tuple[EndpointTracker, Calibration, Any]:
+    """Return the tracker that has seen all frames, the calibration, and the last frame."""
     calibration = _calibrate(video, setup, config, progress)
     info, frames = read_video(video)
     lens = calibration.view.lens
@@ -194,19 +189,16 @@ def _track(
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
-    image, task = None, f"Tracking {video.name}"
-    for count, (time, frame) in enumerate(frames, start=1):
-        image = frame
-        tracker.update(time - config.start, _grab(frame, config.color))
+    image, task, channels = None, f"Tracking {video.name}", _CHANNELS[config.color]
+    for count, (time, image) in enumerate(frames, start=1):
+        tracker.update(
+            time - config.start,
+            lambda w, image=image: image[w[1] : w[3], w[0] : w[2]][..., channels],
+        )
         if count % 60 == 0:
             total = max(info.frame_count, count)
             progress(Progress(task=task, done=count, total=total, unit="frames"))
     return tracker, calibration, image
-
-
-def _grab(frame: Any, color: MarkerColor) -> Any:
-    """Return what gives the tracker pieces of a frame, in which the marker is green."""
-    return lambda window: frame[window[1] : window[3], window[0] : window[2]][..., _CHANNELS[color]]
 
 
 def _calibrate(
@@ -219,35 +211,16 @@ def _calibrate(
     progress(Progress(task="Looking for tags in the video"))
     _, frames = read_video(video)
     pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
-    lens = None if config.board is None else _lens_from_board(config.board, progress)
+    lens = None
+    if config.board is not None:
+        images = read_pictures(config.board)
+        fit = calibrate_lens(images, Board())
+        pattern = ", of the older pattern" if fit.board.legacy else ""
+        task = f"Lens from {fit.picture_count} of {len(images)} pictures of a board{pattern}"
+        progress(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
+        lens = fit.lens
     view = math.radians(config.view_deg)
     return calibrate_view(pictures, layout, lens=lens, diagonal_view=view)
-
-
-def _lens_from_board(folder: pathlib.Path, progress: ProgressCallback) -> Lens:
-    """Return the intrinsics from a folder of pictures of the default board."""
-    images = read_pictures(folder)
-    fit = calibrate_lens(images, Board())
-    pattern = ", of the older pattern" if fit.board.legacy else ""
-    task = f"Lens from {fit.picture_count} of {len(images)} pictures of a board{pattern}"
-    progress(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
-    return fit.lens
-
-
-def read_pictures(folder: pathlib.Path) -> list[NDArray[np.uint8]]:
-    """Return the pictures in a folder, by the order of their names.
-
-    Raises:
-        InputError: There is no such folder, or no picture in it.
-    """
-    if not folder.is_dir():
-        raise InputError(f"board folder {folder}: there is no such folder")
-    cv2 = load_cv2()
-    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in _BOARD_SUFFIXES)
-    images = [image for image in (cv2.imread(str(file)) for file in files) if image is not None]
-    if not images:
-        raise InputError(f"board folder {folder} holds no pictures")
-    return images
 
 
 def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, Any]:
@@ -310,19 +283,17 @@ def _read_track(run: RunFolder, metrics: dict[str, Any]) -> EndpointTrack:
 
 def _draw(path: pathlib.Path, image: Any, tracker: EndpointTracker) -> None:
     """Draw the endpoint's path into the last frame: thin where seen, a ring at each sample."""
-    cv2 = load_cv2()
-    picture = image.copy()
-    _, xy = tracker.frames
-    z = np.full(len(xy), tracker.config.marker_z)
-    pixels = tracker.view.to_image(np.column_stack([xy, z]))
-    for a, b in itertools.pairwise(pixels):
-        if np.isfinite(a).all() and np.isfinite(b).all():
-            ends = [tuple(np.round(p).astype(int).tolist()) for p in (a, b)]
-            cv2.line(picture, ends[0], ends[1], (200, 0, 200), 2, cv2.LINE_AA)
-    track = tracker.track()
-    z = np.full(len(track.times), tracker.config.marker_z)
-    for pixel in tracker.view.to_image(np.column_stack([track.endpoint_xy, z])):
-        if np.isfinite(pixel).all():
-            centre = tuple(np.round(pixel).astype(int).tolist())
-            cv2.circle(picture, centre, 7, (200, 0, 200), 2, cv2.LINE_AA)
+    cv2, picture, violet = load_cv2(), image.copy(), (200, 0, 200)
+
+    def pixels(xy: NDArray[np.float64]) -> list[tuple[int, int] | None]:
+        points = np.column_stack([xy, np.full(len(xy), tracker.config.marker_z)])
+        uv = tracker.view.to_image(points)
+        return [(round(u), round(v)) if np.isfinite([u, v]).all() else None for u, v in uv.tolist()]
+
+    for a, b in itertools.pairwise(pixels(tracker.frames[1])):
+        if a is not None and b is not None:
+            cv2.line(picture, a, b, violet, 2, cv2.LINE_AA)
+    for centre in pixels(tracker.track().endpoint_xy):
+        if centre is not None:
+            cv2.circle(picture, centre, 7, violet, 2, cv2.LINE_AA)
     write_bytes(path, cv2.imencode(".png", picture)[1].tobytes())

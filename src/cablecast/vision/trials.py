@@ -1,12 +1,11 @@
-"""CameraOfTrials: films the trials of a rig with a real camera, and tracks the endpoint in them.
+"""Cameras that film the trials of a rig: what a rig asks of one, and the camera of a lab file."""
 
-ClockCamera: a camera of trials that compares its clock with the robot's instead of tracking.
-"""
-
+import dataclasses
 import pathlib
 import threading
 import time
-from typing import Any, Self
+from collections.abc import Callable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +20,7 @@ from cablecast.vision.calibration import Calibration, calibrate_view
 from cablecast.vision.clock import ClockOffset, SeenMotion, controller_shift, sync_by_motion
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
 from cablecast.vision.tags import detect_tags
-from cablecast.vision.tracker import (
-    EndpointTracker,
-    MarkerConfig,
-    TrackerConfig,
-    TrialTiming,
-    sight_of,
-)
+from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, sight_of
 from cablecast.vision.video import FilmWriter
 
 _CALIBRATION_FRAMES = 8
@@ -41,10 +34,98 @@ _LATENCY_MAX = 0.25
 """Longest way of a frame from the sensor to this process [s]."""
 _LOCATE_RADIUS = 0.5
 """Distance from where the endpoint is expected within which it is looked for [m]."""
+_AFTER = 0.3
+"""Time for which the clocks' cast is filmed on when the arm has stopped [s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrialTiming:
+    """When a trial took place, by the clock of the arm's controller and by that of this computer.
+
+    Attributes:
+        start_time: Start of the motion by the controller's clock [s].
+        end_time: End of the trial, when the cable has had time to come to rest, by the controller's
+            clock [s].
+        clock_pairs: Times of reports by the controller's clock, and the times at which they arrived
+            by `time.monotonic` of this computer [s], shape [report, 2].
+        joint_path: Joints as the arm reported them, with times since `start_time`; None where it
+            reports none.
+    """
+
+    start_time: float
+    end_time: float
+    clock_pairs: NDArray[np.float64]
+    joint_path: JointPath | None = None
+
+
+@runtime_checkable
+class TrialCamera(Protocol):
+    """Camera over the table, which films one trial at a time.
+
+    The order is check, then for each trial start, stop or cancel; `locate` may come at any time
+    between two trials. A camera that cannot go on raises RigError with one line that says what to
+    do.
+
+    Attributes:
+        description: Kind and settings of the camera, as plain values for a dataset card.
+    """
+
+    description: dict[str, Any]
+
+    def check(self, after: float | None = None) -> None:
+        """Check that frames arrive, are fresh and as exposed as before, and that no tag moved.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None, which is only as fresh as the way of a frame from the sensor is short.
+
+        Raises:
+            RigError: The camera cannot see a trial; says what to do.
+        """
+        ...
+
+    def start(self) -> None:
+        """Start to film: the motion starts after this returns."""
+        ...
+
+    def stop(self, timing: TrialTiming) -> EndpointTrack:
+        """End the film, and return the endpoint's track.
+
+        The frames from `timing.start_time` to `timing.end_time` count. This waits until the last of
+        them has arrived.
+
+        Args:
+            timing: When the trial took place.
+
+        Returns:
+            Track with samples every 100 ms since the motion began; the joint path is that of
+            `timing`.
+        """
+        ...
+
+    def cancel(self) -> None:
+        """Drop the film of a trial that was aborted; harmless where none runs."""
+        ...
+
+    def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
+        """Return where the endpoint is now.
+
+        Args:
+            after: Time by the controller's clock from which on frames count [s]; from now on where
+                None.
+
+        Returns:
+            Place on the table [m], shape [2]; None where it is not seen.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the device; it may be called twice."""
+        ...
 
 
 class CameraOfTrials:
-    """The camera of a lab file behind the protocol `TrialCamera`.
+    """The camera of a lab file, as a `TrialCamera`.
 
     Args:
         setup: Set-up with the section `camera`. Where that names a folder for films, each trial's
@@ -59,6 +140,8 @@ class CameraOfTrials:
     def __init__(self, setup: Setup):
         self.setup = setup
         self.settings = require_camera(setup)
+        workspace = setup.workspace
+        self._start_xy = np.array([0.0, workspace.reset_y + setup.cable.length])
         self._opened_at = time.strftime("%Y%m%d-%H%M%S")
         self._film_count = 0
         self._filming: _Filming | None = None
@@ -70,8 +153,8 @@ class CameraOfTrials:
         except BaseException:
             self._camera.close()
             raise
+        self._tracker = self._new_tracker(self._start_xy)
         self._sight = CameraSight(position=self.calibration.view.position)
-        self._latest = images[-1]
         self._usual = Brightness.of(images[-1])
         self._tags = detect_tags(images[-1])
         self.description: dict[str, Any] = {
@@ -89,15 +172,7 @@ class CameraOfTrials:
         self.close()
 
     def check(self, after: float | None = None) -> None:
-        """Check that frames arrive, are fresh and as exposed as before, and that no tag moved.
-
-        Args:
-            after: Time by the controller's clock from which on frames count [s]; from now on where
-                None.
-
-        Raises:
-            CameraError: The camera cannot see a trial; says what to do.
-        """
+        """Check that frames arrive, are fresh and as exposed as before, and that no tag moved."""
         watch = FrameWatch(self.settings.source, self._usual)
         frames = self._fresh(_CHECK_FRAMES, after)
         for frame in frames:
@@ -121,33 +196,28 @@ class CameraOfTrials:
             )
 
     def start(self) -> None:
-        """Begin to film: the motion starts after this returns."""
-        self.cancel()
-        self._camera.skip()
+        """Start to film: the motion starts after this returns."""
         writer = None
         if self.settings.films is not None:
             name = f"{self._opened_at}-{self._film_count:04}.mkv"
             writer = FilmWriter(pathlib.Path(self.settings.films) / name, self.settings.rate)
             self._film_count += 1
-        workspace = self.setup.workspace
-        start_xy = (0.0, workspace.reset_y + self.setup.cable.length)
+        self._tracker = tracker = self._new_tracker(self._start_xy)
         watch = FrameWatch(self.settings.source, self._usual)
-        self._filming = _Filming(self._camera, self._tracker(start_xy), watch, writer)
-        try:
-            self._filming.wait_begun()
-        except BaseException:
-            # Nobody ends a film that was not begun.
-            self.cancel()
-            raise
+
+        def look(frame: Frame) -> None:
+            watch.look(frame)
+            _track(tracker, frame)
+            if writer is not None:
+                writer.write(frame.image, frame.time)
+
+        self._film(look, writer)
 
     def stop(self, timing: TrialTiming) -> EndpointTrack:
         """End the film, and return the endpoint's track.
 
-        Args:
-            timing: Begin and end of the trial.
-
         Raises:
-            CameraError: The film was not begun, or the camera failed while it filmed.
+            CameraError: The film was not started, or the camera failed while it filmed.
         """
         filming, self._filming = self._filming, None
         if filming is None:
@@ -156,27 +226,24 @@ class CameraOfTrials:
         shift = self.settings.clock_offset
         if self.settings.clock == "arrival":
             shift -= controller_shift(timing.clock_pairs)
-        begin = timing.start_time - shift
-        if abs(apart := filming.last_time - begin) > _APART_MAX:
+        start, end = timing.start_time - shift, timing.end_time - shift
+        latest = filming.latest
+        if latest is not None and abs(apart := latest.time - start) > _APART_MAX:
             filming.drop()
             raise CameraError(
                 f"the clocks of robot and camera are {abs(apart):.0f} s apart: one was started "
                 "anew, or they were never compared. Run `cablecast camera sync`"
             )
-        tracker = filming.finish(timing.end_time - shift)
+        # A sample at the very end lies between two frames, with a shutter that rolls.
+        filming.finish(lambda frame: frame.time > end + 1.5 / self.settings.rate)
         if filming.latest is not None:
-            self._latest = filming.latest
-        self._sight = sight_of(tracker)
-        track = tracker.track(timing.end_time - timing.start_time, begin)
-        seen = tracker.frames[1]
-        seen = seen[np.isfinite(seen).all(axis=1)]
+            self._latest = filming.latest.image
+        self._sight = sight_of(self._tracker)
+        track = self._tracker.track(timing.end_time - timing.start_time, start)
+        xy = self._tracker.frames[1]
+        seen = xy[np.isfinite(xy).all(axis=1)]
         self._last_xy = seen[-1] if len(seen) else None
-        return EndpointTrack(
-            times=track.times,
-            endpoint_xy=track.endpoint_xy,
-            status=track.status,
-            joint_path=timing.joint_path,
-        )
+        return dataclasses.replace(track, joint_path=timing.joint_path)
 
     def cancel(self) -> None:
         """Drop the film of a trial that was aborted; harmless where none runs."""
@@ -188,19 +255,13 @@ class CameraOfTrials:
         """Return where the endpoint is now [m], shape [2]; None where it is not seen.
 
         It is looked for about its place after a reset, then about where it was seen last.
-
-        Args:
-            after: Time by the controller's clock from which on frames count [s]; from now on where
-                None.
         """
         frames = self._fresh(_LOCATE_FRAMES, after)
-        workspace = self.setup.workspace
-        places = [np.array([0.0, workspace.reset_y + self.setup.cable.length])]
-        places += [] if self._last_xy is None else [self._last_xy]
-        for place in places:
-            tracker = self._tracker(place, start_radius=_LOCATE_RADIUS)
-            for frame in frames:
-                xy = _look(tracker, frame)
+        for place in (self._start_xy, self._last_xy):
+            if place is None:
+                continue
+            tracker = self._new_tracker(place, start_radius=_LOCATE_RADIUS)
+            xy = [_track(tracker, frame) for frame in frames][-1]
             if np.isfinite(xy).all():
                 return xy
         return None
@@ -209,7 +270,7 @@ class CameraOfTrials:
         """Return the latest picture that was read, BGR, shape [v, u, 3]; from any thread."""
         filming = self._filming
         latest = None if filming is None else filming.latest
-        return self._latest if latest is None else latest
+        return self._latest if latest is None else latest.image
 
     def sight(self) -> CameraSight:
         """Return what the camera cannot see: blind places are known after the first trial."""
@@ -220,13 +281,20 @@ class CameraOfTrials:
         self.cancel()
         self._camera.close()
 
-    def _fresh(self, count: int, after: float | None = None) -> list[Frame]:
-        """Return the next frames, and none that has waited.
+    def _film(self, look: Callable[[Frame], object], writer: FilmWriter | None = None) -> None:
+        """Start to film, and wait for the first frame."""
+        self.cancel()
+        self._camera.skip()
+        self._filming = _Filming(self._camera, look, writer)
+        try:
+            self._filming.wait_started()
+        except BaseException:
+            # Nobody ends a film that was not started.
+            self.cancel()
+            raise
 
-        Args:
-            count: Number of frames.
-            after: Time by the controller's clock from which on frames count [s].
-        """
+    def _fresh(self, count: int, after: float | None = None) -> list[Frame]:
+        """Return the next frames, and none that has waited; see `TrialCamera.check`."""
         if self._filming is not None:
             raise CameraError("the camera films a trial: end it first")
         since = None
@@ -243,11 +311,10 @@ class CameraOfTrials:
                 frames.append(frame)
         if len(frames) < count:
             raise CameraError(f"camera source {self.settings.source} has ended")
-        if frames:
-            self._latest = frames[-1].image
+        self._latest = frames[-1].image
         return frames
 
-    def _tracker(self, start_xy: Any, **changes: Any) -> EndpointTracker:
+    def _new_tracker(self, start_xy: NDArray[np.float64], **changes: Any) -> EndpointTracker:
         length, width = self.settings.marker
         config = TrackerConfig(
             marker=MarkerConfig(length=length, width=width),
@@ -259,88 +326,101 @@ class CameraOfTrials:
         return EndpointTracker(self.calibration.view, self.setup.workspace, config, start_xy)
 
 
-class _Filming:
-    """One film while it is made: a thread that reads frames and tracks the marker in them.
+class ClockCamera(CameraOfTrials):
+    """The camera of a lab file, for the one trial that compares its clock with the robot's.
 
-    Args:
-        camera: Camera to read.
-        tracker: Tracker to show the frames to.
-        watch: Watch to show them to.
-        writer: Keeps the frames; None to keep none.
+    Attributes:
+        found: Offset of the clocks; None until a trial was filmed to its end.
     """
 
+    found: ClockOffset | None = None
+
+    def start(self) -> None:
+        """Start to film."""
+        self._seen = SeenMotion(self.settings.row_time)
+        self._film(lambda frame: self._seen.look(frame.image, frame.time))
+
+    def stop(self, timing: TrialTiming) -> EndpointTrack:
+        """End the film, and compare the clocks.
+
+        Raises:
+            CameraError: The camera failed, or the robot reported no joints.
+            InputError: The robot moved otherwise than was seen.
+        """
+        filming, path = self._filming, timing.joint_path
+        if filming is None or path is None:
+            self.cancel()
+            raise CameraError("clocks are compared by a motion that both camera and robot tell of")
+        self._filming = None
+        # Frames that wait to be looked at are of before, however many they are.
+        until = time.monotonic() + _AFTER
+        filming.finish(lambda frame: frame.arrival >= until)
+        reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
+        found = sync_by_motion(self._seen, reported, self.setup.arm, self.calibration.view)
+        if self.settings.clock == "arrival":
+            # What the arrivals of the robot's own reports tell is measured anew in each trial.
+            shift = controller_shift(timing.clock_pairs)
+            found = dataclasses.replace(found, offset=found.offset + shift)
+        self.found = found
+        return EndpointTrack(
+            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
+        )
+
+    def _fresh(self, count: int, after: float | None = None) -> list[Frame]:
+        # The offset is not known yet: frames count by their arrival.
+        return super()._fresh(count)
+
+
+class _Filming:
+    """A thread that shows frame after frame to a function, and its film."""
+
     def __init__(
-        self,
-        camera: LiveCamera,
-        tracker: EndpointTracker,
-        watch: FrameWatch,
-        writer: FilmWriter | None,
+        self, camera: LiveCamera, look: Callable[[Frame], object], writer: FilmWriter | None
     ):
-        self._camera, self._tracker, self._watch, self._writer = camera, tracker, watch, writer
-        self.last_time = -np.inf
-        self.latest: NDArray[np.uint8] | None = None
-        self._until = np.inf
-        self._error: BaseException | None = None
-        self._begun = threading.Event()
+        self._camera, self._look, self._writer = camera, look, writer
+        self.latest: Frame | None = None
+        self._is_last: Callable[[Frame], bool] = lambda frame: False
+        self._error: Exception | None = None
+        self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def wait_begun(self) -> None:
-        """Wait until the first frame has come.
-
-        Raises:
-            CameraError: None came.
-        """
-        self._begun.wait()
+    def wait_started(self) -> None:
+        """Wait until the first frame has come; raise what kept it from coming."""
+        self._started.wait()
         if self._error is not None:
-            self._raise()
+            raise self._error
 
-    def finish(self, until: float) -> EndpointTracker:
-        """Wait for the frames up to some time, and return the tracker that has seen them.
-
-        Args:
-            until: Time in the camera's clock [s].
-
-        Raises:
-            CameraError: The camera failed.
-        """
-        self._until = until
+    def finish(self, is_last: Callable[[Frame], bool]) -> None:
+        """Film on to the last frame, and raise what went wrong."""
+        self._is_last = is_last
         self._thread.join()
         if self._error is not None:
-            self._raise()
+            self.drop()
+            raise self._error
         if self._writer is not None:
             self._writer.close()
-        return self._tracker
 
     def drop(self) -> None:
         """End the film, and forget it."""
-        self._until = -np.inf
+        self._is_last = lambda frame: True
         self._thread.join()
         if self._writer is not None:
             self._writer.close(whole=False)
 
-    def _raise(self) -> None:
-        self.drop()
-        if self._error is not None:
-            raise self._error
-
     def _run(self) -> None:
         try:
             while (frame := self._camera.read()) is not None:
-                self.last_time, self.latest = frame.time, frame.image
-                self._watch.look(frame)
-                _look(self._tracker, frame)
-                if self._writer is not None:
-                    self._writer.write(frame.image, frame.time)
-                self._begun.set()
-                # A sample at the very end lies between two frames, with a shutter that rolls.
-                if frame.time > self._until + 1.5 / self._camera.settings.rate:
+                self.latest = frame
+                self._look(frame)
+                self._started.set()
+                if self._is_last(frame):
                     return
             raise CameraError(f"camera source {self._camera.settings.source} has ended")
         except Exception as error:
             self._error = error
         finally:
-            self._begun.set()
+            self._started.set()
 
 
 def require_camera(setup: Setup) -> CameraSettings:
@@ -375,137 +455,7 @@ def tags_of(setup: Setup) -> TagLayout:
     return default_layout(setup.workspace) if tags is None else tags
 
 
-def _look(tracker: EndpointTracker, frame: Frame) -> NDArray[np.float64]:
+def _track(tracker: EndpointTracker, frame: Frame) -> NDArray[np.float64]:
     """Show a frame to a tracker, and return the endpoint in it."""
     image = frame.image
     return tracker.update(frame.time, lambda w: image[w[1] : w[3], w[0] : w[2]])
-
-
-_AFTER = 0.3
-"""Time for which the camera films on when the arm has stopped [s]."""
-
-
-class ClockCamera(CameraOfTrials):
-    """The camera of a lab file, for the one trial that compares its clock with the robot's.
-
-    It does not know the offset yet, and so goes by the arrival of frames where a trial camera goes
-    by the robot's times.
-
-    Args:
-        setup: Set-up with the section `camera`.
-    """
-
-    def __init__(self, setup: Setup):
-        super().__init__(setup)
-        self._motion: _MotionFilm | None = None
-        self._found: ClockOffset | None = None
-
-    def found(self) -> ClockOffset:
-        """Return the offset of the clocks.
-
-        Raises:
-            CameraError: No trial was filmed to its end.
-        """
-        if self._found is None:
-            raise CameraError("the cast was aborted, so that the clocks could not be compared")
-        return self._found
-
-    def check(self, after: float | None = None) -> None:
-        """Check the camera; see `CameraOfTrials.check`."""
-        super().check()
-
-    def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
-        """Return where the endpoint is; see `CameraOfTrials.locate`."""
-        return super().locate()
-
-    def start(self) -> None:
-        """Begin to film."""
-        self.cancel()
-        self._camera.skip()
-        self._motion = _MotionFilm(self._camera, SeenMotion(self.settings.row_time))
-
-    def stop(self, timing: TrialTiming) -> EndpointTrack:
-        """End the film, and compare the clocks.
-
-        Args:
-            timing: Begin and end of the trial, with the joints as the robot reported them.
-
-        Raises:
-            CameraError: The camera failed, or the robot reported no joints.
-            InputError: The robot moved otherwise than was seen.
-        """
-        motion, self._motion = self._motion, None
-        path = timing.joint_path
-        if motion is None or path is None:
-            raise CameraError("clocks are compared by a motion that both camera and robot tell of")
-        seen = motion.end()
-        reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
-        found = sync_by_motion(seen, reported, self.setup.arm, self.calibration.view)
-        if self.settings.clock == "arrival":
-            # What the arrivals of the robot's own reports tell is measured anew in each trial.
-            shift = controller_shift(timing.clock_pairs)
-            found = ClockOffset(
-                offset=found.offset + shift,
-                sd=found.sd,
-                explained=found.explained,
-                frame_count=found.frame_count,
-            )
-        self._found = found
-        return EndpointTrack(
-            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
-        )
-
-    def cancel(self) -> None:
-        """Drop the film."""
-        super().cancel()
-        motion, self._motion = getattr(self, "_motion", None), None
-        if motion is not None:
-            motion.drop()
-
-
-class _MotionFilm:
-    """Looks at frames in a thread while the arm moves.
-
-    Args:
-        camera: Camera to read.
-        seen: Motion to add to.
-    """
-
-    def __init__(self, camera: LiveCamera, seen: SeenMotion):
-        self._camera, self._seen = camera, seen
-        self._done, self._begun = threading.Event(), threading.Event()
-        self._until = -np.inf
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-        self._begun.wait()
-
-    def end(self) -> SeenMotion:
-        """Film on for a moment, and return what was seen.
-
-        Frames that wait to be looked at are of before, however many they are.
-        """
-        self._until = time.monotonic() + _AFTER
-        self._done.set()
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
-        return self._seen
-
-    def drop(self) -> None:
-        """End the film at once."""
-        self._done.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        try:
-            for frame in self._camera:
-                self._seen.look(frame.image, frame.time)
-                self._begun.set()
-                if self._done.is_set() and frame.arrival >= self._until:
-                    return
-            raise CameraError(f"camera source {self._camera.settings.source} has ended")
-        except Exception as error:
-            self._error = error
-        finally:
-            self._begun.set()

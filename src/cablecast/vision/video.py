@@ -18,6 +18,7 @@ Image = NDArray[np.uint8]
 
 RATE_MIN, RATE_MAX = 5.0, 1000.0
 """Smallest and largest frame rate of a camera [1/s]; anything else is a damaged header."""
+_PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _MICROSECOND = Fraction(1, 1_000_000)
 
 
@@ -98,6 +99,22 @@ def _frames(capture: Any, path: pathlib.Path, info: VideoInfo) -> Iterator[tuple
     # Headers count one or two frames that never come; half a second of them is damage.
     if count < info.frame_count - max(2, info.rate / 2):
         raise InputError(f"{path} is damaged: {count} of its {info.frame_count} frames can be read")
+
+
+def read_pictures(folder: pathlib.Path) -> list[Image]:
+    """Return the pictures in a folder, by the order of their names.
+
+    Raises:
+        InputError: There is no such folder, or no picture in it.
+    """
+    if not folder.is_dir():
+        raise InputError(f"board folder {folder}: there is no such folder")
+    cv2 = load_cv2()
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in _PICTURE_SUFFIXES)
+    images = [image for image in (cv2.imread(str(file)) for file in files) if image is not None]
+    if not images:
+        raise InputError(f"board folder {folder} holds no pictures")
+    return images
 
 
 def write_video(path: pathlib.Path, frames: Iterable[Image], rate: float) -> int:

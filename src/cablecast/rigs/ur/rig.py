@@ -19,7 +19,7 @@ from cablecast.rigs.ur.link import Phase, Report, UrLink, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
 from cablecast.rigs.ur.program import SetPoints, check_path, joint_move
 from cablecast.setup import Setup
-from cablecast.vision.tracker import TrialCamera, TrialTiming
+from cablecast.vision.trials import TrialCamera, TrialTiming
 
 RESET_DT = 0.008
 """Time between set points of a reset [s]: at 0.002 s its program would have 700 kB."""

@@ -14,7 +14,7 @@ from cablecast.errors import RigError
 from cablecast.rigs.ur.rig import RigUR
 from cablecast.rigs.ur.twin.process import TwinClient
 from cablecast.setup import Setup
-from cablecast.vision.tracker import TrialTiming
+from cablecast.vision.trials import TrialTiming
 
 _SAMPLE_DT = 0.1
 _FALLEN_Z = -0.005
