@@ -219,13 +219,8 @@ class _Recording:
     def _attempt(self, index: int, motion: Trajectory) -> dict[str, Any]:
         """Return the row of one trial, repeated until it succeeds."""
         try:
-            return attempt_trial(
-                self.rig,
-                motion,
-                index=index,
-                purpose=self._purpose,
-                keep=lambda track, failures: self._row(index, motion, track, failures),
-                count=self.plan.attempts,
+            track, failures = attempt_trial(
+                self.rig, motion, index=index, purpose=self._purpose, count=self.plan.attempts
             )
         except TrialFailedError as error:
             kept = self.writer.row_count - len(self.writer.missing_shards())
@@ -233,6 +228,7 @@ class _Recording:
                 f"trial {index} {error}. {kept} of {self.writer.row_count} trials are kept in "
                 f"{self.writer.path}: clear the cause, and the same command resumes with this trial"
             ) from error
+        return self._row(index, motion, track, failures)
 
     @property
     def _purpose(self) -> str:

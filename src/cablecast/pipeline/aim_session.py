@@ -342,7 +342,7 @@ class AimSession:
         if rig.setup.to_settings() != self.setup.to_settings():
             raise InputError("the rig has another set-up than the session")
         try:
-            track = attempt_trial(rig, motion, index=number, purpose="aim", keep=lambda t, _: t)
+            track, _ = attempt_trial(rig, motion, index=number, purpose="aim")
         except TrialFailedError as error:
             raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
         # A cast that was made is not lost because the camera fails afterwards.

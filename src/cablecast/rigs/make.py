@@ -10,7 +10,7 @@ from typing import Any
 
 from cablecast.errors import CablecastError, RigError, check_seed
 from cablecast.rigs.base import Rig, error_line
-from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts
+from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
 
 RIG_NAMES = ("virtual", "engine", "ur")
@@ -48,7 +48,7 @@ def make_rig(
             raise RigError("the rig was made for another set-up: make it anew for this one")
         return spec
     rig = _make(spec, setup, seed)
-    return CheckedRig(rig, setup, seed, time_limit=time_limit)
+    return CheckedRig(rig, setup, time_limit=time_limit)
 
 
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
@@ -83,7 +83,9 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
 
 def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: int) -> Rig:
     """Return what a factory makes, if it is a rig."""
-    _check_signature(factory, name)
+    if not takes(factory, setup, seed):
+        signature = str(inspect.signature(factory))[:100]
+        raise RigError(f"rig factory {name} takes {signature}: it must take (setup, seed)")
     try:
         rig = factory(setup, seed)
     except (CablecastError, KeyboardInterrupt):
@@ -96,20 +98,6 @@ def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: in
             f"it lacks {', '.join(missing)}"
         )
     return rig
-
-
-def _check_signature(factory: Callable[..., Any], name: str) -> None:
-    """Refuse a factory that takes something else than a set-up and a seed."""
-    try:
-        signature = inspect.signature(factory)
-    except (TypeError, ValueError):
-        return
-    try:
-        signature.bind(None, 0)
-    except TypeError:
-        raise RigError(
-            f"rig factory {name} takes {str(signature)[:100]}: it must take (setup, seed)"
-        ) from None
 
 
 def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
