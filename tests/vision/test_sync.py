@@ -21,7 +21,6 @@ from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision.clock import SeenMotion, reported_speed, sync_by_motion
-from cablecast.vision.tracker import MarkerConfig
 
 RATE, CLOCK = 30.0, 321.25
 WIDTH, HEIGHT = 640, 360
@@ -106,7 +105,7 @@ def test_a_cast_tells_the_offset_of_the_clocks_where_the_shutter_rolls(config, s
     reported = dataclasses.replace(path, times=path.times + shift)
     late = dataclasses.replace(trial, times=trial.times + shift, joint_path=reported)
     camera = VirtualCamera(config, setup.workspace, None, 0)
-    film, seen = Film(camera, late, 1, MarkerConfig()), SeenMotion(config.row_time)
+    film, seen = Film(camera, late, 1), SeenMotion(config.row_time)
     for frame in range(film.frame_count):
         seen.look(film.frame(frame), film.time(frame) + CLOCK)
     found = sync_by_motion(seen, reported, setup.arm, camera.view)

@@ -121,7 +121,7 @@ def test_the_picture_shows_the_cable_where_the_last_trial_left_it(setup, small_c
         rig.reset()
         track = rig.execute(trajectory)
         pictures.append(rig.picture())
-        views.append(rig._still._camera.view.to_image(track.nodes[-1, -1:])[0])
+        views.append(rig._camera.view.to_image(track.nodes[-1, -1:])[0])
     assert rig.picture() is pictures[1]
     marked = [green_near(picture, pixel) for picture in pictures for pixel in views]
     # Each picture shows the marker at the end of its own trial alone.

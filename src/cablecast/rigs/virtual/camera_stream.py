@@ -1,6 +1,6 @@
-"""Process of the virtual camera: draws what it is shown, frame by frame, and broadcasts it.
+"""CameraStream: the virtual camera as a stream on the loopback address, as OpenCV opens one.
 
-CameraStream: the virtual camera as a stream on the loopback address, as OpenCV opens one.
+A process of its own draws what it is shown, frame by frame, and broadcasts it.
 
 The camera has a clock of its own. Its frames are taken at whole multiples of its frame time in the
 laboratory's clock, whatever time it takes to draw them; so `show` waits where the drawing is slower
@@ -26,7 +26,6 @@ from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial, draw_background
 from cablecast.setup import Setup
 from cablecast.vision.broadcast import Broadcast
-from cablecast.vision.tracker import MarkerConfig
 from cablecast.vision.video import encode_jpeg
 
 FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
@@ -47,6 +46,9 @@ _MOVE = (0.06, -0.04)
 _EXPOSED = 1.9
 """Brightness of a picture after the exposure was changed, as a multiple of the usual."""
 _DARK = 2.0
+_START_TIMEOUT = 60.0
+_AHEAD_MAX = 10
+"""Instants by which the laboratory may be ahead of its camera."""
 
 _State = tuple[float, NDArray[np.float64] | None, NDArray[np.float64]]
 
@@ -66,8 +68,7 @@ class LiveFilm(Film):
         self._setup = setup
         self._states: deque[_State] = deque()
         self.gain = 1.0
-        nodes = np.zeros((1, 2, 3))
-        super().__init__(camera, self._trial([(0.0, None, nodes[0])]), seed, MarkerConfig())
+        super().__init__(camera, self._trial([(0.0, None, np.zeros((2, 3)))]), seed)
         config = camera.config
         # Half an exposure on both sides of a frame, and half the time to read all of its rows.
         self.reach = (config.exposure + config.row_time * config.height) / 2
@@ -90,12 +91,12 @@ class LiveFilm(Film):
         if self._states[-1][0] < self.time(frame) + self.reach:
             return None
         self._next += 1
-        begin = self.time(frame) - self.reach
+        start = self.time(frame) - self.reach
         # One instant before the exposure, and its neighbour for a smooth curve.
-        while len(self._states) > 3 and self._states[2][0] <= begin:
+        while len(self._states) > 3 and self._states[2][0] <= start:
             self._states.popleft()
         self.trial = self._trial(list(self._states))
-        self._drawn = None
+        self._drawn = (-1, {})
         return frame
 
     @property
@@ -135,8 +136,7 @@ class Studio:
     """
 
     def __init__(self, setup: Setup, config: CameraConfig, seed: int, clock: float, port: int):
-        layout = None if setup.camera is None else setup.camera.tags
-        self.camera = VirtualCamera(config, setup.workspace, layout, seed)
+        self.camera = VirtualCamera.of(setup, config, seed)
         self.film = LiveFilm(self.camera, setup, seed)
         self.broadcast = Broadcast(config.width, config.height, config.frame_rate, port)
         self.broadcast.latest = encode_jpeg(self.camera.empty_frame(seed))
@@ -155,7 +155,7 @@ class Studio:
                 self.broadcast.send(self._picture(frame), self._clock + self.film.time(frame))
 
     def fault(self, name: str | None) -> None:
-        """Begin a fault, or end all."""
+        """Start a fault, or end all."""
         self._fault, self._still = name, []
         self.film.gain = _EXPOSED if name == "exposed" else 1.0
         self.camera.background = self._moved() if name == "moved_tag" else self._table
@@ -207,7 +207,7 @@ def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     return a.shape == b.shape and float(np.max(np.abs(b - a))) < _STILL
 
 
-def serve(
+def _serve(
     pipe: Any,
     room: Any,
     setup: Setup,
@@ -216,17 +216,7 @@ def serve(
     clock: float,
     port: int,
 ) -> None:
-    """Film what comes through a pipe until it ends; see `CameraStream`.
-
-    Args:
-        pipe: Connection to the process that shows the laboratory.
-        room: Semaphore to release for each instant that was filmed.
-        setup: Gives the table, its tags, the cable and the arm.
-        config: Settings of the camera.
-        seed: Seed of the table's looks, of light and noise.
-        clock: Time of the camera's clock when the laboratory's shows zero [s].
-        port: Port of the stream.
-    """
+    """Film what comes through a pipe until it ends, and release the room of each instant."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     studio = Studio(setup, config, seed, clock, port)
     pipe.send(studio.broadcast.url)
@@ -244,11 +234,6 @@ def serve(
             pipe.send(True)
         else:
             return
-
-
-_START_TIMEOUT = 60.0
-_AHEAD_MAX = 10
-"""Instants by which the laboratory may be ahead of its camera."""
 
 
 class CameraStream:
@@ -279,7 +264,7 @@ class CameraStream:
         self._lock = threading.Lock()
         self._room = context.Semaphore(_AHEAD_MAX)
         self._process: Any = context.Process(
-            target=serve,
+            target=_serve,
             args=(theirs, self._room, setup, self.config, seed, clock, port),
             daemon=True,
         )

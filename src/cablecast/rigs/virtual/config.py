@@ -1,8 +1,7 @@
-"""Settings of the virtual laboratory: its numerics, and how far two equal trials differ.
+"""Settings of the virtual laboratory: its numerics, how far two equal trials differ, its camera.
 
-Settings of the camera over the virtual table: its lens, its place, and its troubles.
-
-Only the renderer reads them. The tracker works with what it calibrates from rendered pictures.
+Only the renderer reads the settings of the camera. The tracker works with what it calibrates from
+rendered pictures.
 """
 
 import dataclasses
@@ -92,8 +91,8 @@ class VirtualConfig:
         rest_time_max: Longest time from the end of the motion to the end of the trial [s].
         rest_speed: The cable rests while all of it is slower than this [m/s].
         sensing: Way of seeing the endpoint: "exact", "error_model" or "camera".
-        stored_resets: Whether trials begin with states that simulated resets left, where there are
-            any; otherwise they begin with drawn shapes.
+        stored_resets: Whether trials start from states that simulated resets left, where there are
+            any; otherwise they start from drawn shapes.
         thread_count: Threads that trials are spread over; all cores where None. It never changes a
             result.
     """
@@ -135,12 +134,10 @@ class VirtualConfig:
         )
 
 
-HEIGHT_MIN = 1.0
-"""Height of the lowest camera that the arm cannot reach [m]."""
-
 USUAL_CENTRE_Y = 0.75
 """y of the middle of the paper's table [m]."""
-
+_HEIGHT_MIN = 1.0
+"""Height of the lowest camera that the arm cannot reach [m]."""
 _CLUTTER_SHARE_MIN = 0.5
 """Smallest table with other green things on it, as a share of the paper's width and depth."""
 
@@ -153,19 +150,13 @@ class LightConfig:
         drift: Amplitude of a slow change of brightness [-].
         drift_period: Period of that change [s].
         flicker: Amplitude of what mains light leaves after the exposure [-].
-        flicker_rate: Beat of the lamps against the frames [1/s].
-        tint: Amplitude of the change of colour [-].
         step: Largest sudden change of brightness, by a lamp or a cloud [-].
-        falloff: Loss of light from the table's middle to its far corners [-].
     """
 
     drift: float = 0.08
     drift_period: float = 7.0
     flicker: float = 0.02
-    flicker_rate: float = 13.3
-    tint: float = 0.02
     step: float = 0.12
-    falloff: float = 0.25
 
     def __post_init__(self):
         check_ranges(
@@ -174,10 +165,7 @@ class LightConfig:
                 "drift": (0.0, 0.6, ""),
                 "drift_period": (0.01, 100.0, "s"),
                 "flicker": (0.0, 0.6, ""),
-                "flicker_rate": (0.0, 100.0, "1/s"),
-                "tint": (0.0, 0.6, ""),
                 "step": (0.0, 0.6, ""),
-                "falloff": (0.0, 0.6, ""),
             },
             "light",
         )
@@ -203,9 +191,7 @@ class CameraConfig:
             upwards in the image [rad].
         noise: Standard deviation of a pixel's noise, of 255.
         blur: Standard deviation of the lens's blur [px].
-        tag_error: Standard deviation of the places where tags are stuck [m].
         light: Changes of the light.
-        distractors: Whether other green things lie on the table.
     """
 
     width: int = 1920
@@ -220,9 +206,7 @@ class CameraConfig:
     tilt: tuple[float, float, float] = (0.008, -0.006, 0.010)
     noise: float = 3.0
     blur: float = 0.7
-    tag_error: float = 0.001
     light: LightConfig = dataclasses.field(default_factory=LightConfig)
-    distractors: bool = True
 
     def __post_init__(self):
         for name in ("width", "height"):
@@ -236,7 +220,6 @@ class CameraConfig:
                 "focal": (10.0, 1e5, "px"),
                 "noise": (0.0, 40.0, ""),
                 "blur": (0.0, 5.0, "px"),
-                "tag_error": (0.0, 0.05, "m"),
             },
             "camera",
         )
@@ -245,7 +228,7 @@ class CameraConfig:
                 f"camera exposure = {self.exposure} s is longer than a frame at "
                 f"{self.frame_rate:g} frames/s"
             )
-        check_number("camera position z", self.position[2], HEIGHT_MIN, 50.0, "m")
+        check_number("camera position z", self.position[2], _HEIGHT_MIN, 50.0, "m")
 
     @classmethod
     def over(cls, workspace: Workspace) -> "CameraConfig":
@@ -253,9 +236,6 @@ class CameraConfig:
 
         Over a table that is deeper than wide it is turned by a quarter. Over a smaller table it
         stays as high as over the paper's, out of the arm's way.
-
-        Args:
-            workspace: Gives the table's size and place.
         """
         usual, mount = cls(), Mount.over(workspace)
         x, y, z = usual.position
@@ -265,11 +245,7 @@ class CameraConfig:
         )
 
     def resized(self, width: int) -> "CameraConfig":
-        """Return the same camera with images of another width, for faster drawing.
-
-        Args:
-            width: Width of the images [px].
-        """
+        """Return the same camera with images of another width [px], for faster drawing."""
         scale = width / self.width
         return dataclasses.replace(
             self,
@@ -293,7 +269,14 @@ class CameraConfig:
             ),
             distortion=self.distortion,
         )
-        return CameraView(lens=lens, rotation=camera_rotation(self.tilt), position=self.position)
+        cx, cy, cz = np.cos(self.tilt)
+        sx, sy, sz = np.sin(self.tilt)
+        Rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+        Ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        Rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+        R = np.diag([1.0, -1.0, -1.0]) @ (Rz @ Ry @ Rx).T
+        rotation = tuple(tuple(row) for row in R.tolist())
+        return CameraView(lens=lens, rotation=rotation, position=self.position)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -325,12 +308,7 @@ class Mount:
 
 
 def clutter_place(x: float, y: float, workspace: Workspace) -> tuple[float, float] | None:
-    """Return where something that lies on the paper's table lies on another one.
-
-    Args:
-        x: Place on the paper's table [m].
-        y: Place on the paper's table [m].
-        workspace: Gives the other table's size and place.
+    """Return where something at x, y on the paper's table lies on another one [m].
 
     Returns:
         x and y [m]; None for a table too small to be cluttered.
@@ -340,18 +318,3 @@ def clutter_place(x: float, y: float, workspace: Workspace) -> tuple[float, floa
     if min(across, along) < _CLUTTER_SHARE_MIN:
         return None
     return x * across, workspace.y_min + y * along
-
-
-def camera_rotation(tilt: tuple[float, float, float]) -> tuple[tuple[float, float, float], ...]:
-    """Return the rotation of a camera that looks down, y of the base frame upwards in its image.
-
-    Args:
-        tilt: Turns about x, y and z of the base frame [rad].
-    """
-    cx, cy, cz = np.cos(tilt)
-    sx, sy, sz = np.sin(tilt)
-    Rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    Ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    Rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    R = np.diag([1.0, -1.0, -1.0]) @ (Rz @ Ry @ Rx).T
-    return tuple(tuple(row) for row in R.tolist())

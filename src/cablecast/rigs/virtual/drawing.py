@@ -1,8 +1,7 @@
-"""Things that stand still before the virtual camera: floor, table, foam boards, tags, clutter.
+"""What the virtual camera sees: the scene that stands still, and what moves before it.
 
-Things that move before the virtual camera: cable, attachment, marker, arm and its shadow.
-
-Rolling shutter of the virtual camera: each row of a frame is exposed a little later.
+Floor, table, foam boards, tags and clutter are drawn once; cable, attachment, marker, the arm and
+its shadow for each instant of an exposure.
 """
 
 import dataclasses
@@ -37,6 +36,44 @@ _FLOOR_BGR = (92, 98, 108)
 _EDGE_BGR = (60, 78, 104)
 _PLATE_BGR = (128, 124, 120)
 _FLOOR_Z = -0.75
+_TAG_ERROR = 0.001
+"""Standard deviation of the places where tags are stuck [m]."""
+_FALLOFF = 0.25
+"""Loss of light from the table's middle to its far corners [-]."""
+_LAMP = (-0.7, 0.9, 2.8)
+"""Place of the lamp that throws the arm's shadow [m]."""
+_SHADOW = 0.32
+"""Share of the light that the arm keeps from what lies in its shadow."""
+_PENUMBRA = 0.02
+"""Half the width of the shadow's soft edge [m]."""
+_SUBFRAME_MOVE = 1.5
+"""Way of a moving thing between two drawings of it [px]."""
+_SUBFRAME_MAX = 24
+_SHIFT = 4
+"""Fractional bits of coordinates for drawing."""
+_BELOW_Z = -0.004
+"""Height below which parts of the cable hang beside the table [m]."""
+
+_MARKER_BGR = (62, 178, 58)
+_MARKER_LIGHT_BGR = (78, 196, 72)
+_CABLE_BGR = {"cable_1": (58, 84, 176), "cable_2": (52, 46, 44), "cable_3": (140, 132, 128)}
+_OTHER_CABLE_BGR = (120, 70, 40)
+_METAL_BGR = (96, 94, 92)
+_ROD_BGR = (
+    (70, 68, 66),
+    (150, 148, 146),
+    (176, 172, 168),
+    (182, 180, 178),
+    (170, 128, 96),
+    (182, 180, 178),
+    (174, 170, 166),
+    (168, 126, 94),
+    (160, 158, 156),
+    (52, 50, 50),
+    (34, 34, 36),
+)
+_COS, _SIN = (f(2 * np.pi * np.arange(20) / 20) for f in (np.cos, np.sin))
+_MARKER = MarkerConfig()
 
 
 def draw_background(
@@ -57,7 +94,7 @@ def draw_background(
     """
     cv2 = load_cv2()
     rng = np.random.default_rng([seed, 17])
-    texture, origin = _table_texture(workspace, layout, config, rng)
+    texture, origin = _table_texture(workspace, layout, rng)
     v, u = np.ogrid[0.0 : config.height, 0.0 : config.width]
     # Undistorting two million pixels is slow; the maps are smooth, so a coarse grid will do.
     table_xy = _smooth_map(view, 0.0, config)
@@ -79,8 +116,7 @@ def draw_background(
     far2 = ((u - centre[0]) / radius) ** 2 + ((v - centre[1]) / radius) ** 2
     # A lamp above the left half of the table, and the lens's own vignetting.
     lamp = (u / config.width - 0.35) ** 2 + (v / config.height - 0.45) ** 2
-    shade = 1.0 - config.light.falloff * (0.55 * far2 + 0.75 * lamp)
-    shade = shade.astype(np.float32)
+    shade = (1.0 - _FALLOFF * (0.55 * far2 + 0.75 * lamp)).astype(np.float32)
     shaded = image * shade[..., None]
     return np.clip(shaded, 0, 255, out=shaded).astype(np.uint8), on_table, shade
 
@@ -101,16 +137,7 @@ def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.
 def _floor(
     xy: NDArray[np.float64], seen: NDArray[np.bool_], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """Draw grey floor tiles where the floor is seen.
-
-    Args:
-        xy: Points of the floor under every pixel [m], shape [v, u, 2].
-        seen: Pixels that show the floor, shape [v, u].
-        rng: Draws the stains.
-
-    Returns:
-        Colours of these pixels, BGR, shape [pixel, 3].
-    """
+    """Return the colours of the floor's tiles at the points xy [m] where it is seen, [pixel, 3]."""
     cv2 = load_cv2()
     place = xy[seen] / 0.5
     tile = np.floor(place).astype(int)
@@ -127,13 +154,9 @@ def _floor(
 
 
 def _table_texture(
-    workspace: Workspace, layout: TagLayout, config: CameraConfig, rng: np.random.Generator
+    workspace: Workspace, layout: TagLayout, rng: np.random.Generator
 ) -> tuple[Image, tuple[float, float]]:
-    """Draw the table from straight above.
-
-    Returns:
-        The texture, BGR, and the place of its upper left pixel (x, y) [m].
-    """
+    """Draw the table from straight above, and tell the place of its upper left pixel (x, y) [m]."""
     cv2 = load_cv2()
     columns = round(2 * workspace.half_width / _TEXEL)
     rows = round((workspace.y_max - workspace.y_min) / _TEXEL)
@@ -146,11 +169,10 @@ def _table_texture(
     cv2.rectangle(texture, (0, 0), (columns - 1, rows - 1), _EDGE_BGR, 9)
     # The robot's mounting plate, as far as it is on this table.
     cv2.rectangle(texture, px(-0.2, 0.2), px(0.2, -0.2), _PLATE_BGR, -1)
-    if config.distractors:
-        _draw_clutter(texture, px, workspace, rng)
+    _draw_clutter(texture, px, workspace, rng)
     for tag in layout.tags:
         # Nobody sticks a tag exactly where the plan has it.
-        x, y = rng.normal([tag.x, tag.y], config.tag_error)
+        x, y = rng.normal([tag.x, tag.y], _TAG_ERROR)
         _paste_tag(texture, origin, dataclasses.replace(tag, x=float(x), y=float(y)))
     # As fine as a camera pixel sees it.
     return cv2.GaussianBlur(texture, (0, 0), 0.7), origin
@@ -265,41 +287,6 @@ def _draw_clutter(
     polygon(turned(box_at, 0.2 + shake[3], box), (168, 96, 48))
 
 
-LAMP = (-0.7, 0.9, 2.8)
-"""Place of the lamp that throws the arm's shadow [m]."""
-_SHADOW = 0.32
-"""Share of the light that the arm keeps from what lies in its shadow."""
-_PENUMBRA = 0.02
-"""Half the width of the shadow's soft edge [m]."""
-_SUBFRAME_MOVE = 1.5
-"""Way of a moving thing between two drawings of it [px]."""
-_SUBFRAME_MAX = 24
-_SHIFT = 4
-"""Fractional bits of coordinates for drawing."""
-_BELOW_Z = -0.004
-"""Height below which parts of the cable hang beside the table [m]."""
-
-_MARKER_BGR = (62, 178, 58)
-_MARKER_LIGHT_BGR = (78, 196, 72)
-_CABLE_BGR = {"cable_1": (58, 84, 176), "cable_2": (52, 46, 44), "cable_3": (140, 132, 128)}
-_OTHER_CABLE_BGR = (120, 70, 40)
-_METAL_BGR = (96, 94, 92)
-_ROD_BGR = (
-    (70, 68, 66),
-    (150, 148, 146),
-    (176, 172, 168),
-    (182, 180, 178),
-    (170, 128, 96),
-    (182, 180, 178),
-    (174, 170, 166),
-    (168, 126, 94),
-    (160, 158, 156),
-    (52, 50, 50),
-    (34, 34, 36),
-)
-_COS, _SIN = (f(2 * np.pi * np.arange(20) / 20) for f in (np.cos, np.sin))
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FilmedTrial:
     """Motion of cable and arm before the camera.
@@ -372,7 +359,6 @@ class Drawing:
         view: True camera.
         shade: Share of the light that reaches each pixel [-], shape [v, u].
         trial: Motion of cable and arm.
-        marker: Size of the marker.
         time: Middle of the exposure [s].
     """
 
@@ -382,7 +368,6 @@ class Drawing:
         view: CameraView,
         shade: NDArray[np.float32],
         trial: FilmedTrial,
-        marker: MarkerConfig,
         time: float,
     ):
         exposure = config.exposure
@@ -400,31 +385,25 @@ class Drawing:
         tip = shapes[:, -1]
         along = tip - shapes[:, -3]
         along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
-        self.marker = view.to_image(_capsule_outline(tip, along, marker))
-        self.hook = view.to_image(_attachment_outline(trial.cable, tip, along, marker))
+        self.marker = view.to_image(_capsule_outline(tip, along))
+        self.hook = view.to_image(_attachment_outline(trial.cable, tip, along))
         self.rods: list[NDArray[np.float64]] = []
         self.shadow: list[NDArray[np.float64]] = []
-        light = self._light_at(shade, middle)
+        self.light = 1.0
+        if np.all(np.isfinite(middle)):
+            u, v = np.clip(np.round(middle).astype(int), 0, np.subtract(shade.shape[::-1], 1))
+            self.light = float(shade[v, u])
         if trial.joint_path is not None:
             shape = arm_shape(joints_at(trial.joint_path, self.times), trial.arm)
             self.order = np.argsort(shape.ends[0, :, :, 2].mean(axis=-1))
             self.rods = _rod_outlines(shape, view)
             self.shadow = [view.to_image(rod) for rod in _shadow_outlines(shape, count // 2)]
-            clearance = sight_clearance(tip[count // 2][None], LAMP, _instant(shape, count // 2))
+            now = ArmShape(ends=shape.ends[count // 2][None], radii=shape.radii)
+            clearance = sight_clearance(tip[count // 2][None], _LAMP, now)
             covered = float(np.clip(0.5 - clearance[0] / (2 * _PENUMBRA), 0.0, 1.0))
-            light *= 1.0 - _SHADOW * covered
-        self.light = light
+            self.light *= 1.0 - _SHADOW * covered
         self.cable_bgr = _CABLE_BGR.get(trial.cable.name, _OTHER_CABLE_BGR)
         self.magnet = trial.cable.attachment is Attachment.MAGNET
-
-    @staticmethod
-    def _light_at(shade: NDArray[np.float32], pixel: NDArray[np.float64]) -> float:
-        """Return the share of the light that reaches a pixel [-]."""
-        if not np.all(np.isfinite(pixel)):
-            return 1.0
-        u = int(np.clip(round(float(pixel[0])), 0, shade.shape[1] - 1))
-        v = int(np.clip(round(float(pixel[1])), 0, shade.shape[0] - 1))
-        return float(shade[v, u])
 
     def paint(self, canvas: Image, corner: tuple[int, int], on_table: NDArray[np.bool_]) -> None:
         """Draw into a piece of the background.
@@ -444,9 +423,8 @@ class Drawing:
                 mask = cv2.blur(mask, (15, 15), borderType=cv2.BORDER_REPLICATE)
                 dimmed = 1.0 - _SHADOW * mask.astype(np.float32) / 255
                 canvas[:] = (canvas * dimmed[..., None]).astype(np.uint8)
-        everything = [self.cable.reshape(-1, 2), self.marker.reshape(-1, 2)]
-        everything += [self.hook.reshape(-1, 2)] + [rod.reshape(-1, 2) for rod in self.rods]
-        points = np.concatenate(everything)
+        things = (self.cable, self.marker, self.hook, *self.rods)
+        points = np.concatenate([thing.reshape(-1, 2) for thing in things])
         points = points[np.isfinite(points).all(axis=1)]
         if not len(points):
             return
@@ -460,9 +438,6 @@ class Drawing:
         region = canvas[top:bottom, left:right]
         table = on_table[top:bottom, left:right]
         place = (corner[0] + int(left), corner[1] + int(top))
-        if len(self.times) == 1:
-            region[:] = self._instant(region.copy(), place, table, 0)
-            return
         total = np.zeros(region.shape, np.float32)
         for index in range(len(self.times)):
             cv2.accumulate(self._instant(region.copy(), place, table, index), total)
@@ -472,22 +447,19 @@ class Drawing:
         self, image: Image, corner: tuple[int, int], on_table: NDArray[np.bool_], index: int
     ) -> Image:
         """Draw one instant of the exposure into a piece."""
-        z = self.z[index]
-        below = z < _BELOW_Z
+        below = self.z[index] < _BELOW_Z
+        seen = [slice(None)]
         if below.any():
             hidden = image.copy()
             self._draw_cable(hidden, corner, index, slice(None))
             if below[-1]:
                 self._draw_end(hidden, corner, index)
             image[~on_table] = hidden[~on_table]
-            first = int(np.argmax(below))
-            self._draw_cable(image, corner, index, slice(0, max(first, 1)))
-            if not below[-1]:
-                last = len(z) - int(np.argmax(below[::-1]))
-                self._draw_cable(image, corner, index, slice(last, None))
-                self._draw_end(image, corner, index)
-        else:
-            self._draw_cable(image, corner, index, slice(None))
+            last = len(below) - int(np.argmax(below[::-1]))
+            seen = [slice(0, max(int(np.argmax(below)), 1)), slice(last, None)]
+        for part in seen:
+            self._draw_cable(image, corner, index, part)
+        if not below[-1]:
             self._draw_end(image, corner, index)
         if self.rods:
             for rod in self.order:
@@ -544,26 +516,17 @@ def _fill(image: Image, outline: NDArray[np.float64], corner: tuple[int, int], c
     cv2.fillConvexPoly(image, hull, colour, cv2.LINE_AA, _SHIFT)
 
 
-def _instant(shape: ArmShape, index: int) -> ArmShape:
-    """Return the arm at one instant."""
-    return ArmShape(ends=shape.ends[index : index + 1], radii=shape.radii)
-
-
-def _capsule_outline(
-    tip: NDArray[np.float64], along: NDArray[np.float64], marker: MarkerConfig
-) -> NDArray[np.float64]:
+def _capsule_outline(tip: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the outline of the marker about the endpoint [m], shape [time, point, 3]."""
-    radius = marker.width / 2
-    half = max(marker.length / 2 - radius, 0.0)
-    across = _level_across(along)
-    forward = np.stack([across[:, 1], -across[:, 0], np.zeros(len(along))], axis=-1)
-    circle = radius * (_COS[:, None] * forward[:, None] + _SIN[:, None] * across[:, None])
+    radius = _MARKER.width / 2
+    half = max(_MARKER.length / 2 - radius, 0.0)
+    circle = radius * _level_circle(_level_across(along))
     ends = [(tip + sign * half * along)[:, None] + circle for sign in (-1.0, 1.0)]
     return np.concatenate(ends, axis=1)
 
 
 def _attachment_outline(
-    cable: Cable, tip: NDArray[np.float64], along: NDArray[np.float64], marker: MarkerConfig
+    cable: Cable, tip: NDArray[np.float64], along: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the line of the hook or the outline of the magnet [m], shape [time, point, 3]."""
     length = cable.attachment_length
@@ -571,10 +534,8 @@ def _attachment_outline(
         return np.empty((len(tip), 0, 3))
     across = _level_across(along)
     if cable.attachment is Attachment.MAGNET:
-        centre = tip + (marker.length / 2 + length / 2) * along
-        forward = np.stack([across[:, 1], -across[:, 0], np.zeros(len(along))], axis=-1)
-        circle = _COS[:, None] * forward[:, None] + _SIN[:, None] * across[:, None]
-        return centre[:, None] + 0.011 * circle
+        centre = tip + (_MARKER.length / 2 + length / 2) * along
+        return centre[:, None] + 0.011 * _level_circle(across)
     bend = 0.22 * length
     angle = np.linspace(-np.pi / 2, 0.75 * np.pi, 12)
     stem = length - bend
@@ -592,6 +553,12 @@ def _level_across(along: NDArray[np.float64]) -> NDArray[np.float64]:
     across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(along))], axis=-1)
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     return np.where(length > 1e-6, across / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
+
+
+def _level_circle(across: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return level unit circles about the origin, shape [time, point, 3]."""
+    forward = np.stack([across[:, 1], -across[:, 0], np.zeros(len(across))], axis=-1)
+    return _COS[:, None] * forward[:, None] + _SIN[:, None] * across[:, None]
 
 
 def _rod_outlines(shape: ArmShape, view: CameraView) -> list[NDArray[np.float64]]:
@@ -620,7 +587,7 @@ def _rod_outlines(shape: ArmShape, view: CameraView) -> list[NDArray[np.float64]
 
 def _shadow_outlines(shape: ArmShape, index: int) -> list[NDArray[np.float64]]:
     """Return the outline of each rod's shadow on the table [m], each shape [point, 3]."""
-    lamp = np.asarray(LAMP)
+    lamp = np.asarray(_LAMP)
     shadows = []
     for (start, end), radius in zip(shape.ends[index], shape.radii, strict=True):
         points = []
@@ -643,43 +610,3 @@ def _spline_matrix(node_count: int) -> NDArray[np.float64]:
     index = np.arange(node_count)
     fine = np.linspace(0, node_count - 1, 4 * (node_count - 1) + 1)
     return CubicSpline(index, np.eye(node_count))(fine)
-
-
-_BAND_ROWS = 12
-"""Rows that are drawn as of one instant [px]: at 15 us a row and 5 m/s, half of them are 0.5 mm."""
-
-
-class RollingDrawing:
-    """Everything that moves in one frame, drawn band by band at the bands' own times.
-
-    Args:
-        draw: Makes the drawing of an instant, given the middle of its exposure [s].
-        time: Middle of the exposure of the frame's middle row [s].
-        row_time: Time by which each row is exposed later than the one above it [s].
-        height: Height of the frame [px].
-    """
-
-    def __init__(self, draw: Callable[[float], Drawing], time: float, row_time: float, height: int):
-        self._draw = draw
-        self._time = time
-        self._row_time = row_time
-        self._height = height
-        self._bands: dict[int, Drawing] = {}
-
-    def paint(
-        self, canvas: NDArray[np.uint8], corner: tuple[int, int], on_table: NDArray[np.bool_]
-    ) -> None:
-        """Draw into a piece of the background; see `Drawing.paint`."""
-        bottom = corner[1] + len(canvas)
-        for band in range(corner[1] // _BAND_ROWS, -(-bottom // _BAND_ROWS)):
-            first = max(band * _BAND_ROWS, corner[1])
-            rows = slice(first - corner[1], min((band + 1) * _BAND_ROWS, bottom) - corner[1])
-            self._band(band).paint(canvas[rows], (corner[0], first), on_table[rows])
-
-    def _band(self, band: int) -> Drawing:
-        """Return the drawing of a band."""
-        if band not in self._bands:
-            middle = (band + 0.5) * _BAND_ROWS - 0.5
-            later = self._row_time * (middle - (self._height - 1) / 2)
-            self._bands[band] = self._draw(self._time + later)
-        return self._bands[band]

@@ -20,7 +20,7 @@ from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
 
 if TYPE_CHECKING:
-    from cablecast.rigs.virtual.camera import CameraStill
+    from cablecast.rigs.virtual.camera import VirtualCamera
 
 _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
@@ -62,7 +62,7 @@ class RigVirtual(RigLifecycle):
         self._lab: Laboratory | None = Laboratory(setup, recorded)
         # The last trial as it really was, and the picture of its end once somebody asked for it.
         self._last: EndpointTrack | None = None
-        self._still: CameraStill | None = None
+        self._camera: VirtualCamera | None = None
         self._picture: tuple[EndpointTrack, NDArray[np.uint8] | None] | None = None
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
@@ -124,11 +124,11 @@ class RigVirtual(RigLifecycle):
         if last is None or importlib.util.find_spec("cv2") is None:
             return None
         if self._picture is None or self._picture[0] is not last:
-            from cablecast.rigs.virtual.camera import CameraStill
+            from cablecast.rigs.virtual.camera import VirtualCamera
 
-            if self._still is None:
-                self._still = CameraStill(self.setup, self.config.lab_seed)
-            self._picture = last, self._still.picture(last, self.seed)
+            if self._camera is None:
+                self._camera = VirtualCamera.of(self.setup, seed=self.config.lab_seed)
+            self._picture = last, self._camera.picture(last, self.setup, self.seed)
         return self._picture[1]
 
     def sight(self) -> CameraSight | None:
@@ -139,7 +139,7 @@ class RigVirtual(RigLifecycle):
     def close(self) -> None:
         """Forget the laboratory."""
         super().close()
-        self._lab = self._still = self._picture = self._last = None
+        self._lab = self._camera = self._picture = self._last = None
 
     def _run(
         self,
