@@ -22,10 +22,9 @@ from cablecast.report.style import (
     SKY,
     VERMILLION,
     draw_workspace,
-    frame_workspace,
     new_figure,
-    panel_height,
     styled,
+    workspace_view,
 )
 from cablecast.workspace import Workspace
 
@@ -81,12 +80,12 @@ def draw(casts: list[dict], workspace: Workspace) -> list:
     """Return all frames as images."""
     from PIL import Image
 
-    figure = new_figure(WIDTH, panel_height(workspace, WIDTH))
+    view = workspace_view(workspace)
+    figure = new_figure(WIDTH, view.height(WIDTH))
     images = []
     with styled():
         axes = figure.add_subplot()
-        draw_workspace(axes, workspace, ticks=False)
-        frame_workspace(axes, workspace)
+        draw_workspace(axes, workspace, view, ticks=False)
         for cast in casts:
             axes.plot(*np.divide(cast["target_mm"], 1000), "+", color=MUTED, markersize=9, zorder=3)
         (arm,) = axes.plot([], [], color=INK, linewidth=6, solid_capstyle="round", zorder=5)

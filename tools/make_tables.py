@@ -13,13 +13,12 @@ import dataclasses
 import pathlib
 import re
 
-from cablecast.evaluation.published import PUBLISHED_ROWS, PublishedRow
+from cablecast.evaluation.published import BEST_METHOD_PUBLISHED, PUBLISHED_ROWS, PublishedRow
 from cablecast.files import read_json, read_text, write_json, write_text
 from cablecast.pipeline.reproduce_stages import QUICK
 from cablecast.pipeline.verify import HEADLINE_FILE, headline_figures
-from cablecast.report.page import BEST_METHOD_PUBLISHED
 from cablecast.report.reproduction import BEST_METHOD, METHOD_NAMES, Reproduction
-from cablecast.report.style import five_cells, published_cells
+from cablecast.report.tables import five_cells, published_cells
 from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import duration_text
 

@@ -6,7 +6,7 @@ import pytest
 from cablecast.cable import load_cable
 from cablecast.evaluation.evaluate import summarise_errors
 from cablecast.evaluation.published import published_rows
-from cablecast.report.curves import error_boxes, learning_curve, target_errors
+from cablecast.report.curves import error_boxes, learning_curves, target_errors
 from cablecast.report.maps import (
     cast_frames,
     chosen_casts,
@@ -16,6 +16,7 @@ from cablecast.report.maps import (
     track_panels,
 )
 from cablecast.report.style import png_bytes, svg_uri
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
 ON_SCREEN = 1e-9  # What is drawn is what is stored, to rounding.
@@ -51,8 +52,8 @@ def draw_tracks(evaluation, workspace):
 
 
 MAPS = {
-    "landings": landing_map,
-    "casts": lambda evaluation, workspace: cast_frames(evaluation, workspace, [0, 3]),
+    "landings": lambda evaluation, workspace: landing_map(evaluation),
+    "casts": lambda evaluation, workspace: cast_frames(evaluation, [0, 3]),
     "ellipses": draw_ellipses,
     "coverage": draw_coverage,
     "tracks": draw_tracks,
@@ -63,7 +64,7 @@ MAPS = {
 @pytest.mark.parametrize("name", MAPS)
 def test_every_map_shows_the_whole_table_and_the_base(make_evaluation, name, table):
     workspace = TABLES[table]
-    figure = MAPS[name](make_evaluation(), workspace)
+    figure = MAPS[name](make_evaluation(setup=Setup(workspace=workspace)), workspace)
     maps = [axes for axes in figure.axes if axes.get_aspect() == 1.0]
     assert maps
     for axes in maps:
@@ -89,7 +90,7 @@ def has_point(points, xy):
 
 def test_the_map_shows_every_target_and_every_landing(make_evaluation):
     evaluation = make_evaluation()
-    figure = landing_map(evaluation, Workspace())
+    figure = landing_map(evaluation)
     points = points_drawn(figure.axes[0])
     for trial in evaluation.trials:
         assert has_point(points, trial.target_xy)
@@ -97,7 +98,7 @@ def test_the_map_shows_every_target_and_every_landing(make_evaluation):
 
 
 def test_the_map_numbers_the_targets_as_the_table_of_trials_does(make_evaluation):
-    figure = landing_map(make_evaluation(), Workspace())
+    figure = landing_map(make_evaluation())
     labels = {text.get_text(): text.xy for text in figure.axes[0].texts if hasattr(text, "xy")}
     for index, xy in enumerate(make_evaluation().target_xy):
         np.testing.assert_allclose(labels[str(index)], xy)
@@ -105,7 +106,7 @@ def test_the_map_numbers_the_targets_as_the_table_of_trials_does(make_evaluation
 
 def test_a_dashed_line_joins_each_target_with_its_landing(make_evaluation):
     evaluation = make_evaluation(lost=())
-    axes = landing_map(evaluation, Workspace()).axes[0]
+    axes = landing_map(evaluation).axes[0]
     joins = {
         tuple(np.round(line.get_xydata().ravel(), 9))
         for line in axes.lines
@@ -116,7 +117,7 @@ def test_a_dashed_line_joins_each_target_with_its_landing(make_evaluation):
 
 
 def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
-    figure = landing_map(make_evaluation(lost=range(32)), Workspace())
+    figure = landing_map(make_evaluation(lost=range(32)))
     assert png_bytes(figure, dpi=40).startswith(b"\x89PNG")
 
 
@@ -125,7 +126,6 @@ def test_the_coverage_is_shaded_on_both_halves_of_the_table(make_evaluation):
 
     figure = landing_map(
         make_evaluation(),
-        Workspace(),
         simulated_xy=np.array([[0.5, 0.8]]),
         simulated_radius=0.05,
     )
@@ -152,12 +152,12 @@ def test_casts_can_be_chosen_and_drawn_however_many_landed(make_evaluation, lost
     evaluation = make_evaluation(lost=lost)
     chosen = chosen_casts(evaluation)
     assert 1 <= len(chosen) <= 6
-    assert png_bytes(cast_frames(evaluation, Workspace(), chosen), dpi=30)
+    assert png_bytes(cast_frames(evaluation, chosen), dpi=30)
 
 
 def test_a_frame_shows_the_cable_at_every_sample_and_the_whole_path_of_the_gripper(make_evaluation):
     evaluation = make_evaluation()
-    axes = cast_frames(evaluation, Workspace(), [3]).axes[0]
+    axes = cast_frames(evaluation, [3]).axes[0]
     drawn = [line.get_xydata() for line in axes.lines]
     drawn += [path.vertices for shapes in axes.collections for path in shapes.get_paths()]
     for nodes in evaluation.trials[3].track.nodes:
@@ -169,7 +169,7 @@ def test_a_frame_shows_the_cable_at_every_sample_and_the_whole_path_of_the_gripp
 
 def test_a_rig_that_does_not_see_the_cable_still_gives_pictures(make_evaluation):
     evaluation = make_evaluation(with_nodes=False)
-    assert png_bytes(cast_frames(evaluation, Workspace(), [0, 1]), dpi=30)
+    assert png_bytes(cast_frames(evaluation, [0, 1]), dpi=30)
 
 
 def test_the_boxes_show_our_errors_above_those_of_the_paper():
@@ -188,7 +188,7 @@ def test_errors_by_target_can_be_drawn_with_and_without_landings(make_evaluation
 
 def test_the_learning_curve_is_drawn_in_percent_of_cable_length():
     curve = [{"epoch": k, "loss": 0.062 / k, "held_out_loss": 0.124 / k} for k in (1, 2, 3)]
-    lines = learning_curve(curve, load_cable("cable_1").length).axes[0].lines
+    lines = learning_curves([("", curve)], load_cable("cable_1").length).axes[0].lines
     np.testing.assert_allclose(lines[0].get_ydata(), [10.0, 5.0, 10.0 / 3.0])
     np.testing.assert_allclose(lines[1].get_ydata(), [20.0, 10.0, 20.0 / 3.0])
 

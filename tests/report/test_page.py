@@ -36,7 +36,7 @@ MODEL_INFO = {
 
 
 def page_of(evaluation, **changes):
-    return report_page(evaluation, Workspace(), MODEL_INFO, CONFIG | changes)
+    return report_page(evaluation, MODEL_INFO, CONFIG | changes)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_the_player_holds_every_cast_in_millimetres(page, make_evaluation):
 
 def test_the_player_gets_the_corners_of_a_turned_table(make_evaluation):
     turned = Workspace(table_width=2.0, table_depth=1.2, table_yaw_deg=90.0, table_near_y=-0.1)
-    page = report_page(make_evaluation(), turned, MODEL_INFO, CONFIG)
+    page = report_page(make_evaluation(setup=Setup(workspace=turned)), MODEL_INFO, CONFIG)
     data = re.search(r'<script type="application/json" id="casts">(.*?)</script>', page, re.S)
     player = json.loads(data.group(1))
     assert player["table_mm"] == [[-600, -100], [600, 1900]]
@@ -134,7 +134,7 @@ def test_the_player_gets_the_corners_of_a_turned_table(make_evaluation):
 )
 def test_the_page_names_all_casts_that_the_model_learned_from(make_evaluation, counts, phrase):
     info = MODEL_INFO | {"metrics": MODEL_INFO["metrics"] | counts}
-    page = report_page(make_evaluation(), Workspace(), info, CONFIG)
+    page = report_page(make_evaluation(), info, CONFIG)
     assert phrase in page
 
 

@@ -105,7 +105,7 @@ def print_tries(metrics: dict[str, Any]) -> None:
         metrics: Content of metrics.json of a demo.
     """
     from cablecast.cli import tables
-    from cablecast.report.style import pct
+    from cablecast.report.tables import pct
 
     table = tables.make_table("Miss after each try, in % of cable length; no landing is a miss")
     for name in ("try", "median", "q1", "q3", "without landing"):

@@ -118,7 +118,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
         published: Rows of the paper's tables for the same cable.
     """
     from cablecast.cli import tables
-    from cablecast.report.style import five_cells, published_cells
+    from cablecast.report.tables import five_cells, published_cells
 
     table = tables.make_table("Distance from target to landing, in % of cable length")
     if published:

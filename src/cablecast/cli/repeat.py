@@ -97,7 +97,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     """
     from cablecast.cli import tables
     from cablecast.evaluation.published import published_repeatability
-    from cablecast.report.style import pct, share_pct
+    from cablecast.report.tables import pct, share_pct
 
     table = tables.make_table("Scatter of equal casts, in % of cable length")
     table.caption = "The paper's figures are those of cable 1 on a real UR5."

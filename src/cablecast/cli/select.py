@@ -76,7 +76,7 @@ def print_choice(metrics: dict[str, Any]) -> None:
         metrics: Content of metrics.json.
     """
     from cablecast.cli import tables
-    from cablecast.report.style import pct
+    from cablecast.report.tables import pct
 
     ratio = metrics["coverage"][0]["hull_ratio"]
     table = tables.make_table("Share of the reachable half disc")

@@ -143,7 +143,7 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
         cable_name: Name of the cable; the paper's rows are those of the same name.
     """
     from cablecast.cli import tables
-    from cablecast.report.style import pct
+    from cablecast.report.tables import pct
     from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
 
     validation = metrics["validation"]

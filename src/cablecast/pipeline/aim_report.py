@@ -87,13 +87,12 @@ def write_aim_report(result: AimResult, rig: CheckedRig, run: RunFolder) -> Eval
         "cast_count": len(result.session.history),
     }
     last = dataclasses.replace(last, metrics=metrics)
-    workspace, policy = result.session.setup.workspace, result.session.aimer.policy
+    policy = result.session.aimer.policy
     save_trials(every, run.path / TRIALS_FILE)
-    figure = tries_map(every, workspace)
+    figure = tries_map(every)
     write_bytes(run.path / pathlib.Path(TRIES_FILE), png_bytes(figure))
     page = report_page(
         last,
-        workspace,
         policy.model.info,
         run.config,
         simulated_xy=policy.predicted_xy,

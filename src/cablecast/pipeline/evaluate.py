@@ -132,7 +132,6 @@ def _write_files(
     from cablecast.report.page import report_page
     from cablecast.report.style import png_bytes
 
-    workspace = evaluation.setup.workspace
     save_trials(evaluation, run.path / TRIALS_FILE)
     coverage = {}
     if isinstance(policy, ForwardSearchPolicy):
@@ -140,8 +139,8 @@ def _write_files(
             "simulated_xy": policy.predicted_xy,
             "simulated_radius": COVERAGE_PCT / 100 * evaluation.cable.length,
         }
-    figure = landing_map(evaluation, workspace, **coverage)
+    figure = landing_map(evaluation, **coverage)
     write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
     info = {} if model is None else model.info
-    page = report_page(evaluation, workspace, info, run.config, **coverage)
+    page = report_page(evaluation, info, run.config, **coverage)
     write_text(run.path / REPORT_FILE, page)

@@ -217,7 +217,7 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
 
 def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult") -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
-    from cablecast.report.maps import chosen_tracks, track_panels
+    from cablecast.report.maps import spread_choice, track_panels
     from cablecast.report.style import png_bytes
     from cablecast.tuning.tracks import TrackObjective
 
@@ -229,7 +229,7 @@ def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "Tu
         validation,
         [("default parameters", believed[0, :, :-1]), ("tuned parameters", tuned[0, :, :-1])],
         casts.setup.workspace,
-        chosen_tracks(result.validation.mean[1]),
+        spread_choice(result.validation.mean[1], 9),
         cable.length,
     )
     return png_bytes(figure)

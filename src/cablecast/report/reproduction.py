@@ -9,7 +9,6 @@ The report of a reproduction: one HTML page with every experiment beside the pub
 
 import base64
 import dataclasses
-import math
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,25 +19,26 @@ from numpy.typing import NDArray
 import cablecast
 from cablecast.errors import DamagedFileError, InputError
 from cablecast.evaluation.evaluate import TRIAL_COLUMNS, ErrorSummary
-from cablecast.evaluation.published import PUBLISHED_ROWS, published_repeatability, published_rows
+from cablecast.evaluation.published import BEST_METHOD_PUBLISHED, PUBLISHED_ROWS, published_rows
 from cablecast.files import read_csv, read_json
 from cablecast.report.curves import error_boxes
 from cablecast.report.maps import coverage_figure, ellipse_map
-from cablecast.report.page import (
-    BEST_METHOD_PUBLISHED,
-    Row,
+from cablecast.report.page import run_settings, template_environment
+from cablecast.report.style import svg_uri
+from cablecast.report.tables import (
     Table,
     cable_table,
     coverage_table,
+    difficulty_table,
+    flatten_settings,
     measured_table,
     method_table,
+    pct,
     split_table,
     time_table,
     tuning_table,
 )
-from cablecast.report.style import flatten_settings, pct, svg_uri, template_environment
 from cablecast.setup import SECTIONS, Setup
-from cablecast.tuning.tune import published_tuning
 
 METHOD_NAMES = {
     "polar": "polar casting",
@@ -484,7 +484,9 @@ def reproduction_page(
     environment = template_environment()
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
     parts = all_parts(results)
-    difficulty, took = difficulty_table(results), time_table(times)
+    selection = results.metrics(results.cables[0], "select")
+    difficulty = difficulty_table(results.tunings(), selection)
+    took = time_table(times)
     page = environment.get_template("reproduction.html").render(
         version=cablecast.__version__,
         rig_phrase=_RIG_PHRASES.get(rig, f"on the rig {rig}"),
@@ -554,56 +556,6 @@ def _cards(results: Reproduction) -> list[dict[str, str]]:
     return cards
 
 
-def difficulty_table(results: Reproduction) -> Table | None:
-    """Compare the rig's difficulty with the real one's: what was measured before any learning."""
-    rows = []
-    for cable, metrics in results.tunings().items():
-        paper = published_tuning(cable)
-        rows.append(
-            Row(
-                cells=(
-                    f"{cable}: median distance at rest of an untuned simulator",
-                    pct(metrics["validation"]["default"]["final_median_pct"]),
-                    pct(paper.default_final_pct) if paper else "",
-                )
-            )
-        )
-    selection = results.metrics(results.cables[0], "select") or {"coverage": []}
-    for result in selection["coverage"]:
-        repeated = result["repeatability"]
-        if repeated is None:
-            continue
-        name = f"v_max {result['v_max']:g} m/s" + " with psi" * result["with_psi"]
-        paper = published_repeatability(result["v_max"], result["with_psi"])
-        scatter = repeated["scatter_pct"]
-        rows.append(
-            Row(
-                cells=(
-                    f"{name}: scatter of equal casts",
-                    pct(math.nan if scatter is None else scatter, 2),
-                    pct(paper.scatter_pct, 2) if paper else "",
-                )
-            )
-        )
-        off_table = paper.off_table_share if paper else None
-        rows.append(
-            Row(
-                cells=(
-                    f"{name}: casts that left the table [%]",
-                    pct(100 * repeated["off_table_share"]),
-                    "" if off_table is None else pct(100 * off_table),
-                )
-            )
-        )
-    if not rows:
-        return None
-    return Table(
-        title="How difficult the rig is",
-        heads=("in % of cable length, unless stated otherwise", "here", "paper"),
-        rows=tuple(rows),
-    )
-
-
 def _settings(
     results: Reproduction, config: Mapping[str, Any]
 ) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -615,6 +567,4 @@ def _settings(
     evaluation = results.metrics(results.cables[0], f"evaluate-{BEST_METHOD}")
     if evaluation is not None:
         found.append(("Rig", flatten_settings(evaluation["rig"])))
-    found.append(("Versions", flatten_settings(config["versions"])))
-    facts = {name: config[name] for name in ("commit", "started", "cpu_count") if name in config}
-    return [*found, ("Run", flatten_settings(facts))]
+    return [*found, *run_settings(config)]

@@ -1,105 +1,21 @@
-"""Numbers and settings as text: one way of writing each, for pages, tables and the terminal.
-
-House style of all figures: colours that colour-blind readers can tell apart, one workspace.
-
-The environment in which the pages of reports are rendered.
-"""
+"""House style of all figures: colours for colour-blind readers, and one map of the table."""
 
 import base64
+import contextlib
 import io
-import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cablecast.errors import MissingExtraError
-from cablecast.evaluation.published import PublishedRow
 
 if TYPE_CHECKING:
-    import jinja2
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from cablecast.workspace import Workspace
-
-FIVE_NUMBERS = (
-    "median_pct",
-    "first_quartile_pct",
-    "third_quartile_pct",
-    "min_pct",
-    "max_pct",
-)
-FIVE_HEADS = ("median", "1st quartile", "3rd quartile", "min", "max")
-
-
-def pct(value: float | None, digits: int = 1) -> str:
-    """Return a percentage, a dash for a missing value, "miss" for an infinite one.
-
-    Args:
-        value: Value [%]; missing where None or NaN.
-        digits: Number of decimals.
-
-    >>> pct(12.345), pct(None), pct(math.inf)
-    ('12.3', '–', 'miss')
-    """
-    if value is None or math.isnan(value):
-        return "–"
-    return "miss" if math.isinf(value) else f"{value:.{digits}f}"
-
-
-def share_pct(value: float | None) -> str:
-    """Return a part of a whole as a percentage with its sign, a dash for a missing value.
-
-    >>> share_pct(0.129), share_pct(None)
-    ('12.9 %', '–')
-    """
-    return pct(value) if value is None or math.isnan(value) else f"{pct(100 * value)} %"
-
-
-def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the five numbers of a summary of errors.
-
-    JSON has no infinity: where there are errors but a number is missing, a miss decides it.
-
-    Args:
-        summary: Summary as `ErrorSummary.to_dict` and metrics.json hold it.
-    """
-    missing = math.inf if summary["count"] else math.nan
-    values = (summary[name] for name in FIVE_NUMBERS)
-    return tuple(pct(missing if value is None else value) for value in values)
-
-
-def published_cells(row: PublishedRow) -> tuple[str, ...]:
-    """Return the five numbers of a row of the paper, which prints whole percents."""
-    return tuple(f"{getattr(row, name):.0f}" for name in FIVE_NUMBERS)
-
-
-def flatten_settings(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Return nested settings as lines of a table: dotted names and readable values.
-
-    Args:
-        values: Plain values, nested to any depth.
-        prefix: Text before each name.
-
-    >>> flatten_settings({"arm": {"model": "ur5"}, "seed": 0})
-    [('arm.model', 'ur5'), ('seed', '0')]
-    """
-    lines: list[tuple[str, str]] = []
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            lines += flatten_settings(value, f"{name}.")
-        elif isinstance(value, Sequence) and not isinstance(value, str):
-            lines.append((name, ", ".join(_plain(item) for item in value)))
-        else:
-            lines.append((name, _plain(value)))
-    return lines
-
-
-def _plain(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
 
 INK = "#1f2933"
 MUTED = "#7b8794"
@@ -111,10 +27,6 @@ SKY = "#56b4e9"
 GREEN = "#009e73"
 VERMILLION = "#d55e00"
 PURPLE = "#cc79a7"
-
-# Sequential maps that are as readable in grey; users cut off the pale end, which vanishes on white.
-ERROR_COLORS = "plasma"
-TIME_COLORS = "viridis"
 
 PAGE_WIDTH = 9.2
 """Width of a figure that fills a page [inch]."""
@@ -149,6 +61,22 @@ _RC = {
 }
 
 
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Create axes and artists in the house style; a context, or a decorator of a function.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise MissingExtraError("matplotlib", "report", "drawing figures") from None
+    with mpl.rc_context(_RC):  # pyright: ignore[reportArgumentType]
+        yield
+
+
+@styled()
 def new_figure(width: float, height: float) -> "Figure":
     """Return an empty figure; it needs no display and touches no global state.
 
@@ -159,21 +87,12 @@ def new_figure(width: float, height: float) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "report", "drawing figures") from None
-    with styled():
-        return Figure(figsize=(width, height), layout="constrained")
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
 
 
-def styled():
-    """Return a context in which axes and artists are created in the house style."""
-    import matplotlib as mpl
-
-    return mpl.rc_context(_RC)  # pyright: ignore[reportArgumentType]
-
-
+@styled()
 def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
     """Return a figure as a PNG file.
 
@@ -182,8 +101,7 @@ def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
         dpi: Resolution [pixel/inch].
     """
     buffer = io.BytesIO()
-    with styled():
-        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -195,7 +113,7 @@ def compact_png(figure: "Figure", dpi: int, colors: int = 64) -> bytes:
         dpi: Resolution [pixel/inch].
         colors: Number of colours.
     """
-    # matplotlib cannot be without it.
+    # matplotlib depends on Pillow.
     from PIL import Image
 
     image = Image.open(io.BytesIO(png_bytes(figure, dpi))).convert("RGB").quantize(colors)
@@ -204,24 +122,65 @@ def compact_png(figure: "Figure", dpi: int, colors: int = 64) -> bytes:
     return buffer.getvalue()
 
 
+@styled()
 def svg_uri(figure: "Figure") -> str:
     """Return a figure as an SVG data URI, for a page that refers to no other file."""
     buffer = io.BytesIO()
-    with styled():
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
+class View(NamedTuple):
+    """Part of the plane of the table that a map shows [m]."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+    def height(self, width: float) -> float:
+        """Return the height of a panel of a width that it fills, with its title [inch]."""
+        aspect = (self.y_max - self.y_min) / (self.x_max - self.x_min)
+        return width * min(aspect, _ASPECT_MAX) + _TITLE_HEIGHT
+
+
+def workspace_view(
+    workspace: "Workspace",
+    *,
+    margin: float = 0.05,
+    radius: float = 0.0,
+    left: float | None = None,
+    right: float | None = None,
+) -> View:
+    """Return the view that shows the whole table and the base.
+
+    Args:
+        workspace: Table to show.
+        margin: White around them [m].
+        radius: Distance straight ahead to show, too [m].
+        left: Smallest x instead of the table's [m].
+        right: Largest x instead of the table's [m].
+    """
+    half_width = max(workspace.half_width, _BASE_RADIUS) + margin
+    return View(
+        -half_width if left is None else left,
+        half_width if right is None else right,
+        min(workspace.y_min, -_BASE_RADIUS) - margin,
+        max(workspace.y_max, radius) + margin,
+    )
+
+
 def draw_workspace(
-    axes: "Axes", workspace: "Workspace", *, grid: bool = True, ticks: bool = True
+    axes: "Axes", workspace: "Workspace", view: View, *, grid: bool = True, ticks: bool = True
 ) -> None:
-    """Draw the table and the robot's base from above, and scale both axes alike.
+    """Draw the table and the robot's base from above, to scale, and fix the limits of the axes.
 
     Args:
         axes: Axes to draw on.
         workspace: Table to draw.
-        grid: True for lines every half metre.
-        ticks: True for labelled axes.
+        view: What the axes show.
+        grid: Whether to draw lines every half metre.
+        ticks: Whether to label the axes.
     """
     from matplotlib.patches import Circle, Rectangle
 
@@ -254,6 +213,50 @@ def draw_workspace(
         axes.tick_params(length=0)
         axes.set_xlabel("x, to the robot's right [m]")
         axes.set_ylabel("y, away from the robot [m]")
+    axes.set_xlim(view.x_min, view.x_max)
+    axes.set_ylim(view.y_min, view.y_max)
+
+
+def _multiples(low: float, high: float) -> np.ndarray:
+    """Return the multiples of the grid's step within a range."""
+    first, last = np.ceil(low / _GRID_STEP - 1e-9), np.floor(high / _GRID_STEP + 1e-9)
+    return _GRID_STEP * np.arange(first, last + 1)
+
+
+@styled()
+def workspace_panels(
+    workspace: "Workspace",
+    view: View,
+    count: int = 1,
+    *,
+    columns: int = 1,
+    width: float = PAGE_WIDTH,
+    below: float = 0.0,
+    beside: float = 0.0,
+    grid: bool = True,
+    ticks: bool = True,
+) -> tuple["Figure", list["Axes"]]:
+    """Return a figure with maps of the table, and the axes of each.
+
+    Args:
+        workspace: Table to draw.
+        view: What each map shows.
+        count: Number of maps.
+        columns: Number of maps side by side.
+        width: Width of the figure [inch].
+        below: Room below the maps, e.g. for a legend [inch].
+        beside: Room to the right of the maps, e.g. for a colour bar [inch].
+        grid: Whether to draw lines every half metre.
+        ticks: Whether to label the axes.
+    """
+    rows = -(-max(count, 1) // columns)
+    figure = new_figure(width, rows * view.height((width - beside) / columns) + below)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for axes in panels[:count]:
+        draw_workspace(axes, workspace, view, grid=grid, ticks=ticks)
+    for axes in panels[count:]:
+        axes.remove()
+    return figure, panels[:count]
 
 
 def draw_half_circle(axes: "Axes", radius: float, *, closed: bool = False, **line: Any) -> None:
@@ -262,7 +265,7 @@ def draw_half_circle(axes: "Axes", radius: float, *, closed: bool = False, **lin
     Args:
         axes: Axes to draw on.
         radius: Radius [m].
-        closed: True to draw the diameter as well.
+        closed: Whether to draw the diameter as well.
         **line: Properties of the line, in matplotlib's words.
     """
     angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
@@ -272,74 +275,74 @@ def draw_half_circle(axes: "Axes", radius: float, *, closed: bool = False, **lin
     axes.plot(*xy.T, **({"color": MUTED, "linewidth": 0.9, "zorder": 1} | line))
 
 
-def frame_workspace(
-    axes: "Axes",
-    workspace: "Workspace",
-    *,
-    margin: float = 0.05,
-    radius: float = 0.0,
-    left: float | None = None,
-    right: float | None = None,
+def annotate(
+    axes: "Axes", text: str, xy: ArrayLike, offset: tuple[float, float], **style: Any
 ) -> None:
-    """Set the limits of both axes so that the table and the base are seen.
+    """Write text near a point.
 
     Args:
-        axes: Axes that `draw_workspace` drew on.
-        workspace: The same workspace.
-        margin: White around them [m].
-        radius: Distance straight ahead that must be seen, too [m].
-        left: Smallest x instead of the table's [m].
-        right: Largest x instead of the table's [m].
+        axes: Axes to write on.
+        text: Text.
+        xy: Point [m], shape [2].
+        offset: Offset of the text from the point [1/72 inch].
+        **style: Properties of the text, in matplotlib's words; `halo` is the width of a white rim.
     """
-    (x_min, x_max), (y_min, y_max) = _extent(workspace, margin, radius)
-    axes.set_xlim(x_min if left is None else left, x_max if right is None else right)
-    axes.set_ylim(y_min, y_max)
+    from matplotlib.patheffects import withStroke
+
+    if halo := style.pop("halo", 0.0):
+        style["path_effects"] = [withStroke(linewidth=halo, foreground="white")]
+    point = np.asarray(xy, dtype=float)
+    axes.annotate(text, (point[0], point[1]), xytext=offset, textcoords="offset points", **style)
 
 
-def panel_height(
-    workspace: "Workspace", width: float, *, margin: float = 0.05, radius: float = 0.0
-) -> float:
-    """Return the height of a panel with a title that `frame_workspace` fills [inch].
+def legend_strip(
+    figure: "Figure", entries: Sequence[tuple[str, str, dict[str, Any]]], columns: int = 3
+) -> None:
+    """Draw a legend below all axes.
 
     Args:
-        workspace: Workspace to be drawn.
-        width: Width of the panel [inch].
-        margin: As for `frame_workspace` [m].
-        radius: As for `frame_workspace` [m].
+        figure: Figure with room below its axes.
+        entries: Label, format as of `plot`, and properties of each entry's line or marker.
+        columns: Largest number of entries side by side.
     """
-    (x_min, x_max), (y_min, y_max) = _extent(workspace, margin, radius)
-    return width * min((y_max - y_min) / (x_max - x_min), _ASPECT_MAX) + _TITLE_HEIGHT
+    from matplotlib.lines import Line2D
 
-
-def _extent(
-    workspace: "Workspace", margin: float, radius: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ranges of x and y that show the table and the base [m]."""
-    half_width = max(workspace.half_width, _BASE_RADIUS) + margin
-    y_min = min(workspace.y_min, -_BASE_RADIUS) - margin
-    return (-half_width, half_width), (y_min, max(workspace.y_max, radius) + margin)
-
-
-def _multiples(low: float, high: float) -> np.ndarray:
-    """Return the multiples of the grid's step within a range."""
-    first, last = np.ceil(low / _GRID_STEP - 1e-9), np.floor(high / _GRID_STEP + 1e-9)
-    return _GRID_STEP * np.arange(first, last + 1)
-
-
-def template_environment() -> "jinja2.Environment":
-    """Return the templates of this package; all text is escaped, and a missing name is an error.
-
-    Raises:
-        MissingExtraError: jinja2 is not installed.
-    """
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "report", "writing the report") from None
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("cablecast", "report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
+    handles = [
+        Line2D([], [], label=label, **(_line_style(form) | style)) for label, form, style in entries
+    ]
+    # A legend of the figure, not of the axes: the layout then keeps room for it below.
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=min(columns, len(handles)),
+        columnspacing=1.6,
+        labelcolor=INK,
     )
+
+
+def _line_style(form: str) -> dict[str, Any]:
+    return {"linestyle": "-"} if form == "-" else {"linestyle": "", "marker": form}
+
+
+def color_scale(name: str, first: float, last: float, top: float) -> Any:
+    """Return a mapping from values in [0, top] to colours of a part of a matplotlib colour map.
+
+    Args:
+        name: Colour map of matplotlib.
+        first: Place of the colour of 0 in the map [-].
+        last: Place of the colour of `top` [-]; pale ends vanish on white.
+        top: Largest value.
+    """
+    import matplotlib as mpl
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    colors = mpl.colormaps[name](np.linspace(first, last, 64))
+    return ScalarMappable(Normalize(0.0, top), LinearSegmentedColormap.from_list(name, colors))
+
+
+def draw_color_bar(figure: "Figure", axes: Any, scale: Any, label: str, **options: Any) -> None:
+    """Draw the bar of a colour scale beside axes; options in the words of `Figure.colorbar`."""
+    bar = figure.colorbar(scale, ax=axes, **options)
+    bar.set_label(label)
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from cablecast.evaluation.evaluate import summarise_errors
-from cablecast.report.style import five_cells, flatten_settings, pct, share_pct
+from cablecast.report.tables import five_cells, flatten_settings, pct, share_pct
 
 
 @pytest.mark.parametrize(

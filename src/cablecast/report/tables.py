@@ -1,0 +1,450 @@
+"""Tables of results, each made once: as HTML in a report, as Markdown for a README, as text.
+
+Errors are in % of cable length. Rows of the paper stand below ours.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES
+from cablecast.evaluation.published import (
+    BEST_METHOD_PUBLISHED,
+    PUBLISHED_ROWS,
+    PublishedRow,
+    published_repeatability,
+)
+from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
+
+Metrics = Mapping[str, Any]
+"""Contents of the metrics.json of one stage."""
+
+FIVE_NUMBERS = (
+    "median_pct",
+    "first_quartile_pct",
+    "third_quartile_pct",
+    "min_pct",
+    "max_pct",
+)
+FIVE_HEADS = ("median", "1st quartile", "3rd quartile", "min", "max")
+
+
+def pct(value: float | None, digits: int = 1) -> str:
+    """Return a percentage, a dash for a missing value, "miss" for an infinite one.
+
+    Args:
+        value: Value [%]; missing where None or NaN.
+        digits: Number of decimals.
+
+    >>> pct(12.345), pct(None), pct(math.inf)
+    ('12.3', '–', 'miss')
+    """
+    if value is None or math.isnan(value):
+        return "–"
+    return "miss" if math.isinf(value) else f"{value:.{digits}f}"
+
+
+def share_pct(value: float | None) -> str:
+    """Return a part of a whole as a percentage with its sign, a dash for a missing value.
+
+    >>> share_pct(0.129), share_pct(None)
+    ('12.9 %', '–')
+    """
+    return pct(value) if value is None or math.isnan(value) else f"{pct(100 * value)} %"
+
+
+def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the five numbers of a summary of errors.
+
+    JSON has no infinity: where there are errors but a number is missing, it is a miss.
+
+    Args:
+        summary: Summary as `ErrorSummary.to_dict` and metrics.json hold it.
+    """
+    missing = math.inf if summary["count"] else math.nan
+    values = (summary[name] for name in FIVE_NUMBERS)
+    return tuple(pct(missing if value is None else value) for value in values)
+
+
+def published_cells(row: PublishedRow) -> tuple[str, ...]:
+    """Return the five numbers of a row of the paper, which prints whole percents."""
+    return tuple(f"{getattr(row, name):.0f}" for name in FIVE_NUMBERS)
+
+
+def flatten_settings(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Return nested settings as lines of a table: dotted names and readable values.
+
+    Args:
+        values: Plain values, nested to any depth.
+        prefix: Text before each name.
+
+    >>> flatten_settings({"arm": {"model": "ur5"}, "seed": 0})
+    [('arm.model', 'ur5'), ('seed', '0')]
+    """
+    lines: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            lines += flatten_settings(value, f"{name}.")
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            lines.append((name, ", ".join(_plain(item) for item in value)))
+        else:
+            lines.append((name, _plain(value)))
+    return lines
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Row:
+    """One row of a table.
+
+    Attributes:
+        cells: Text of each cell, the first being the name of the row.
+        kind: "ours", "paper", "paper first" (below a line), or empty; decides its style.
+    """
+
+    cells: tuple[str, ...]
+    kind: str = ""
+
+
+def make_row(*cells: str, kind: str = "") -> Row:
+    """Return a row; see `Row`."""
+    return Row(cells=cells, kind=kind)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table with a title.
+
+    Attributes:
+        title: Heading; may be empty in a report, which has its own.
+        heads: Names of the columns.
+        rows: Rows below the heads.
+        note: Text below the table.
+    """
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[Row, ...]
+    note: str = ""
+
+    def to_markdown(self) -> str:
+        """Return the table in GitHub's Markdown, with its title and note."""
+        lines = [f"**{self.title}**", ""]
+        lines.append("| " + " | ".join(self.heads) + " |")
+        lines.append("|" + "---|" * len(self.heads))
+        for row in self.rows:
+            cells = [f"**{cell}**" if row.kind == "ours" and cell else cell for cell in row.cells]
+            lines.append("| " + " | ".join(cells) + " |")
+        if self.note:
+            lines += ["", self.note]
+        return "\n".join(lines) + "\n"
+
+
+def paper_rows(rows: Sequence[PublishedRow]) -> list[Row]:
+    """Return rows of the paper as they stand below ours, without a count of casts."""
+    return [
+        make_row(
+            f"paper, table {row.table}: {row.method}",
+            "",
+            *published_cells(row),
+            kind="paper" if number else "paper first",
+        )
+        for number, row in enumerate(rows)
+    ]
+
+
+def _error_row(name: str, metrics: Metrics, key: str, kind: str) -> Row:
+    landed = metrics["status_counts"].get("ok", 0)
+    count = f"{landed} of {metrics['trial_count']}"
+    return make_row(name, count, *five_cells(metrics[key]), kind=kind)
+
+
+def method_table(
+    evaluations: Mapping[str, Metrics],
+    names: Mapping[str, str],
+    key: str,
+    title: str,
+    *,
+    published: bool = True,
+) -> Table:
+    """Make table II: every method on cable 1, and the paper's rows below.
+
+    Args:
+        evaluations: Metrics of `cablecast evaluate` by method.
+        names: Names of the methods; those of the paper as the paper's rows have them.
+        key: Name of the summary of errors, e.g. `errors_pct`.
+        title: Heading of the table.
+        published: Whether to show the paper's rows, too; it counts no misses.
+    """
+    medians = {method: metrics[key]["median_pct"] for method, metrics in evaluations.items()}
+    best = min(
+        (method for method, median in medians.items() if median is not None),
+        key=lambda method: medians[method],
+        default=None,
+    )
+    rows = [
+        _error_row(names.get(method, method), metrics, key, "ours" if method == best else "")
+        for method, metrics in evaluations.items()
+    ]
+    if published:
+        rows += paper_rows([row for row in PUBLISHED_ROWS if row.table == "II"])
+    return Table(title=title, heads=("method", "landed", *FIVE_HEADS), rows=tuple(rows))
+
+
+def cable_table(
+    evaluations: Mapping[str, Metrics], key: str, title: str, *, published: bool = True
+) -> Table:
+    """Make table III: the best method on every cable, each with the paper's row.
+
+    Args:
+        evaluations: Metrics of `cablecast evaluate` by cable.
+        key: Name of the summary of errors.
+        title: Heading of the table.
+        published: Whether to show the paper's rows, too; it counts no misses.
+    """
+    rows = []
+    for cable, metrics in evaluations.items():
+        rows.append(_error_row(cable, metrics, key, "ours"))
+        rows += [
+            make_row(f"paper: {cable}", "", *published_cells(row), kind="paper")
+            for row in PUBLISHED_ROWS
+            if published and (row.cable, row.method) == (cable, BEST_METHOD_PUBLISHED)
+        ]
+    return Table(title=title, heads=("cable", "landed", *FIVE_HEADS), rows=tuple(rows))
+
+
+SPLIT_PARTS = {
+    "repeatability": "equal casts land apart",
+    "mismatch": "the simulator is not the rig",
+    "model": "the model is not the simulator",
+    "plan": "no cast is expected to land on the target",
+}
+"""Cause of each part of an error, in words; see `cablecast.evaluation.evaluate`."""
+
+
+def measured_table(
+    evaluations: Mapping[str, Metrics], names: Mapping[str, str], cable: str
+) -> Table:
+    """Make a table of measurements that tell where the errors of each method start.
+
+    Args:
+        evaluations: Metrics of `cablecast evaluate` by method.
+        names: Names of the methods.
+        cable: Name of the cable that was cast.
+    """
+    rows = [
+        make_row(
+            names.get(method, method),
+            f"{metrics['targets_inside_coverage']} of {metrics['target_count']}",
+            pct(metrics["errors_inside_coverage_pct"]["median_pct"]),
+            pct(metrics["prediction_errors_pct"]["median_pct"]),
+        )
+        for method, metrics in evaluations.items()
+    ]
+    return Table(
+        title=f"Where the errors on {cable} start",
+        heads=("method", "targets in its coverage", "median error there", "from the expected"),
+        rows=tuple(rows),
+        note="A target is in the coverage of a method that expects one of its casts to land there. "
+        "From the expected: median distance between the expected and the actual landing of a "
+        "cast, whatever the target. In % of cable length.",
+    )
+
+
+def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
+    """Make a table of errors split into their causes; None where none was split.
+
+    Args:
+        evaluations: Metrics of `cablecast evaluate` by the name of their row.
+        title: Heading of the table.
+    """
+    splits = {
+        name: metrics["error_split"]
+        for name, metrics in evaluations.items()
+        if metrics.get("error_split")
+    }
+    if not splits:
+        return None
+    rows = []
+    for name, split in splits.items():
+        # A part that was not measured is not there.
+        parts = [part for part in SPLIT_PARTS if split["parts"].get(part, {}).get("rms_pct")]
+        rows.append(make_row(name, "", pct(split["rms_pct"]), "100", kind="ours"))
+        for part in parts:
+            values = split["parts"][part]
+            cells = (pct(values["median_pct"]), pct(values["rms_pct"]), pct(values["share_pct"], 0))
+            rows.append(make_row(SPLIT_PARTS[part], *cells))
+        outside = split["outside_coverage"]
+        count = f"{outside['cast_count']} of {split['cast_count']} casts"
+        name = f"at targets outside the coverage: {count}"
+        rows.append(make_row(name, "", "", pct(outside["share_pct"], 0)))
+    note = (
+        "Median and root mean square of the length of each part, in % of cable length, over the "
+        "casts that landed; and its share in the mean square of the whole error. The parts are "
+        "vectors that add up to the whole: one that pulls others back has a negative share."
+    )
+    if any(split["repeats"] == 1 for split in splits.values()):
+        note += (
+            " With one cast at each target, the scatter of equal casts cannot be told from the "
+            "simulator's deviation."
+        )
+    return Table(title=title, heads=("", "median", "rms", "share [%]"), rows=tuple(rows), note=note)
+
+
+def coverage_table(selection: Metrics) -> Table:
+    """Make a table of the coverage of every combination of system parameters, beside the paper's.
+
+    Args:
+        selection: Metrics of `cablecast select`.
+    """
+    published = {(c.r0, c.v_max, c.with_psi): c for c in PUBLISHED_CANDIDATES}
+    chosen = tuple(selection["choice"][name] for name in ("r0", "v_max", "with_psi"))
+    rows = []
+    for result in selection["coverage"]:
+        key = (result["r0"], result["v_max"], result["with_psi"])
+        paper = published.get(key)
+        repeat = result.get("repeatability") or {}
+        low, high = sorted(result["share_by_ratio"].values())
+        rows.append(
+            make_row(
+                f"r0 = {key[0]:g} m, v_max = {key[1]:g} m/s" + ", psi" * key[2],
+                str(result["feasible_count"]),
+                pct(100 * result["share"]),
+                f"{100 * low:.1f} to {100 * high:.1f}",
+                pct(100 * paper.coverage) if paper else "",
+                pct(repeat.get("scatter_pct"), 2) if repeat else "",
+                pct(paper.scatter_pct, 2) if paper else "",
+                pct(100 * repeat["off_table_share"]) if repeat else "",
+                pct(100 * paper.off_table_share) if paper and paper.off_table_share else "",
+                kind="ours" if key == chosen else "",
+            )
+        )
+    polar = selection["polar_casting"]["share"]
+    rows.append(make_row("polar casting", "", pct(100 * polar), *[""] * 6))
+    ratio = selection["coverage"][0]["hull_ratio"]
+    ratios = " and ".join(selection["coverage"][0]["share_by_ratio"])
+    return Table(
+        title="Coverage in % of the half disc, and repeatability in % of cable length",
+        heads=(
+            "",
+            "casts",
+            "coverage",
+            f"with hull ratios {ratios}",
+            "paper",
+            "scatter",
+            "paper",
+            "off table",
+            "paper",
+        ),
+        rows=tuple(rows),
+        note=f"Coverage by concave hulls of ratio {ratio:g}; the paper does not state its own.",
+    )
+
+
+def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
+    """Make table I: the simulator's distance from the rig before and after tuning.
+
+    Args:
+        tunings: Metrics of `cablecast tune` by cable.
+    """
+    rows = []
+    for cable, metrics in tunings.items():
+        default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
+        rows.append(
+            make_row(
+                cable,
+                pct(default["final_median_pct"]),
+                pct(tuned["final_median_pct"]),
+                pct(default["mean_pct"]),
+                pct(tuned["mean_pct"]),
+                f"{metrics['simulation_count']:,}",
+                kind="ours",
+            )
+        )
+        if (paper := published_tuning(cable)) is not None:
+            rows.append(
+                make_row(
+                    f"paper: {cable}",
+                    pct(paper.default_final_pct),
+                    pct(paper.tuned_final_pct),
+                    pct(paper.default_mean_pct),
+                    pct(paper.tuned_mean_pct),
+                    f"about {PUBLISHED_SIMULATION_COUNT:,}",
+                    kind="paper",
+                )
+            )
+    return Table(
+        title="Distance between simulated and measured endpoints on validation casts",
+        heads=(
+            "",
+            "at rest, default",
+            "at rest, tuned",
+            "on the way, default",
+            "on the way, tuned",
+            "simulations",
+        ),
+        rows=tuple(rows),
+        note="At rest: median of the final distance. On the way: equation 4. In % of cable length.",
+    )
+
+
+def difficulty_table(tunings: Mapping[str, Metrics], selection: Metrics | None) -> Table | None:
+    """Compare the rig's difficulty with the real one's: what was measured before any fit.
+
+    Args:
+        tunings: Metrics of `cablecast tune` by cable.
+        selection: Metrics of `cablecast select`, if it was run.
+    """
+    rows = []
+    for cable, metrics in tunings.items():
+        paper = published_tuning(cable)
+        rows.append(
+            make_row(
+                f"{cable}: median distance at rest of an untuned simulator",
+                pct(metrics["validation"]["default"]["final_median_pct"]),
+                pct(paper.default_final_pct) if paper else "",
+            )
+        )
+    for result in selection["coverage"] if selection else ():
+        repeated = result["repeatability"]
+        if repeated is None:
+            continue
+        name = f"v_max {result['v_max']:g} m/s" + " with psi" * result["with_psi"]
+        paper = published_repeatability(result["v_max"], result["with_psi"])
+        off_table = paper.off_table_share if paper else None
+        rows += [
+            make_row(
+                f"{name}: scatter of equal casts",
+                pct(repeated["scatter_pct"], 2),
+                pct(paper.scatter_pct, 2) if paper else "",
+            ),
+            make_row(
+                f"{name}: casts that left the table [%]",
+                pct(100 * repeated["off_table_share"]),
+                "" if off_table is None else pct(100 * off_table),
+            ),
+        ]
+    if not rows:
+        return None
+    return Table(
+        title="How difficult the rig is",
+        heads=("in % of cable length, unless stated otherwise", "here", "paper"),
+        rows=tuple(rows),
+    )
+
+
+def time_table(times: Sequence[tuple[str, float]]) -> Table:
+    """Make a table of the time that each stage took.
+
+    Args:
+        times: Title and time [s] of each stage.
+    """
+    rows = [make_row(title, f"{seconds / 60:.1f}") for title, seconds in times]
+    total = sum(seconds for _, seconds in times)
+    rows.append(make_row("all", f"{total / 60:.1f}", kind="ours"))
+    return Table(title="Time of each stage", heads=("stage", "min"), rows=tuple(rows))
