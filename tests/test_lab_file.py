@@ -65,6 +65,66 @@ def test_a_section_on_one_line_is_written_out(tmp_path):
     }
 
 
+BY_HAND = """---
+# my lab
+cable:    cable_1     # the blue one
+camera:   # a webcam
+    source: "0"
+    rate:   30.0        # mine
+    tags:   # by tape
+    - {id: 1, x: 0, y: 0}
+    - {id: 2,  x: 0, y: 1}   # beside the door
+    - {id: 3, x: 1.00, y: 0}
+    - {id: 4, x: 1, y: 1}
+
+arm:
+  limits:
+      velocity: [1, 1,
+                 1, 1, 1, 1]
+  base_height: 0.10   # by tape
+
+# the end
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "change"),
+    [
+        ("30.0  ", "25.0  ", {"camera": {"rate": 25.0}}),
+        ("0.10  ", "0.1795  ", {"arm": {"base_height": 0.1795}}),
+        ("# by tape\n\n", "# by tape\n  model: ur5e\n\n", {"arm": {"model": "ur5e"}}),
+        ('"0"', "rtsp://a.b/c?d=e#f", {"camera": {"source": "rtsp://a.b/c?d=e#f"}}),
+        ('"0"', "'7'", {"camera": {"source": "7"}}),
+    ],
+)
+def test_only_the_characters_of_a_value_change(tmp_path, old, new, change):
+    file = tmp_path / "lab.yaml"
+    file.write_text(BY_HAND)
+    update_lab_file(file, change)
+    assert file.read_text() == BY_HAND.replace(old, new, 1)
+    load_setup(file)
+
+
+def test_rows_replace_rows_at_their_indentation_and_comments_around_them_stay(tmp_path):
+    file = tmp_path / "lab.yaml"
+    file.write_text(BY_HAND)
+    tags = [{"id": k, "x": k % 2, "y": k // 2} for k in range(4)]
+    update_lab_file(file, {"camera": {"tags": tags}})
+    rows = "".join(f"    - {{id: {k}, x: {k % 2}, y: {k // 2}}}\n" for k in range(4))
+    before, after = BY_HAND.index("    - {id: 1"), BY_HAND.index("\narm:")
+    assert file.read_text() == BY_HAND[:before] + rows + BY_HAND[after:]
+
+
+def test_a_section_without_keys_takes_them(tmp_path):
+    file = tmp_path / "lab.yaml"
+    for text in ("arm:\ncable: cable_2\n", "arm: {}\ncable: cable_2", "arm: ~\ncable: cable_2"):
+        file.write_text(text)
+        update_lab_file(file, {"arm": {"model": "ur5e", "base_height": 0.1}})
+        setup = load_setup(file)
+        assert (setup.arm.model, setup.arm.base_height) == ("ur5e", 0.1)
+        assert setup.cable.name == "cable_2"
+
+
 def test_a_change_that_makes_no_sense_leaves_the_file_alone(tmp_path):
     file = tmp_path / "lab.yaml"
     file.write_text("arm: {model: ur5e}\n")

@@ -1,12 +1,8 @@
-"""Setup: cable, workspace, arm and motion settings as one object, and as one lab file.
-
-Changes to a lab file that leave alone what else a person wrote into it.
-"""
+"""Setup: cable, workspace, arm and motion settings as one object, and as one lab file."""
 
 import dataclasses
 import os
 import pathlib
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -256,7 +252,7 @@ def save_setup(setup: Setup, path: str | os.PathLike[str]) -> None:
 
 
 def update_lab_file(path: pathlib.Path, changes: Mapping[str, Mapping[str, Any]]) -> None:
-    """Set keys of a lab file, and keep its other lines and its comments.
+    """Set keys of a lab file, and keep every other character of it.
 
     Args:
         path: Lab file.
@@ -275,101 +271,87 @@ def update_lab_file(path: pathlib.Path, changes: Mapping[str, Mapping[str, Any]]
         if not isinstance(old, Mapping):
             raise InputError(f"section `{name}` of {path} must be a mapping to be changed")
         values[name] = {**old, **section}
-        changed = _with_section(text, name, section)
-        if _parse(changed) != values:
-            # Written in a way that cannot be changed line by line, such as {a: 1, b: 2}.
-            changed = _without_section(text, name) + _block(name, values[name])
-        text = changed
-    if _parse(text) != values:
+        for key, value in section.items():
+            text = _with_value(text, name, key, value)
+    try:
+        written = parse_yaml(text, str(path))
+    except InputError:
+        written = None
+    if written != values:
         raise InputError(f"{path} cannot be changed: write each section on lines of its own")
     Setup.from_dict(values, path.parent)
     write_text(path, text)
 
 
-def _with_section(text: str, name: str, section: Mapping[str, Any]) -> str:
-    """Return a text with some keys of a section set."""
-    lines = text.splitlines()
-    begin, end = _section(lines, name)
-    if begin is None:
-        return text.rstrip("\n") + "\n" + _block(name, section)
-    written = [line for line in lines[begin + 1 : end] if line.strip()[:1] not in ("", "#")]
-    indent = _indent(written[0]) if written else 2
-    for key, value in section.items():
-        _, end = _section(lines, name)
-        new = [" " * indent + line for line in _dump({key: value}).splitlines()]
-        for place in range(begin + 1, end):
-            if re.match(rf" {{{indent}}}{re.escape(key)}\s*:", lines[place]):
-                stop = place + 1
-                while stop < end and _belongs(lines[stop], indent):
-                    stop += 1
-                if len(new) == 1 and stop == place + 1 and (tail := _comment(lines[place])):
-                    new[0] += tail
-                lines[place:stop] = new
-                break
-        else:
-            lines[end:end] = new
-    return "\n".join(lines) + "\n"
+def _with_value(text: str, name: str, key: str, value: Any) -> str:
+    """Return the text of a lab file with one key of a section set.
+
+    Libraries that write YAML back, such as ruamel.yaml, indent and align a whole file anew. The
+    parser says where each value stands, so that only its characters are replaced.
+    """
+    root = yaml.compose(text, yaml.SafeLoader)
+    section = _entry(root, name)
+    if section is None:
+        return text.rstrip("\n") + f"\n{name}:\n  {key}:{_written(value, 2)}\n"
+    if not isinstance(section, yaml.MappingNode):
+        return _replaced(text, section, f"\n  {key}:{_written(value, 2)}")
+    if section.flow_style:
+        if (old := _entry(section, key)) is not None:
+            return _replaced(text, old, _flow(value))
+        end = section.end_mark.index - 1
+        comma = ", " if section.value else ""
+        return f"{text[:end].rstrip()}{comma}{key}: {_flow(value)}{text[end:]}"
+    indent = section.start_mark.column
+    new = _written(value, indent)
+    if (old := _entry(section, key)) is None:
+        end = text.find("\n", _end(section))
+        end = len(text) if end < 0 else end
+        return f"{text[:end]}\n{' ' * indent}{key}:{new}{text[end:]}"
+    if isinstance(old, yaml.CollectionNode) and not old.flow_style:
+        # It starts on a line of its own, maybe after a comment.
+        new = _written(value, indent, old.start_mark.column).lstrip()
+    elif not new.startswith("\n"):
+        new = new.lstrip()
+    return _replaced(text, old, new)
 
 
-def _without_section(text: str, name: str) -> str:
-    """Return a text without a section."""
-    lines = text.splitlines()
-    begin, end = _section(lines, name)
-    if begin is not None:
-        del lines[begin:end]
-    return "\n".join(lines).rstrip("\n") + "\n"
+def _entry(mapping: yaml.Node | None, name: str) -> yaml.Node | None:
+    """Return the value of a key, None where there is none."""
+    pairs = mapping.value if isinstance(mapping, yaml.MappingNode) else []
+    return next((value for key, value in pairs if key.value == name), None)
 
 
-def _section(lines: list[str], name: str) -> tuple[int | None, int]:
-    """Return the first line of a section, and the line after its last; None where there is none."""
-    for begin, line in enumerate(lines):
-        if re.match(rf"{re.escape(name)}\s*:", line):
-            end = begin + 1
-            last = end
-            while end < len(lines) and (not lines[end].strip() or lines[end][0] in " #-"):
-                # Comments and empty lines before the next section are its own.
-                if lines[end].strip() and lines[end][0] in " -":
-                    last = end + 1
-                end += 1
-            return begin, last
-    return None, len(lines)
+def _replaced(text: str, node: yaml.Node, new: str) -> str:
+    return text[: node.start_mark.index] + new + text[_end(node) :]
 
 
-def _belongs(line: str, indent: int) -> bool:
-    """Return whether a line goes on with the value of a key at some indentation."""
-    if not line.strip():
-        return False
-    return _indent(line) > indent or (_indent(line) == indent and line.lstrip().startswith("- "))
+def _end(node: yaml.Node) -> int:
+    """Return where the last character of a node stands, before the comments that follow it."""
+    while isinstance(node, yaml.CollectionNode) and not node.flow_style:
+        last = node.value[-1]
+        node = last[1] if isinstance(last, tuple) else last
+    return node.end_mark.index
 
 
-def _indent(line: str) -> int:
-    return len(line) - len(line.lstrip(" "))
+def _written(value: Any, indent: int, column: int | None = None) -> str:
+    """Return a value as it follows the colon of its key: on the same line, or in a block below.
+
+    Args:
+        value: Plain value.
+        indent: Column of the key.
+        column: Column of a block; two right of the key where None.
+    """
+    start = "\n" + " " * (indent + 2 if column is None else column)
+    if isinstance(value, Mapping) and value:
+        return start + start.join(f"{key}: {_flow(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value):
+        return start + start.join(f"- {_flow(item)}" for item in value)
+    return f" {_flow(value)}"
 
 
-def _comment(line: str) -> str:
-    """Return the comment at the end of a line with a plain value, and the blanks before it."""
-    match = re.match(r"\s*\w+\s*:\s*[^'\"#\s]+(\s+#.*)$", line)
-    return match.group(1) if match else ""
-
-
-def _block(name: str, section: Mapping[str, Any]) -> str:
-    """Return a section, each key on a line of its own."""
-    lines = [line for key, value in section.items() for line in _dump({key: value}).splitlines()]
-    return "\n".join([f"{name}:", *(f"  {line}" for line in lines)]) + "\n"
-
-
-def _dump(values: Mapping[str, Any]) -> str:
+def _flow(value: Any) -> str:
+    """Return a value on one line."""
     text = yaml.safe_dump(
-        dict(values), sort_keys=False, allow_unicode=True, default_flow_style=None, width=96
+        value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=1e9
     )
-    # A mapping of one plain value comes in braces.
-    if text.startswith("{"):
-        text = yaml.safe_dump(dict(values), allow_unicode=True, default_flow_style=False)
-    return text
-
-
-def _parse(text: str) -> Any:
-    try:
-        return parse_yaml(text, "lab file")
-    except InputError:
-        return None
+    return text.removesuffix("...\n").strip()
