@@ -56,9 +56,12 @@ def test_built_in_functions_return_values_at_once():
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("x = = 1", "line 2: .* is no expression"),
+        ("x = = 1", "line 2: .* is no statement"),
         ("while True:\n  x = 1", "ends before end"),
         ("hello", "line 2: 'hello' is no statement"),
+        ("import os", "line 2: 'import os' is no statement"),
+        ("def f(x=1):\nend", "is no definition"),
+        ("end", "line 3: 'end' is no statement"),
         ("hello()", "there is no function 'hello'"),
         ("sleep(y)", "there is no name 'y'"),
         ("x = __import__", "there is no name"),

@@ -5,15 +5,16 @@ controller hands in. Built-in functions that take time, such as `servoj`, give t
 controller, which carries it out and then goes on with the program. Anything else is refused when
 the program is loaded, as the real controller refuses a program that does not compile.
 
+URScript's expressions are a part of Python's, so a program is rewritten in Python's grammar, line
+by line, and its syntax tree is walked. Nothing of it ever runs as Python.
+
 Source of the language: Universal Robots, "The URScript Programming Language".
 """
 
 import ast
-import dataclasses
-import json
 import operator
 import re
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 from cablecast.errors import InputError
@@ -27,7 +28,8 @@ Command = tuple[str, tuple[Any, ...], dict[str, Any]]
 """Name of a function that takes time, its arguments, and its named arguments."""
 Run = Generator[Command, None, Any]
 
-_CALL = re.compile(r"(\w+)\((.*)\)$", re.DOTALL)
+_DEFINITION = re.compile(r"def\s+\w+\([\w\s,]*\)\s*:")
+_SCOPED = re.compile(r"(global|local)\s+(\w+)\s*=(?!=)")
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -49,19 +51,6 @@ class ScriptError(InputError):
     """A program that does not compile, or stops with an error."""
 
 
-@dataclasses.dataclass
-class _Statement:
-    kind: str
-    line: int
-    name: str = ""
-    value: ast.expr | None = None
-    arguments: tuple[str, ...] = ()
-    plain: list[Any] = dataclasses.field(default_factory=list)
-    blocks: list[tuple[ast.expr | None, list["_Statement"]]] = dataclasses.field(
-        default_factory=list
-    )
-
-
 class Program:
     """One program, `def name(): ... end`, ready to run.
 
@@ -75,14 +64,16 @@ class Program:
     def __init__(self, text: str):
         if len(text) > PROGRAM_SIZE_MAX:
             raise ScriptError(f"the program has {len(text)} characters, more than allowed")
-        lines = [
-            (number, stripped)
-            for number, line in enumerate(text.splitlines(), 1)
-            if (stripped := line.split("#", 1)[0].strip())
-        ]
-        parser = _Parser(lines)
-        statements = parser.block(())
-        if len(statements) != 1 or statements[0].kind != "def":
+        lines = [line.split("#", 1)[0].strip() for line in text.splitlines()]
+        source = _as_python(lines)
+        try:
+            statements = ast.parse(source).body
+        except SyntaxError as error:
+            raise _no_statement(lines, error.lineno or 1) from None
+        except (ValueError, RecursionError, MemoryError):
+            raise ScriptError("the program is no URScript") from None
+        _check_statements(statements, lines)
+        if len(statements) != 1 or not isinstance(statements[0], ast.FunctionDef):
             raise ScriptError("a program is one definition: def name(): ... end")
         self._main = statements[0]
 
@@ -102,80 +93,54 @@ class Program:
             ScriptError: A name is unknown, or a value of the wrong kind.
         """
         try:
-            yield from _Machine(instant, timed).body(self._main.blocks[0][1], {})
+            yield from _Machine(instant, timed).body(self._main.body, {})
         except _Return as returned:
             return returned.value
 
 
-class _Parser:
-    """Turns lines into statements."""
-
-    def __init__(self, lines: list[tuple[int, str]]):
-        self.lines = lines
-        self.at = 0
-
-    def block(self, ends: tuple[str, ...]) -> list[_Statement]:
-        """Parse statements up to a line that ends the block, which is left to the caller."""
-        statements = []
-        while self.at < len(self.lines):
-            number, line = self.lines[self.at]
-            word = re.split(r"[\s:(]", line, maxsplit=1)[0]
-            if word in ends:
-                return statements
-            self.at += 1
-            statements.append(self._statement(number, line, word))
-        if ends:
-            raise ScriptError(f"the program ends before {' or '.join(ends)}")
-        return statements
-
-    def _statement(self, number: int, line: str, word: str) -> _Statement:
-        if word == "def":
-            match = re.fullmatch(r"def\s+(\w+)\(([\w\s,]*)\):", line)
-            if not match:
-                raise ScriptError(f"line {number}: {line[:60]!r} is no definition")
-            names = tuple(part.strip() for part in match[2].split(",") if part.strip())
-            body = self.block(("end",))
-            self.at += 1
-            return _Statement("def", number, match[1], arguments=names, blocks=[(None, body)])
-        if word in ("if", "while"):
-            return self._branch(number, line, word)
-        if word == "return":
-            rest = line[len("return") :].strip()
-            return _Statement("return", number, value=_expression(rest or "None", number))
-        match = re.fullmatch(r"(?:(global|local)\s+)?(\w+)\s*=(?!=)\s*(.+)", line)
-        if match:
-            kind = match[1] or "set"
-            return _Statement(kind, number, match[2], value=_expression(match[3], number))
-        match = _CALL.fullmatch(line)
-        if not match:
-            raise ScriptError(f"line {number}: {line[:60]!r} is no statement")
-        try:
-            # A path is thousands of calls with plain numbers, which JSON reads ten times as fast.
-            return _Statement("plain call", number, match[1], plain=json.loads(f"[{match[2]}]"))
-        except ValueError:
-            return _Statement("call", number, value=_expression(line, number))
-
-    def _branch(self, number: int, line: str, word: str) -> _Statement:
-        if not line.endswith(":"):
-            raise ScriptError(f"line {number}: {line[:60]!r} lacks its colon")
-        statement = _Statement(word, number)
-        condition = _expression(line[len(word) : -1], number)
-        while True:
-            body = self.block(("elif", "else", "end") if word == "if" else ("end",))
-            statement.blocks.append((condition, body))
-            number, line = self.lines[self.at]
-            self.at += 1
-            if line == "end":
-                return statement
-            condition = _expression(line[4:-1], number) if line.startswith("elif") else None
+def _as_python(lines: Sequence[str]) -> str:
+    """Return a program in Python's grammar, line by line the same."""
+    depth, written = 0, []
+    for number, line in enumerate(lines, 1):
+        word = re.split(r"[\s:(]", line, maxsplit=1)[0]
+        here = depth - (word in ("elif", "else"))
+        if word == "def" and not _DEFINITION.fullmatch(line):
+            raise ScriptError(f"line {number}: {line[:60]!r} is no definition")
+        if word in ("def", "if", "while"):
+            depth += 1
+        elif word == "end":
+            # A block may be empty.
+            line, depth = "pass", depth - 1
+        if here < 0 or depth < 0:
+            raise _no_statement(lines, number)
+        written.append(" " * here + _SCOPED.sub(r"\2: '\1' =", line))
+    if depth:
+        raise ScriptError("the program ends before end")
+    return "\n".join(written)
 
 
-def _expression(text: str, number: int) -> ast.expr:
-    """Parse an expression; URScript's are a part of Python's."""
-    try:
-        return ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError):
-        raise ScriptError(f"line {number}: {text[:60]!r} is no expression") from None
+def _no_statement(lines: Sequence[str], number: int) -> ScriptError:
+    return ScriptError(f"line {number}: {lines[number - 1][:60]!r} is no statement")
+
+
+def _check_statements(statements: Sequence[ast.stmt], lines: Sequence[str]) -> None:
+    """Refuse statements that Python has and URScript has not."""
+    for statement in statements:
+        match statement:
+            case ast.FunctionDef(body=body) | ast.While(body=body, orelse=[]):
+                _check_statements(body, lines)
+            case ast.If(body=body, orelse=otherwise):
+                _check_statements([*body, *otherwise], lines)
+            case (
+                ast.Pass()
+                | ast.Return()
+                | ast.Expr(value=ast.Call())
+                | ast.Assign(targets=[ast.Name()])
+                | ast.AnnAssign(target=ast.Name(), annotation=ast.Constant("global" | "local"))
+            ):
+                pass
+            case _:
+                raise _no_statement(lines, statement.lineno)
 
 
 class _Return(Exception):  # noqa: N818 - it is no error
@@ -189,63 +154,54 @@ class _Machine:
     def __init__(self, instant: Mapping[str, Callable[..., Any]], timed: set[str]):
         self.instant = instant
         self.timed = timed
-        self.globals: dict[str, Any] = {"True": True, "False": False}
-        self.functions: dict[str, _Statement] = {}
+        self.globals: dict[str, Any] = {}
+        self.functions: dict[str, ast.FunctionDef] = {}
         self.steps = 0
 
-    def body(self, statements: list[_Statement], scope: dict[str, Any]) -> Run:
+    def body(self, statements: Sequence[ast.stmt], scope: dict[str, Any]) -> Run:
         """Run statements one after another."""
         for statement in statements:
             self.steps += 1
             if self.steps > STEP_COUNT_MAX:
-                raise ScriptError(f"line {statement.line}: an endless loop without a motion")
+                raise ScriptError(f"line {statement.lineno}: an endless loop without a motion")
             try:
                 yield from self._statement(statement, scope)
             except (TypeError, ValueError, ZeroDivisionError, IndexError, KeyError) as error:
-                raise ScriptError(f"line {statement.line}: {error}") from None
+                raise ScriptError(f"line {statement.lineno}: {error}") from None
 
-    def _statement(self, statement: _Statement, scope: dict[str, Any]) -> Run:
-        kind, value = statement.kind, statement.value
-        if kind == "def":
-            self.functions[statement.name] = statement
-        elif kind == "if":
-            for condition, block in statement.blocks:
-                if condition is None or self._evaluate(condition, scope):
-                    yield from self.body(block, scope)
-                    break
-        elif kind == "while":
-            condition, block = statement.blocks[0]
-            while condition is not None and self._evaluate(condition, scope):
-                yield from self.body(block, scope)
-        elif kind == "plain call":
-            yield from self._invoke(statement.name, tuple(statement.plain), {})
-        elif kind == "call" and isinstance(value, ast.Call):
-            yield from self._call(value, scope)
-        elif value is not None:
-            result = self._evaluate(value, scope)
-            if kind == "return":
-                raise _Return(result)
-            if kind == "local" or (kind == "set" and statement.name in scope):
-                scope[statement.name] = result
-            else:
-                self.globals[statement.name] = result
+    def _statement(self, statement: ast.stmt, scope: dict[str, Any]) -> Run:
+        match statement:
+            case ast.FunctionDef(name=name):
+                self.functions[name] = statement
+            case ast.If(test=test, body=body, orelse=otherwise):
+                yield from self.body(body if self._evaluate(test, scope) else otherwise, scope)
+            case ast.While(test=test, body=body):
+                while self._evaluate(test, scope):
+                    yield from self.body(body, scope)
+            case ast.Expr(value=ast.Call() as call):
+                yield from self._call(call, scope)
+            case ast.Return(value=value):
+                raise _Return(None if value is None else self._evaluate(value, scope))
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                inner = name in scope
+                (scope if inner else self.globals)[name] = self._evaluate(value, scope)
+            case ast.AnnAssign(
+                target=ast.Name(id=name), annotation=ast.Constant(kind), value=ast.expr() as value
+            ):
+                (scope if kind == "local" else self.globals)[name] = self._evaluate(value, scope)
 
     def _call(self, call: ast.Call, scope: dict[str, Any]) -> Run:
-        """Run a call, and return its value."""
+        """Run a function, and return its value."""
         name = call.func.id if isinstance(call.func, ast.Name) else ""
         values = tuple(self._evaluate(argument, scope) for argument in call.args)
         named = {str(k.arg): self._evaluate(k.value, scope) for k in call.keywords}
-        return (yield from self._invoke(name, values, named))
-
-    def _invoke(self, name: str, values: tuple[Any, ...], named: dict[str, Any]) -> Run:
-        """Run a function, and return its value."""
         if name in self.functions:
             function = self.functions[name]
-            if len(values) != len(function.arguments) or named:
-                raise TypeError(f"{name} takes {len(function.arguments)} arguments")
+            names = [argument.arg for argument in function.args.args]
+            if len(values) != len(names) or named:
+                raise TypeError(f"{name} takes {len(names)} arguments")
             try:
-                inner = dict(zip(function.arguments, values, strict=True))
-                yield from self.body(function.blocks[0][1], inner)
+                yield from self.body(function.body, dict(zip(names, values, strict=True)))
             except _Return as returned:
                 return returned.value
             return None
@@ -258,34 +214,34 @@ class _Machine:
         raise KeyError(f"there is no function {name!r}")
 
     def _evaluate(self, node: ast.expr, scope: dict[str, Any]) -> Any:
-        if isinstance(node, ast.Constant):
-            return node.value
-        if isinstance(node, ast.Name):
-            if node.id in scope:
-                return scope[node.id]
-            if node.id in self.globals:
-                return self.globals[node.id]
-            raise KeyError(f"there is no name {node.id!r}")
-        if isinstance(node, ast.List):
-            return [self._evaluate(item, scope) for item in node.elts]
-        if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
-            return _OPERATORS[type(node.op)](self._evaluate(node.operand, scope))
-        if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-            left, right = self._evaluate(node.left, scope), self._evaluate(node.right, scope)
-            return _OPERATORS[type(node.op)](left, right)
-        if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _OPERATORS:
-            left = self._evaluate(node.left, scope)
-            return _OPERATORS[type(node.ops[0])](left, self._evaluate(node.comparators[0], scope))
-        if isinstance(node, ast.BoolOp):
-            values = (self._evaluate(value, scope) for value in node.values)
-            return all(values) if isinstance(node.op, ast.And) else any(values)
-        if isinstance(node, ast.Subscript):
-            return self._evaluate(node.value, scope)[self._evaluate(node.slice, scope)]
-        if isinstance(node, ast.Call):
-            run = self._call(node, scope)
-            try:
-                name, *_ = next(run)
-            except StopIteration as stop:
-                return stop.value
-            raise TypeError(f"{name} takes time and has no value")
+        match node:
+            case ast.Constant(value=value):
+                return value
+            case ast.Name(id=name):
+                for names in (scope, self.globals):
+                    if name in names:
+                        return names[name]
+                raise KeyError(f"there is no name {name!r}")
+            case ast.List(elts=items):
+                return [self._evaluate(item, scope) for item in items]
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
+                return _OPERATORS[type(op)](self._evaluate(operand, scope))
+            case (
+                ast.BinOp(left=left, op=op, right=right)
+                | ast.Compare(left=left, ops=[op], comparators=[right])
+            ) if type(op) in _OPERATORS:
+                one, other = self._evaluate(left, scope), self._evaluate(right, scope)
+                return _OPERATORS[type(op)](one, other)
+            case ast.BoolOp(op=op, values=parts):
+                values = (self._evaluate(part, scope) for part in parts)
+                return all(values) if isinstance(op, ast.And) else any(values)
+            case ast.Subscript(value=value, slice=index):
+                return self._evaluate(value, scope)[self._evaluate(index, scope)]
+            case ast.Call():
+                run = self._call(node, scope)
+                try:
+                    name, *_ = next(run)
+                except StopIteration as stop:
+                    return stop.value
+                raise TypeError(f"{name} takes time and has no value")
         raise TypeError(f"a {type(node).__name__} is not understood")
