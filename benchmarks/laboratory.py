@@ -12,9 +12,11 @@ import pathlib
 import tempfile
 
 import numpy as np
+from scipy import stats
 
 from benchmarks.common import Table, write_json
 from cablecast.cli.progress import console_progress
+from cablecast.conventions import xy_to_polar
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.evaluation.published import PUBLISHED_REPEATABILITY, PublishedRepeatability
@@ -152,7 +154,7 @@ def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path
             progress=progress,
         )
     ratio = result.scatter_pct / published.scatter_pct
-    growth = result.growth()
+    growth = growth_of_scatter(result)
     return (
         published.v_max,
         "yes" if published.with_psi else "no",
@@ -169,6 +171,26 @@ def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path
         growth["distance"],
         growth["width"],
     )
+
+
+def growth_of_scatter(result: Repeatability) -> dict[str, float]:
+    """Return rank correlations of the scatter with the landing; NaN below three actions.
+
+    `distance` is the correlation with the distance from the base, `width` that with the angle
+    from the workspace axis.
+    """
+    known = np.isfinite(result.scatters_pct)
+    if known.sum() < 3:
+        return {"distance": np.nan, "width": np.nan}
+    polar = xy_to_polar([a.mean_xy for a in result.actions])[known]
+    scatter = result.scatters_pct[known]
+    places = {"distance": polar[:, 0], "width": np.abs(polar[:, 1])}
+    return {
+        name: float(stats.spearmanr(values, scatter)[0])  # pyright: ignore[reportArgumentType]
+        if np.ptp(values) > 0 and np.ptp(scatter) > 0
+        else np.nan
+        for name, values in places.items()
+    }
 
 
 def median_scatter(result: Repeatability) -> float:
@@ -195,7 +217,7 @@ def real_row(real_cable: str) -> tuple:
             for xy in landings.values()
         ),
     )
-    growth = result.growth()
+    growth = growth_of_scatter(result)
     return (
         real_cable,
         len(result.actions),

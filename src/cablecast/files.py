@@ -13,6 +13,7 @@ import functools
 import glob
 import hashlib
 import importlib.metadata
+import io
 import json
 import os
 import pathlib
@@ -20,6 +21,7 @@ import platform
 import re
 import shutil
 import tempfile
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import yaml
@@ -293,6 +295,21 @@ def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[st
         if any(row[name] is None for name in columns):
             raise InputError(f"line {number} of {path} has too few cells")
     return rows
+
+
+def write_csv(path: pathlib.Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table whole; see `write_bytes`.
+
+    Args:
+        path: File to write.
+        columns: Names of the columns.
+        rows: Cells of each row.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
 
 
 def seal(values: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from cablecast.evaluation.evaluate import difference_interval, median_interval
+from cablecast.evaluation.evaluate import (
+    difference_interval,
+    median_interval,
+    share_of_smaller_median,
+)
 
 
 def test_the_interval_holds_the_true_median_about_nine_times_in_ten():
@@ -33,3 +37,13 @@ def test_a_difference_in_the_same_cases_is_surer_than_in_others():
 def test_the_same_values_give_the_same_interval():
     values = np.random.default_rng(1).normal(size=30)
     assert median_interval(values) == median_interval(values)
+
+
+def test_an_order_of_methods_is_told_from_chance_by_drawing_the_targets_anew():
+    errors = np.random.default_rng(0).uniform(0.0, 20.0, size=(32, 5))
+    errors[3, 1:] = np.nan
+    assert share_of_smaller_median(errors, errors + 5.0) == 1.0
+    assert share_of_smaller_median(errors + 5.0, errors) == 0.0
+    # A method that is better at every second target is better by chance.
+    other = errors[np.arange(32)[::-1]]
+    assert 0.2 < share_of_smaller_median(errors, other) < 0.8

@@ -81,8 +81,6 @@ def test_the_scatter_is_the_standard_deviation_about_the_mean_over_both_directio
     square = scatter_of([[0.01, 1.0], [-0.01, 1.0], [0.0, 1.01], [0.0, 0.99]])
     assert square.scatter == pytest.approx(0.01)
     np.testing.assert_allclose(square.mean_xy, [0.0, 1.0])
-    # All four lie equally far from the mean.
-    assert square.scatter_of_distances == pytest.approx(0.0, abs=1e-12)
     pair = scatter_of([[0.0, 1.0], [0.03, 1.04]])
     assert pair.scatter == pytest.approx(0.025)
 
@@ -132,19 +130,6 @@ def test_the_paper_s_mean_runs_over_actions_not_over_casts():
     assert result.scatter_standard_error_pct == pytest.approx(result.scatter_pct)
     assert np.isnan(result.scatters_pct[2])
     assert result.to_dict()["scattered_action_count"] == 2
-    assert result.to_dict()["growth_with_distance"] is None
-
-
-def test_growth_tells_whether_far_actions_scatter_more():
-    def around(x, y, size):
-        return scatter_of([[x + size, y], [x - size, y]])
-
-    far_scatters = Repeatability(
-        setup=SETUP,
-        rig={},
-        actions=(around(0.0, 0.5, 0.001), around(0.1, 0.8, 0.004), around(0.3, 1.2, 0.01)),
-    )
-    assert far_scatters.growth() == pytest.approx({"distance": 1.0, "width": 1.0})
 
 
 def test_repeated_actions_are_those_of_the_paper_s_grid_that_the_arm_can_make():

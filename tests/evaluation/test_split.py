@@ -59,11 +59,9 @@ def evaluation_of(trajectories, landed, predicted, status=None, repeats=REPEATS)
             target_index=target,
             repeat=repeat,
             target_xy=TARGETS[target],
-            action=trajectories[target].action,
             predicted_xy=predicted[target],
             track=track(landed[target, repeat], (status or {}).get(target, TrialStatus.OK)),
             trajectory=trajectories[target],
-            inside_coverage=target < 2,
         )
         for target in range(len(TARGETS))
         for repeat in range(repeats)
@@ -169,7 +167,8 @@ def test_one_cast_at_each_target_leaves_no_repeatability(trajectories):
 def test_casts_that_no_model_planned_are_refused(trajectories):
     landed = np.repeat(TARGETS[:, None], REPEATS, axis=1)
     evaluation = evaluation_of(trajectories, landed, TARGETS)
-    trials = tuple(dataclasses.replace(trial, action=None) for trial in evaluation.trials)
+    motion = dataclasses.replace(trajectories[0], action=None)
+    trials = tuple(dataclasses.replace(trial, trajectory=motion) for trial in evaluation.trials)
     evaluation = dataclasses.replace(evaluation, trials=trials)
     with pytest.raises(InputError, match="a model planned"):
         split_errors(evaluation, EnginePlaysTargets(TARGETS))

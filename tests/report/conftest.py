@@ -41,7 +41,6 @@ def make_evaluation():
                     target_index=index,
                     repeat=0,
                     target_xy=target,
-                    action=action,
                     predicted_xy=target + 0.002,
                     track=EndpointTrack(
                         times=TIMES,
@@ -50,7 +49,6 @@ def make_evaluation():
                         nodes=nodes if with_nodes else None,
                     ),
                     trajectory=trajectory,
-                    inside_coverage=index < 28,
                 )
             )
         return Evaluation(

@@ -1,18 +1,15 @@
-"""Coverage: share of the reachable half disc that a set of actions covers (section V-E).
+"""Coverage of the reachable half disc, and the choice of r0, v_max and action set from it.
 
 The endpoints of a grid of actions and their mirror images about the workspace axis span a concave
 hull. The coverage of a combination of r0 and v_max is the area of the hull within the half disc of
-radius r_max + r_c, as a share of that half disc.
-
-Selection: r0, v_max and the action set from coverage and repeatability (sections V-E and VI-B).
+radius r_max + r_c, as a share of that half disc (section V-E).
 
 The paper takes the r0 with the largest coverage, and then weighs coverage against repeatability by
-eye. Here the second step is a rule: maximise coverage among the repeatable combinations. With the
-paper's own figures, the rule makes the paper's choice.
+eye (section VI-B). Here the second step is a rule: maximise coverage among the repeatable
+combinations. With the paper's own figures, the rule makes the paper's choice.
 """
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -24,10 +21,9 @@ from cablecast.cast import TrialStatus
 from cablecast.conventions import mirror_xy
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import InputError, MissingExtraError, check_count, check_number
+from cablecast.errors import InputError, MissingExtraError, check_number
 from cablecast.evaluation.published import PUBLISHED_REPEATABILITY
-from cablecast.motion.action import ActionRanges, grid_actions
-from cablecast.motion.feasibility import ACTION_COUNT_MAX, check_actions
+from cablecast.motion.feasibility import feasible_of_grid
 from cablecast.motion.polar import PolarReach
 from cablecast.setup import MotionConfig, Setup
 
@@ -40,9 +36,6 @@ V_MAX_CHOICES = (1.2, 1.5, 1.8)
 """Speeds that the paper compares [m/s] (section V-E)."""
 GRID_COUNTS = (15, 15, 15)
 """Number of values of theta1, theta2 and r2 of the action set A1 (section V-E)."""
-GRID_COUNTS_PSI = (10, 10, 10, 5)
-"""Number of values of theta1, theta2, r2 and the wrist turn of the action set A2 (section V-E)."""
-
 HULL_RATIO = 0.1
 """Concavity of the hull, as defined by shapely: edges longer than this share of the longest edge of
 the endpoints' Delaunay triangulation are removed. 0 is the tightest hull, 1 the convex hull. The
@@ -119,24 +112,15 @@ def measure_coverage(
     """
     from cablecast.data.simulate import simulate_actions
 
-    counts = tuple(int(count) for count in counts)
-    check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
-    motion = setup.motion
-    grid = grid_actions(ActionRanges.for_setup(setup), counts)
-    actions = grid[check_actions(grid, setup).mask]
-    if len(actions) == 0:
-        raise InputError(
-            f"no action of the grid {counts} with r0 = {motion.r0} m and v_max = {motion.v_max} "
-            "m/s is feasible"
-        )
+    actions = feasible_of_grid(counts, setup)
     columns = simulate_actions(actions, dynamics, setup, engine)
     endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
     endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
     radius = setup.workspace.reach(setup.cable.length)
     hull = concave_hull(endpoint_xy, radius)
     return Coverage(
-        motion=motion,
-        counts=counts,
+        motion=setup.motion,
+        counts=tuple(counts),
         feasible_count=len(actions),
         off_table_share=float(np.mean(np.array(columns["status"]) == TrialStatus.OFF_TABLE.code)),
         endpoint_xy=endpoint_xy,
@@ -220,8 +204,6 @@ SCATTER_MAX_PCT = 3.0
 """Largest scatter of a repeatable combination [% of cable length]. The paper accepted 1.93 and
 rejected 3.70."""
 
-_SCATTER_BOUNDS = (1e-3, 1e4)
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Candidate:
@@ -253,9 +235,9 @@ class Candidate:
             check_number("off_table_share", self.off_table_share, 0.0, 1.0)
 
     @property
-    def name(self) -> str:
-        """Display name, e.g. `r0 = 0.6 m, v_max = 1.5 m/s with psi`."""
-        return f"r0 = {self.r0:g} m, v_max = {self.v_max:g} m/s" + " with psi" * self.with_psi
+    def speed(self) -> str:
+        """Speed and action set, e.g. `v_max = 1.5 m/s with psi`."""
+        return f"v_max = {self.v_max:g} m/s" + " with psi" * self.with_psi
 
     @property
     def landed_coverage(self) -> float:
@@ -285,27 +267,6 @@ PUBLISHED_CANDIDATES = tuple(
 """Combinations that the paper compared."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Choice:
-    """Chosen system parameters.
-
-    Attributes:
-        r0: Distance of the polar origin [m].
-        v_max: Largest speed of the grip [m/s].
-        with_psi: Whether the wrist turns.
-        reasons: Reasons for the choice, as sentences.
-    """
-
-    r0: float
-    v_max: float
-    with_psi: bool
-    reasons: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for a JSON file."""
-        return dataclasses.asdict(self) | {"reasons": list(self.reasons)}
-
-
 def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
     """Return the r0 with the largest coverage, averaged over the speeds without psi, and why.
 
@@ -324,7 +285,9 @@ def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
     return best, f"r0 = {best:g} m has the largest coverage, averaged over the speeds: {listed}."
 
 
-def choose(candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX_PCT) -> Choice:
+def choose(
+    candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX_PCT
+) -> tuple[Candidate, tuple[str, ...]]:
     """Choose r0, v_max and the action set.
 
     Args:
@@ -332,40 +295,39 @@ def choose(candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX
             scatter; if none has, coverage alone decides.
         scatter_max_pct: Largest scatter of a repeatable combination [% of cable length].
 
+    Returns:
+        Chosen combination, and the reasons as sentences.
+
     Raises:
         InputError: There are no candidates without psi to choose r0 from, or scatter_max_pct is out
             of bounds.
     """
-    check_number("scatter_max", scatter_max_pct, *_SCATTER_BOUNDS, "% of cable length")
+    check_number("scatter_max", scatter_max_pct, 1e-3, 1e4, "% of cable length")
     r0, why_r0 = choose_r0(candidates)
     same_r0 = [candidate for candidate in candidates if candidate.r0 == r0]
     scatter = {c: c.scatter_pct for c in same_r0 if c.scatter_pct is not None}
     steady = [candidate for candidate in scatter if scatter[candidate] <= scatter_max_pct]
     listed = ", ".join(
         f"{100 * candidate.landed_coverage:.1f} % at a scatter of {scatter[candidate]:.2f} % with "
-        f"{_speed(candidate)}"
+        f"{candidate.speed}"
         for candidate in sorted(scatter, key=lambda c: -c.landed_coverage)
     )
     if not scatter:
         best = max(same_r0, key=lambda candidate: candidate.coverage)
         why = (
-            f"{_speed(best)} has the largest coverage, {100 * best.coverage:.1f} %. Repeatability "
+            f"{best.speed} has the largest coverage, {100 * best.coverage:.1f} %. Repeatability "
             "was not measured, so coverage alone decides."
         )
     elif steady:
         best = max(steady, key=lambda candidate: candidate.landed_coverage)
         why = (
-            f"{_speed(best)} has the largest coverage by casts that stay on the table, among "
+            f"{best.speed} has the largest coverage by casts that stay on the table, among "
             f"settings with a scatter of at most {scatter_max_pct:g} % of cable length: {listed}."
         )
     else:
         best = min(scatter, key=lambda candidate: scatter[candidate])
         why = (
             f"No setting has a scatter of at most {scatter_max_pct:g} % of cable length; "
-            f"{_speed(best)} has the smallest: {listed}."
+            f"{best.speed} has the smallest: {listed}."
         )
-    return Choice(r0=r0, v_max=best.v_max, with_psi=best.with_psi, reasons=(why_r0, why))
-
-
-def _speed(candidate: Candidate) -> str:
-    return f"v_max = {candidate.v_max:g} m/s" + " with psi" * candidate.with_psi
+    return best, (why_r0, why)

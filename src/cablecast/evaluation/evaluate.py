@@ -1,29 +1,9 @@
-"""Target errors: distances from target to landing, in % of cable length.
+"""Evaluation of a policy on a rig: casts at targets, their errors, and where these come from."""
 
-Bootstrap intervals of medians: a median over few casts is uncertain, and says by how much.
-
-Evaluation of a policy on a rig: distances from the targets to the landings.
-
-Files of an evaluation: metrics.json for machines, trials.csv for spreadsheets.
-
-Split of target errors by source, measured by replaying the planned casts on the engine.
-
-The error is a sum of vectors on the table:
-
-    landing - target = (landing - mean landing of the same cast)         repeatability of the rig
-                     + (mean landing - engine's landing)                 mismatch of the engine
-                     + (engine's landing - model's prediction)           error of the model
-                     + (model's prediction - target)                     plan, with coverage gaps
-
-A model that was fine-tuned on real casts differs from the engine on purpose: its error then
-counteracts the mismatch.
-"""
-
-import csv
 import dataclasses
-import io
 import math
 import pathlib
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,9 +14,8 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import finite_or_none, xy_to_polar
 from cablecast.data.record import TrialPlan, record_trials
 from cablecast.errors import InputError, check_count
-from cablecast.files import write_text
+from cablecast.files import write_csv
 from cablecast.learning.policy import Policy
-from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.checked import ATTEMPT_COUNT
@@ -91,6 +70,11 @@ class ErrorSummary:
         count = values.pop("count")
         return {"count": count} | {name: finite_or_none(value) for name, value in values.items()}
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "ErrorSummary":
+        """Return the summary that metrics.json holds; None becomes NaN."""
+        return cls(**{name: math.nan if v is None else v for name, v in values.items()})
+
 
 def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
     """Summarise errors; trials without a landing (NaN) are left out, as in the paper.
@@ -133,18 +117,14 @@ SHARE = 0.9
 
 
 def median_interval(values: ArrayLike) -> tuple[float, float, float]:
-    """Return the median of some values, and the ends of its interval.
-
-    Args:
-        values: Values in any unit, shape [value].
-    """
+    """Return the median of values in any unit, and the ends of its bootstrap interval."""
     known = np.asarray(values, dtype=float)
     low, high = _ends(np.median(known[_picks(len(known))], axis=1))
     return float(np.median(known)), low, high
 
 
 def difference_interval(first: ArrayLike, second: ArrayLike) -> tuple[float, float, float]:
-    """Return the first median less the second, and the ends of its interval.
+    """Return the first median less the second, and the ends of its bootstrap interval.
 
     Args:
         first: Values of one method, shape [case].
@@ -154,6 +134,25 @@ def difference_interval(first: ArrayLike, second: ArrayLike) -> tuple[float, flo
     draws = np.median(both[:, _picks(both.shape[1])], axis=2)
     low, high = _ends(draws[0] - draws[1])
     return float(np.median(both[0]) - np.median(both[1])), low, high
+
+
+def share_of_smaller_median(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return how often one method has the smaller median error when the targets are drawn anew.
+
+    Misses at one target are correlated, so whole targets are drawn, with replacement.
+
+    Args:
+        first: Errors of one method, NaN without a landing, shape [target, cast].
+        second: Errors of another method at the same targets, same shape.
+
+    Returns:
+        Share of `DRAW_COUNT` draws; a draw without a landing counts for neither.
+    """
+    picks = _picks(len(first))
+    medians = [
+        np.nanmedian(errors[picks].reshape(len(picks), -1), axis=1) for errors in (first, second)
+    ]
+    return float(np.mean(medians[0] < medians[1]))
 
 
 def _picks(count: int) -> NDArray[np.int_]:
@@ -174,21 +173,17 @@ class TargetCast:
         target_index: Index of the target, from 0.
         repeat: Index of the cast at this target, from 0.
         target_xy: Target of the endpoint [m], shape [2].
-        action: Executed action; None for a motion without an action.
         predicted_xy: Predicted resting point of the endpoint [m], shape [2].
         track: Track measured by the rig.
         trajectory: Executed motion.
-        inside_coverage: Whether the target lies inside the simulated coverage.
     """
 
     target_index: int
     repeat: int
     target_xy: NDArray[np.float64]
-    action: Action | None
     predicted_xy: NDArray[np.float64]
     track: EndpointTrack
     trajectory: Trajectory
-    inside_coverage: bool
 
     @property
     def status(self) -> TrialStatus:
@@ -234,27 +229,29 @@ class Evaluation:
         return np.array([trial.landed_xy for trial in self.trials]).reshape(-1, 2)
 
     @property
+    def predicted_xy(self) -> NDArray[np.float64]:
+        """Predicted resting point of each cast [m], shape [trial, 2]."""
+        return np.array([trial.predicted_xy for trial in self.trials]).reshape(-1, 2)
+
+    @property
+    def aimed_xy(self) -> NDArray[np.float64]:
+        """Target of each cast [m], shape [trial, 2]."""
+        return np.array([trial.target_xy for trial in self.trials]).reshape(-1, 2)
+
+    @property
     def errors_pct(self) -> NDArray[np.float64]:
         """Distance from target to landing [% of cable length], NaN unless OK, shape [trial]."""
-        return target_error_pct(
-            self.landed_xy, [trial.target_xy for trial in self.trials], self.cable.length
-        )
+        return target_error_pct(self.landed_xy, self.aimed_xy, self.cable.length)
 
     @property
     def planned_errors_pct(self) -> NDArray[np.float64]:
         """Distance from target to predicted endpoint [% of cable length], shape [trial]."""
-        return target_error_pct(
-            [trial.predicted_xy for trial in self.trials],
-            [trial.target_xy for trial in self.trials],
-            self.cable.length,
-        )
+        return target_error_pct(self.predicted_xy, self.aimed_xy, self.cable.length)
 
     @property
     def prediction_errors_pct(self) -> NDArray[np.float64]:
         """Distance from predicted endpoint to landing [% of cable length], shape [trial]."""
-        return target_error_pct(
-            self.landed_xy, [trial.predicted_xy for trial in self.trials], self.cable.length
-        )
+        return target_error_pct(self.landed_xy, self.predicted_xy, self.cable.length)
 
     @property
     def status_counts(self) -> dict[TrialStatus, int]:
@@ -275,7 +272,7 @@ class Evaluation:
     @property
     def summary_inside_coverage(self) -> ErrorSummary:
         """Error summary of the casts whose target lies inside the simulated coverage."""
-        inside = np.array([trial.inside_coverage for trial in self.trials])
+        inside = self.inside_coverage[[trial.target_index for trial in self.trials]]
         return summarise_errors(np.where(inside, self.errors_pct, np.nan))
 
 
@@ -334,11 +331,9 @@ def evaluate_policy(
             target_index=row // repeats,
             repeat=row % repeats,
             target_xy=target_xy[row // repeats],
-            action=motions[row // repeats].action,
             predicted_xy=np.asarray(plan.predicted_xy[row // repeats], dtype=float),
             track=dataset.track(row),
             trajectory=motions[row // repeats],
-            inside_coverage=bool(inside[row // repeats]),
         )
         for row in range(len(dataset))
     )
@@ -407,37 +402,33 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
     ):
         r, theta = xy_to_polar(trial.target_xy)
         # A motion without an action has empty cells.
-        action = np.full(4, np.nan) if trial.action is None else trial.action.to_array()
-        theta1, theta2, r2, psi = action
+        action = trial.trajectory.action
+        theta1, theta2, r2, psi = np.full(4, np.nan) if action is None else action.to_array()
         values = (
             trial.target_index,
             trial.repeat,
-            *_rounded(trial.target_xy),
-            *_rounded((r, math.degrees(theta))),
-            str(trial.inside_coverage).lower(),
-            *_rounded((math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))),
-            *_rounded(trial.trajectory.grip_path.duration),
-            *_rounded(trial.predicted_xy),
-            *_rounded(trial.landed_xy),
-            *_rounded((error_pct, prediction_error_pct)),
+            *rounded_cells(trial.target_xy),
+            *rounded_cells((r, math.degrees(theta))),
+            str(bool(evaluation.inside_coverage[trial.target_index])).lower(),
+            *rounded_cells((math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))),
+            *rounded_cells(trial.trajectory.grip_path.duration),
+            *rounded_cells(trial.predicted_xy),
+            *rounded_cells(trial.landed_xy),
+            *rounded_cells((error_pct, prediction_error_pct)),
             trial.status.code,
         )
         rows.append(dict(zip(TRIAL_COLUMNS, values, strict=True)))
     return rows
 
 
-def _rounded(values) -> list[float | str]:
-    """Round to four decimals (0.1 mm); an unknown value becomes an empty cell."""
+def rounded_cells(values: Iterable[float]) -> list[float | str]:
+    """Round numbers to four decimals (0.1 mm) for a table; an unknown one is an empty cell."""
     return [round(float(value), 4) if math.isfinite(value) else "" for value in values]
 
 
 def save_trials(evaluation: Evaluation, path: pathlib.Path) -> None:
     """Write one line per trial as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, TRIAL_COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(trial_rows(evaluation))
-    write_text(path, text.getvalue())
+    write_csv(path, TRIAL_COLUMNS, [tuple(row.values()) for row in trial_rows(evaluation)])
 
 
 PART_NAMES = ("repeatability", "mismatch", "model", "plan")
@@ -445,7 +436,15 @@ PART_NAMES = ("repeatability", "mismatch", "model", "plan")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ErrorSplit:
-    """Errors of the casts that landed, each as a sum of parts.
+    """Errors of the casts that landed, each as a sum of vectors on the table.
+
+        landing - target = (landing - mean landing of the same cast)     repeatability of the rig
+                         + (mean landing - engine's landing)             mismatch of the engine
+                         + (engine's landing - model's prediction)       error of the model
+                         + (model's prediction - target)                 plan, with coverage gaps
+
+    A model that was fine-tuned on real casts differs from the engine on purpose: its error then
+    counteracts the mismatch.
 
     Attributes:
         parts: Vectors by name, in % of cable length, each of shape [cast, 2].
@@ -506,7 +505,7 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
         InputError: A cast was not planned by a model.
     """
     trials = evaluation.trials
-    if any(trial.action is None for trial in trials):
+    if any(trial.trajectory.action is None for trial in trials):
         raise InputError("only casts that a model planned can be split")
     targets = sorted({trial.target_index for trial in trials})
     first = {target: next(t for t in trials if t.target_index == target) for target in targets}
@@ -540,6 +539,6 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
     return ErrorSplit(
         parts={name: scale * vectors for name, vectors in parts.items()},
         total=scale * (xy - target_xy),
-        inside_coverage=np.array([trial.inside_coverage for trial in landed]),
+        inside_coverage=evaluation.inside_coverage[index],
         repeats=1 + max(trial.repeat for trial in trials),
     )

@@ -1,15 +1,11 @@
-"""Confidence ellipses of the landings of one action.
-
-Repeatability: scatter of the landings of repeated actions (sections IV-A, V-E and VI-B).
+"""Repeatability: scatter of the landings of repeated actions (sections IV-A, V-E and VI-B).
 
 Each action is cast several times. Casts whose free end left the table are excluded from the scatter
 and counted separately. The scatter of a combination of system parameters is the mean over its
 actions, as in the paper.
 """
 
-import csv
 import dataclasses
-import io
 import math
 import pathlib
 from typing import Any
@@ -19,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.cast import TrialStatus
-from cablecast.conventions import Ellipse, finite_or_none, xy_to_polar
+from cablecast.conventions import Ellipse, finite_or_none
 from cablecast.data.dataset import Dataset
 from cablecast.data.record import collect_dataset
 from cablecast.errors import DatasetError, InputError, check_count, check_seed
-from cablecast.files import write_text
-from cablecast.motion.action import ActionRanges, grid_actions
-from cablecast.motion.feasibility import ACTION_COUNT_MAX, check_actions
+from cablecast.evaluation.evaluate import rounded_cells
+from cablecast.files import write_csv
+from cablecast.motion.feasibility import feasible_of_grid
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -74,7 +70,6 @@ REPEAT_COLUMNS = (
     "mean_x_m",
     "mean_y_m",
     "scatter_pct",
-    "scatter_of_distances_pct",
     "along_arc_share",
 )
 
@@ -116,14 +111,6 @@ class ActionScatter:
         much for five casts. The paper does not state its divisor; n is NumPy's default.
         """
         return float(np.sqrt(np.mean(self.distances**2))) if len(self.landed_xy) > 1 else math.nan
-
-    @property
-    def scatter_of_distances(self) -> float:
-        """Standard deviation of the distances from the mean [m], the other reading of section V-E.
-
-        It is smaller than `scatter`, and zero if all distances are equal.
-        """
-        return float(np.std(self.distances)) if len(self.landed_xy) > 1 else math.nan
 
     @property
     def along_arc_share(self) -> float:
@@ -225,12 +212,6 @@ class Repeatability:
         return float(known.std(ddof=1) / math.sqrt(len(known))) if len(known) > 1 else math.nan
 
     @property
-    def scatter_of_distances_pct(self) -> float:
-        """Mean of `scatter_of_distances` over the actions [% of cable length]."""
-        values = [100.0 * a.scatter_of_distances / self.cable.length for a in self.actions]
-        return _mean(np.array(values))
-
-    @property
     def cast_count(self) -> int:
         """Number of casts."""
         return sum(len(a.statuses) for a in self.actions)
@@ -245,27 +226,6 @@ class Repeatability:
         """Mean of `ActionScatter.along_arc_share` over the actions [-]."""
         return _mean(np.array([a.along_arc_share for a in self.actions]))
 
-    def growth(self) -> dict[str, float]:
-        """Return rank correlations of the scatter with the landing; NaN below three actions.
-
-        `distance` is the correlation with the distance from the base, `width` that with the angle
-        from the workspace axis.
-        """
-        known = np.isfinite(self.scatters_pct)
-        if known.sum() < 3:
-            return {"distance": math.nan, "width": math.nan}
-        from scipy import stats
-
-        polar = xy_to_polar([a.mean_xy for a in self.actions])[known]
-        scatter = self.scatters_pct[known]
-        places = {"distance": polar[:, 0], "width": np.abs(polar[:, 1])}
-        return {
-            name: float(stats.spearmanr(values, scatter)[0])  # pyright: ignore[reportArgumentType]
-            if np.ptp(values) > 0 and np.ptp(scatter) > 0
-            else math.nan
-            for name, values in places.items()
-        }
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for a JSON file; unknown values become None."""
         known = self._known_scatters_pct
@@ -274,10 +234,8 @@ class Repeatability:
             "scatter_pct": self.scatter_pct,
             "scatter_standard_error_pct": self.scatter_standard_error_pct,
             "scatter_quartiles_pct": [finite_or_none(value) for value in quartiles],
-            "scatter_of_distances_pct": self.scatter_of_distances_pct,
             "off_table_share": self.off_table_share,
             "along_arc_share": self.along_arc_share,
-            **{f"growth_with_{name}": value for name, value in self.growth().items()},
         }
         return {
             "label": self.label,
@@ -322,14 +280,10 @@ def repeat_actions(
     counts = counts or (REPEAT_GRID_PSI if with_psi else REPEAT_GRID)
     if len(counts) != (4 if with_psi else 3):
         raise InputError(f"grid counts {counts} must be {'four' if with_psi else 'three'} numbers")
-    check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
     check_seed(seed)
     if action_count is not None:
         check_count("action_count", action_count)
-    grid = grid_actions(ActionRanges.for_setup(setup), counts)
-    actions = grid[check_actions(grid, setup).mask]
-    if not len(actions):
-        raise InputError(f"none of the {len(grid)} actions of the grid {counts} is feasible")
+    actions = feasible_of_grid(counts, setup)
     if action_count is not None and action_count < len(actions):
         chosen = np.random.default_rng(seed).choice(len(actions), action_count, replace=False)
         actions = actions[np.sort(chosen)]
@@ -378,23 +332,14 @@ def measure_repeatability(
 
 def save_actions(repeatability: Repeatability, path: pathlib.Path) -> None:
     """Write one line per action as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(REPEAT_COLUMNS)
-    length = repeatability.cable.length
+    length, rows = repeatability.cable.length, []
     for number, a in enumerate(repeatability.actions):
         theta1, theta2, r2, psi = a.action
-        numbers = (
-            *(math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi)),
-            *a.mean_xy,
-            *(100.0 * value / length for value in (a.scatter, a.scatter_of_distances)),
-            a.along_arc_share,
-        )
-        # Four decimals, 0.1 mm; an unknown value is an empty cell.
-        cells = [round(float(v), 4) if math.isfinite(v) else "" for v in numbers]
+        degrees = (math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))
+        measured = (*a.mean_xy, 100.0 * a.scatter / length, a.along_arc_share)
         casts = (len(a.statuses), len(a.landed_xy), a.off_table_count)
-        writer.writerow([number, *cells[:4], *casts, *cells[4:]])
-    write_text(path, text.getvalue())
+        rows.append((number, *rounded_cells(degrees), *casts, *rounded_cells(measured)))
+    write_csv(path, REPEAT_COLUMNS, rows)
 
 
 def _mean(values: NDArray[np.float64]) -> float:

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -189,6 +190,30 @@ def check_actions(
             for name in ("mask", "peaks", "radius", "radius_bound")
         },
     )
+
+
+def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]:
+    """Return the feasible actions of a full grid over `ActionRanges.for_setup`.
+
+    Args:
+        counts: Number of values of each action variable; see `grid_actions`.
+        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+
+    Returns:
+        Actions in grid order, shape [action, 4].
+
+    Raises:
+        InputError: The counts are out of bounds, or no action of the grid is feasible.
+    """
+    check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
+    grid = grid_actions(ActionRanges.for_setup(setup), counts)
+    actions = grid[check_actions(grid, setup).mask]
+    if not len(actions):
+        raise InputError(
+            f"no action of the grid {tuple(counts)} with r0 = {setup.motion.r0} m and "
+            f"v_max = {setup.motion.v_max} m/s is feasible"
+        )
+    return actions
 
 
 def feasible_grid(

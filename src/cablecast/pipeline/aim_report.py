@@ -41,11 +41,9 @@ def aim_evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
             target_index=index,
             repeat=trial.try_number - 1,
             target_xy=result.target_xy[index],
-            action=Action.from_array(trial.action),
             predicted_xy=trial.expected_xy,
             track=casts.track(trial.number),
             trajectory=plan_trajectory(Action.from_array(trial.action), session.setup),
-            inside_coverage=bool(inside[index]),
         )
         for index, own in enumerate(result.trials)
         for trial in own

@@ -13,7 +13,6 @@ from cablecast.evaluation.coverage import (
     SCATTER_MAX_PCT,
     V_MAX_CHOICES,
     Candidate,
-    Choice,
     choose,
     choose_r0,
     covered_share,
@@ -146,7 +145,7 @@ class _Survey:
         for result in results:
             key = _key(result)
             result["repeatability"] = next((row for row in rows if _key(row) == key), None)
-        choice: Choice = choose([_candidate(result) for result in results], scatter_max_pct)
+        best, reasons = choose([_candidate(result) for result in results], scatter_max_pct)
         polar = polar_casting_region(self.setup)
         radius = self.setup.workspace.reach(self.setup.cable.length)
         if draw:
@@ -159,7 +158,12 @@ class _Survey:
                 "share": covered_share(polar, radius),
                 "outline_xy": outlines(polar)[0].round(4).tolist(),
             },
-            "choice": choice.to_dict(),
+            "choice": {
+                "r0": best.r0,
+                "v_max": best.v_max,
+                "with_psi": best.with_psi,
+                "reasons": list(reasons),
+            },
         }
 
     def _coverage(

@@ -1,14 +1,8 @@
-"""Results of a reproduction, read from the run folders of its stages, and parts of its report.
-
-The order of methods by their errors, beside the paper's, with a measure of chance.
-
-The sections of a reproduction's report: what each experiment found, beside the paper.
-
-The report of a reproduction: one HTML page with every experiment beside the published one.
-"""
+"""The report of a reproduction: one HTML page with every experiment beside the published one."""
 
 import base64
 import dataclasses
+import itertools
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,7 +12,12 @@ from numpy.typing import NDArray
 
 import cablecast
 from cablecast.errors import DamagedFileError, InputError
-from cablecast.evaluation.evaluate import TRIAL_COLUMNS, ErrorSummary
+from cablecast.evaluation.evaluate import (
+    DRAW_COUNT,
+    TRIAL_COLUMNS,
+    ErrorSummary,
+    share_of_smaller_median,
+)
 from cablecast.evaluation.published import BEST_METHOD_PUBLISHED, PUBLISHED_ROWS, published_rows
 from cablecast.files import read_csv, read_json
 from cablecast.report.curves import error_boxes
@@ -150,6 +149,12 @@ class Reproduction:
                 columns[name] = np.array(values)
         return columns
 
+    def errors_by_target(self, cable: str, method: str) -> NDArray[np.float64]:
+        """Return errors [% of cable length], NaN without a landing, shape [target, cast]."""
+        trials = self.trials(cable, method)
+        targets = np.unique(trials["target"])
+        return np.stack([trials["error_pct"][trials["target"] == target] for target in targets])
+
     def picture(self, cable: str, stage: str, name: str, caption: str) -> tuple[Figure, ...]:
         """Return a PNG file that a stage left behind as a figure; nothing where it did not."""
         file = self.folder / cable / stage / name
@@ -168,101 +173,33 @@ def _read_json(file: pathlib.Path) -> dict[str, Any] | None:
         raise DamagedFileError(f"{error}: delete it and run the same again") from None
 
 
-DRAW_COUNT = 2000
-"""Number of times that the targets are drawn anew to tell the order of two methods from chance."""
-
-
 def order_of_methods(results: Reproduction) -> list[str]:
-    """Tell where our order of methods differs from the paper's, each case with its measure."""
+    """Return sentences on our order of methods by their medians, and where the paper's differs."""
     cable = results.cables[0]
-    evaluations = results.evaluations(cable)
     paper = {row.method: row.median_pct for row in published_rows(cable)}
     medians = {
         method: metrics["errors_pct"]["median_pct"]
-        for method, metrics in evaluations.items()
+        for method, metrics in results.evaluations(cable).items()
         if metrics["errors_pct"]["median_pct"] is not None and METHOD_NAMES[method] in paper
     }
     if len(medians) < 2:
         return []
     ours = sorted(medians, key=lambda method: medians[method])
-    theirs = sorted(medians, key=lambda method: paper[METHOD_NAMES[method]])
     listed = ", ".join(f"{METHOD_NAMES[method]} ({medians[method]:.1f} %)" for method in ours)
     sentences = [f"By their medians, from best to worst: {listed}."]
-    turned = {
-        better: [
-            worse
-            for worse in ours[place + 1 :]
-            if theirs.index(better) > theirs.index(worse)
-            # The paper prints whole percents; two methods with the same one have no order there.
-            and paper[METHOD_NAMES[better]] != paper[METHOD_NAMES[worse]]
-        ]
-        for place, better in enumerate(ours)
-    }
-    turned = {better: worse for better, worse in turned.items() if worse}
-    if not turned:
-        return [*sentences, "This is the paper's order."]
-    return sentences + [
-        f"Unlike in the paper, {_with_median(results, better, paper)} is better than "
-        + " and than ".join(_with_median(results, method, paper) for method in worse)
-        + f". {_why(results, better, worse)}"
-        for better, worse in turned.items()
-    ]
-
-
-def _with_median(results: Reproduction, method: str, paper: Mapping[str, float]) -> str:
-    name = METHOD_NAMES[method]
-    ours = results.evaluations(results.cables[0])[method]["errors_pct"]["median_pct"]
-    return f"{name} ({ours:.1f} %, there {paper[name]:.0f} %)"
-
-
-def _why(results: Reproduction, better: str, worse: Sequence[str]) -> str:
-    """Return the measurements of some methods that tell where their difference comes from."""
-    cable = results.cables[0]
-    evaluations = results.evaluations(cable)
-    told = []
-    for method in (better, *worse):
-        metrics = evaluations[method]
-        parts = [f"{metrics['targets_inside_coverage']} targets in its coverage"]
-        prediction = metrics["prediction_errors_pct"]["median_pct"]
-        if prediction is not None:
-            parts.append(f"casts {prediction:.1f} % from where it expects them")
-        told.append(f"{METHOD_NAMES[method]} has " + ", ".join(parts))
-    errors = _errors_by_target(results, cable, better)
-    shares = " and ".join(
-        f"{100 * share_of_draws(errors, _errors_by_target(results, cable, method)):.0f} % against "
-        f"{METHOD_NAMES[method]}"
-        for method in worse
-    )
-    return (
-        "Measured: " + "; ".join(told) + f". With the targets drawn anew {DRAW_COUNT:,} times, "
-        f"{METHOD_NAMES[better]} has the smaller median in {shares}; half would be chance."
-    )
-
-
-def _errors_by_target(results: Reproduction, cable: str, method: str) -> NDArray[np.float64]:
-    """Return errors [% of cable length], NaN without a landing, shape [target, cast]."""
-    trials = results.trials(cable, method)
-    targets = np.unique(trials["target"])
-    return np.stack([trials["error_pct"][trials["target"] == target] for target in targets])
-
-
-def share_of_draws(better: NDArray[np.float64], worse: NDArray[np.float64]) -> float:
-    """Return how often one method has the smaller median error when the targets are drawn anew.
-
-    Casts at one target err alike, so whole targets are drawn, with replacement.
-
-    Args:
-        better: Errors of one method, NaN without a landing, shape [target, cast].
-        worse: Errors of another method at the same targets, same shape.
-
-    Returns:
-        Share of `DRAW_COUNT` draws; a draw without a landing counts for neither.
-    """
-    draws = np.random.default_rng(0).integers(len(better), size=(DRAW_COUNT, len(better)))
-    medians = [
-        np.nanmedian(errors[draws].reshape(DRAW_COUNT, -1), axis=1) for errors in (better, worse)
-    ]
-    return float(np.mean(medians[0] < medians[1]))
+    for better, worse in itertools.combinations(ours, 2):
+        theirs = [paper[METHOD_NAMES[method]] for method in (better, worse)]
+        # The paper prints whole percents; two methods with the same one have no order there.
+        if theirs[0] > theirs[1]:
+            errors = [results.errors_by_target(cable, method) for method in (better, worse)]
+            share = 100.0 * share_of_smaller_median(*errors)
+            sentences.append(
+                f"Unlike in the paper ({theirs[0]:.0f} and {theirs[1]:.0f} %), "
+                f"{METHOD_NAMES[better]} is better than {METHOD_NAMES[worse]}. With the targets "
+                f"drawn anew {DRAW_COUNT:,} times, it has the smaller median in {share:.0f} %; "
+                "half would be chance."
+            )
+    return sentences if len(sentences) > 1 else [*sentences, "This is the paper's order."]
 
 
 def all_parts(results: Reproduction) -> list[Part]:
@@ -328,32 +265,32 @@ def selection_part(results: Reproduction) -> Part | None:
 
 
 def model_part(results: Reproduction) -> Part | None:
-    """Report section V-F: what was learned from which data."""
+    """Report section V-F: training and fine-tuning of the model."""
     figures: list[Figure] = []
-    told = []
+    sentences = []
     for cable in results.cables:
         metrics = results.metrics(cable, f"model-{BEST_METHOD}")
         if metrics is None:
             continue
-        caption = f"How the model of {cable} learned from simulated casts"
+        caption = f"Training of the model of {cable} on simulated casts"
         figures += results.picture(
-            cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}, then from real ones."
+            cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}, then on real ones."
         )
-        told.append(
+        sentences.append(
             f"{cable}: on simulated casts that it had not seen the median error is "
             f"{metrics['held_out_median_pct']:.1f} % of the cable's length; on casts of the rig "
-            f"{metrics['real_before_median_pct']:.1f} % before it learned from any of them, and "
-            f"{metrics['real_median_pct']:.1f} % after, each cast predicted by a model that had "
-            "learned from the others."
+            f"{metrics['real_before_median_pct']:.1f} % before fine-tuning, and "
+            f"{metrics['real_median_pct']:.1f} % after, each cast predicted by a model that was "
+            "fine-tuned on the others."
         )
-    if not told:
+    if not sentences:
         return None
     return Part(
-        title="Learning where casts land",
+        title="Training the model of landings",
         paragraphs=[
             "A network is first trained on casts that were simulated with the tuned parameters, "
             "and then fine-tuned on casts of the rig.",
-            *told,
+            *sentences,
         ],
         figures=figures,
     )
@@ -365,7 +302,10 @@ def method_part(results: Reproduction) -> Part | None:
     evaluations = results.evaluations(cable)
     if not evaluations:
         return None
-    ours = [(f"ours: {METHOD_NAMES[m]}", summary(v["errors_pct"])) for m, v in evaluations.items()]
+    ours = [
+        (f"ours: {METHOD_NAMES[m]}", ErrorSummary.from_dict(v["errors_pct"]))
+        for m, v in evaluations.items()
+    ]
     published = [row for row in PUBLISHED_ROWS if row.table == "II"]
     return Part(
         title="Every method on one cable (table II)",
@@ -462,12 +402,6 @@ def split_part(results: Reproduction) -> Part | None:
     )
 
 
-def summary(values: Mapping[str, Any]) -> ErrorSummary:
-    """Return a summary of errors from what metrics.json holds."""
-    numbers = {name: np.nan if value is None else float(value) for name, value in values.items()}
-    return ErrorSummary(**(numbers | {"count": values["count"]}))  # pyright: ignore[reportArgumentType]
-
-
 def reproduction_page(
     results: Reproduction, config: Mapping[str, Any], times: Sequence[tuple[str, float]]
 ) -> tuple[str, list[Table]]:
@@ -495,7 +429,7 @@ def reproduction_page(
         cables_phrase=_cables_phrase(results.cables),
         simulated_count=budget["casts"],
         cards=_cards(results),
-        rig_paragraphs=_RIG_TEXTS.get(rig, _RIG_TEXTS[""]),
+        rig=rig,
         parts=parts,
         tables={"difficulty": difficulty, "times": took},
         settings=_settings(results, config),
@@ -506,25 +440,6 @@ def reproduction_page(
 
 
 _RIG_PHRASES = {"virtual": "on a virtual rig", "engine": "in a simulator"}
-
-_RIG_TEXTS = {
-    "virtual": [
-        "No real robot moved. The casts were carried out on the virtual rig, a laboratory in "
-        "software: another physics engine than the one that the method learns with, cables whose "
-        "true parameters nothing outside the laboratory reads, an arm that lags behind its set "
-        "points, a table whose friction differs from place to place, a reset that never ends in "
-        "quite the same state, and a camera that errs.",
-        "A laboratory that is too easy would flatter the method. The difficulty of this one was "
-        "set by hand to what was published of the real one: the table below says how far each "
-        "measure of it is from the paper's.",
-    ],
-    "engine": [
-        "No real robot moved, and no laboratory stood in for it: the casts were carried out in the "
-        "same kind of simulator that the method learns with. The errors below are those of "
-        "learning and planning alone; they cannot be compared with the paper's.",
-    ],
-    "": ["The casts were carried out on the rig named above; the figures are what it reported."],
-}
 
 
 def _cables_phrase(cables: Sequence[str]) -> str:
