@@ -108,8 +108,7 @@ def run_job(job: Job) -> int:
 
     if job.arguments:
         return main(list(job.arguments))
-    from cablecast.pipeline.reproduce import reproduce
-    from cablecast.pipeline.reproduce_stages import Budget
+    from cablecast.pipeline.reproduce import Budget, reproduce
 
     budget = Budget(
         cables=("cable_1", "cable_2"),

@@ -14,9 +14,8 @@ import pathlib
 import re
 
 from cablecast.evaluation.published import BEST_METHOD_PUBLISHED, PUBLISHED_ROWS, PublishedRow
-from cablecast.files import read_json, read_text, write_json, write_text
-from cablecast.pipeline.reproduce_stages import QUICK
-from cablecast.pipeline.verify import HEADLINE_FILE, headline_figures
+from cablecast.files import read_json, read_text, write_text
+from cablecast.pipeline.reproduce import QUICK
 from cablecast.report.reproduction import BEST_METHOD, METHOD_NAMES, Reproduction
 from cablecast.report.tables import five_cells, published_cells
 from cablecast.runs.folder import plain_settings
@@ -126,16 +125,6 @@ def insert(page: pathlib.Path, name: str, text: str, folder: pathlib.Path) -> No
     print(f"{page}: {name} of {folder}")
 
 
-def write_headline(folder: pathlib.Path) -> None:
-    """Write the figures that `cablecast verify` compares with."""
-    budget = read_json(folder / "config.json")["settings"]["budget"]
-    results = Reproduction(folder=folder, cables=tuple(budget["cables"]))
-    cable, metrics = next(iter(results.best_evaluations().items()))
-    figures = headline_figures(metrics["errors_pct"])
-    rounded = {name: round(value, 1) for name, value in figures.items()}
-    write_json(ROOT / "src/cablecast" / HEADLINE_FILE, {"cable": cable, "figures": rounded})
-
-
 def main() -> None:
     """Print the tables, or put them into the pages."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -150,8 +139,6 @@ def main() -> None:
             insert(page, name, table(arguments.folder), arguments.folder)
         else:
             print(table(arguments.folder), end="\n\n")
-    if arguments.write:
-        write_headline(arguments.folder)
 
 
 if __name__ == "__main__":

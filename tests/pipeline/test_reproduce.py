@@ -7,8 +7,7 @@ import json
 import pytest
 
 from cablecast.learning.network import FINE_TUNING, REAL_ONLY, fine_tune, train_on_real
-from cablecast.pipeline.reproduce import reproduce
-from cablecast.pipeline.reproduce_stages import METHODS, TARGET_COUNT, Budget
+from cablecast.pipeline.reproduce import METHODS, TARGET_COUNT, Budget, Reproduced, reproduce
 from cablecast.tuning.tune import TuneConfig
 from cablecast.workspace import load_targets
 
@@ -48,7 +47,7 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
     monkeypatch.setattr("cablecast.pipeline.reproduce.load_targets", lambda: few)
     search = functools.partial(TuneConfig, population_size=6, fine_population_size=6)
-    monkeypatch.setattr("cablecast.pipeline.reproduce_stages.TuneConfig", search)
+    monkeypatch.setattr("cablecast.pipeline.reproduce.TuneConfig", search)
     # The pages of the single evaluations are made, but their figures are not rendered.
     monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
     for function, config in ((train_on_real, REAL_ONLY), (fine_tune, FINE_TUNING)):
@@ -108,3 +107,21 @@ def test_another_budget_in_the_same_folder_is_refused(tmp_path):
     other = dataclasses.replace(TINY, casts=61)
     with pytest.raises(ValueError, match=r"budget\.casts is 60 there and 61 here"):
         reproduce(tmp_path, budget=other, rig="engine")
+
+
+@pytest.mark.parametrize(
+    ("medians", "holds"),
+    [
+        ({"polar": 44.0, "real": 15.0, "sim": 8.0, "fine-tuning": 9.0}, True),
+        ({"polar": 44.0, "real": 8.0, "sim": 10.0, "fine-tuning": 9.0}, False),
+        ({"polar": 8.0, "real": 15.0, "sim": 10.0, "fine-tuning": 9.0}, False),
+        ({"polar": None, "real": 15.0, "sim": 10.0, "fine-tuning": 9.0}, True),
+        ({"polar": 44.0, "real": 15.0, "sim": 10.0, "fine-tuning": None}, False),
+    ],
+)
+def test_the_order_holds_where_simulated_casts_help(tmp_path, medians, holds):
+    evaluations = {name: {"errors_pct": {"median_pct": value}} for name, value in medians.items()}
+    metrics = {"evaluations": {"cable_1": evaluations}}
+    result = Reproduced(path=tmp_path, report=tmp_path, tables=tmp_path, metrics=metrics)
+    assert result.holds is holds
+    assert list(result.medians_pct.values()) == sorted(result.medians_pct.values())

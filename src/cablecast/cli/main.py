@@ -30,7 +30,6 @@ from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
 from cablecast.cli.twin import Twin
-from cablecast.cli.verify import Verify
 from cablecast.cli.view import View
 from cablecast.errors import CablecastError
 
@@ -83,7 +82,6 @@ VERBS: dict[str, type] = {
     "twin": Twin,
     "demo": Demo,
     "reproduce": Reproduce,
-    "verify": Verify,
 }
 """Verbs of the command line, in the order in which data flows."""
 
@@ -105,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Words after `cablecast` on the command line.
 
     Returns:
-        0 if all went well, 2 for bad input, 3 for a plan that misses by too much, 128 and the
+        0 if all went well, 2 for bad input, 3 for a result that falls short, 128 and the
         number of the signal where it was stopped (130 for Ctrl-C, 141 where nobody reads on).
     """
     _stop_on_signals()

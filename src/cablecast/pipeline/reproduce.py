@@ -1,23 +1,114 @@
 """reproduce: every experiment of the paper, and one report of them all."""
 
 import dataclasses
+import functools
 import os
 import pathlib
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.errors import InputError, check_seed
 from cablecast.files import write_text
-from cablecast.learning.policy import PolarCastingPolicy
+from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy, Policy
 from cablecast.pipeline.checks import check_way
+from cablecast.pipeline.collect import collect
+from cablecast.pipeline.evaluate import evaluate
 from cablecast.pipeline.places import require
-from cablecast.pipeline.reproduce_stages import FULL, Budget, StageMaker
-from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, StageLog, ignore, run_stages
+from cablecast.pipeline.repeat import Combination, repeat
+from cablecast.pipeline.select import load_repeated, select
+from cablecast.pipeline.simulate import simulate
+from cablecast.pipeline.train import Method, train
+from cablecast.pipeline.tune import tune
+from cablecast.report.reproduction import BEST_METHOD, Reproduction, reproduction_page
+from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.make import make_rig
+from cablecast.runs.folder import Parts, RunFolder
+from cablecast.runs.progress import Progress, ProgressCallback, Stage, StageLog, ignore, run_stages
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
+from cablecast.tuning.tune import TuneConfig
+from cablecast.tuning.tuned import load_tuned
 from cablecast.workspace import load_targets
 
 REPORT_FILE = "report.html"
 TABLES_FILE = "tables.md"
+
+CABLES = ("cable_1", "cable_2", "cable_3")
+
+MODELS: dict[str, tuple[bool, bool, Method]] = {
+    "gaussian-process": (True, False, "gaussian-process"),
+    "real": (False, True, "network"),
+    "sim": (True, False, "network"),
+    "fine-tuning": (True, True, "network"),
+}
+"""Whether a method learns from D_sim, and from D_real, and what `train` knows it by."""
+METHODS = ("polar", *MODELS)
+
+TARGET_COUNT = 32
+
+REPEATED: tuple[Combination, ...] = ("1.2", "1.8", "1.5-psi", "1.8-psi")
+"""The combinations that the paper repeated on the robot (section V-E)."""
+
+# The expected end is told from these, on two cores; measured times take over as stages finish.
+_SECONDS_PER_TRIAL = 0.6
+# Polar casting swings the cable up and pulls it in slowly: its motions last four times as long.
+_SECONDS_PER_POLAR_TRIAL = 2.0
+_SECONDS_PER_SIMULATION = 1.5e-3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Budget:
+    """Amount of everything that is done.
+
+    Attributes:
+        cables: Names of the cables; every method is tried on the first.
+        tune_trials: Casts on the rig to tune with, a quarter of them to validate (section V-D).
+        real_trials: Casts on the rig to fine-tune with (section V-F).
+        grid: Values of each action variable when coverage is measured (section V-E).
+        grid_psi: The same where the wrist turns.
+        coarse_generations: Generations of the search for parameters on a coarse cable.
+        fine_generations: Generations at full resolution.
+        repeat_actions: Actions that are repeated for each candidate of system parameters.
+        repeat_casts: Casts of each (section V-E).
+        casts: Simulated casts (section V-F).
+        epochs: Largest number of passes of the training over them.
+        candidates: Motions that a policy chooses from (section V-F).
+        repeats: Casts at each target (section VI).
+    """
+
+    cables: tuple[str, ...] = CABLES
+    tune_trials: int = 80
+    real_trials: int = 200
+    grid: int = 15
+    grid_psi: int = 10
+    coarse_generations: int = 60
+    fine_generations: int = 25
+    repeat_actions: int = 30
+    repeat_casts: int = 5
+    casts: int = 36_000
+    epochs: int = 100
+    candidates: int = 50_000
+    repeats: int = 5
+
+
+FULL = Budget()
+QUICK = Budget(
+    cables=("cable_1",),
+    tune_trials=32,
+    real_trials=40,
+    grid=7,
+    grid_psi=6,
+    coarse_generations=30,
+    fine_generations=15,
+    repeat_actions=8,
+    repeat_casts=3,
+    casts=12_000,
+    epochs=50,
+    candidates=20_000,
+    repeats=1,
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,6 +126,25 @@ class Reproduced:
     report: pathlib.Path
     tables: pathlib.Path
     metrics: dict[str, Any]
+
+    @functools.cached_property
+    def medians_pct(self) -> dict[str, float]:
+        """Median error of each method on the first cable [% of cable length], best first."""
+        evaluations: Mapping[str, Any] = next(iter(self.metrics["evaluations"].values()))
+        medians = {name: values["errors_pct"]["median_pct"] for name, values in evaluations.items()}
+        known = {name: value for name, value in medians.items() if value is not None}
+        return dict(sorted(known.items(), key=lambda item: item[1]))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the paper's method beats both methods without simulated casts.
+
+        These are polar casting and a network of real casts alone. The median of the network that
+        was fine-tuned on real casts must be smaller than theirs.
+        """
+        medians = self.medians_pct
+        others = [medians[name] for name in ("polar", "real") if name in medians]
+        return BEST_METHOD in medians and all(medians[BEST_METHOD] < other for other in others)
 
 
 def reproduce(
@@ -74,12 +184,14 @@ def reproduce(
     """
     require("the reproduction", "torch", "safetensors", "matplotlib", "jinja2", "shapely")
     check_workers(workers)
+    check_seed(seed)
+    if budget.repeats < 1 or not budget.cables:
+        raise InputError("a reproduction needs at least one cable and one cast at each target")
     setup = setup or Setup()
     # Hours of casts must not end at a table that is too small for the third cable.
     setups = [dataclasses.replace(setup, cable=cable) for cable in budget.cables]
     check_way(setups, device)
-    for first in setups[:1]:
-        _ = PolarCastingPolicy(setup=first).plan(load_targets()).trajectories
+    _ = PolarCastingPolicy(setup=setups[0]).plan(load_targets()).trajectories
     settings = {
         "setup": setup.to_settings(),
         "rig": rig,
@@ -88,7 +200,7 @@ def reproduce(
         "budget": dataclasses.asdict(budget),
     }
     run = RunFolder.open(out, "reproduce", settings)
-    maker = StageMaker(
+    work = _Work(
         out=run.path,
         setup=setup,
         budget=budget,
@@ -99,11 +211,18 @@ def reproduce(
         progress=progress,
     )
     with run.begun(), connected(workers):
-        stages = maker.stages()
+        stages = work.stages()
         log: StageLog = run_stages(stages, run.path, progress)
         progress(Progress(task="Writing the report"))
         times = [(stage.title, log.seconds.get(stage.name, 0.0)) for stage in stages]
-        metrics = _write_report(run, budget, times)
+        results = Reproduction(folder=run.path, cables=budget.cables)
+        page, tables = reproduction_page(results, run.config, times)
+        write_text(run.path / REPORT_FILE, page)
+        write_text(run.path / TABLES_FILE, "\n".join(table.to_markdown() for table in tables))
+        metrics = {
+            "evaluations": {cable: results.evaluations(cable) for cable in budget.cables},
+            "seconds": dict(times),
+        }
         run.finish(metrics)
     return Reproduced(
         path=run.path,
@@ -113,14 +232,167 @@ def reproduce(
     )
 
 
-def _write_report(run: RunFolder, budget: Budget, times: list[tuple[str, float]]) -> dict[str, Any]:
-    from cablecast.report.reproduction import Reproduction, reproduction_page
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Work:
+    """The stages of a reproduction; each reads what the ones before it left."""
 
-    results = Reproduction(folder=run.path, cables=budget.cables)
-    page, tables = reproduction_page(results, run.config, times)
-    write_text(run.path / REPORT_FILE, page)
-    write_text(run.path / TABLES_FILE, "\n".join(table.to_markdown() for table in tables))
-    return {
-        "evaluations": {cable: results.evaluations(cable) for cable in budget.cables},
-        "seconds": dict(times),
-    }
+    out: pathlib.Path
+    setup: Setup
+    budget: Budget
+    rig: str
+    seed: int
+    device: str
+    workers: str
+    progress: ProgressCallback
+
+    def stages(self) -> list[Stage]:
+        """Return all stages: the first cable with every method, the others with the best."""
+        budget, stages = self.budget, []
+
+        def add(
+            cable: str, name: str, title: str, seconds: float, work: Callable[..., Any], *args: Any
+        ) -> None:
+            stages.append(
+                Stage(
+                    name=f"{cable}/{name}",
+                    title=f"{cable}: {title}",
+                    folder=self.out / cable / name,
+                    expected=seconds,
+                    work=functools.partial(work, cable, *args),
+                )
+            )
+
+        tuning = budget.coarse_generations / FULL.coarse_generations
+        tuning *= budget.tune_trials / FULL.tune_trials
+        repeats = budget.repeat_actions * len(REPEATED) * budget.repeat_casts
+        coverage = 9 * budget.grid**3 + 1.5 * budget.grid_psi**4
+        share = budget.casts / FULL.casts
+        training = 90.0 * share * budget.epochs / FULL.epochs
+        at_targets = TARGET_COUNT * budget.repeats
+        for cable in budget.cables:
+            is_first = cable == budget.cables[0]
+            count = budget.tune_trials
+            title = f"{count} casts on the rig to tune from"
+            add(cable, "tune-data", title, _SECONDS_PER_TRIAL * count, self._collect, "tune", count)
+            add(cable, "tune", "tune the simulator", 150.0 * tuning, self._tune)
+            if is_first:
+                title = f"{repeats} casts on the rig to see how they repeat"
+                add(cable, "repeat", title, _SECONDS_PER_TRIAL * repeats, self._repeat)
+                seconds = _SECONDS_PER_SIMULATION * coverage
+                add(cable, "select", "choose r0, v_max and psi", seconds, self._select)
+            seconds = _SECONDS_PER_SIMULATION * budget.casts
+            add(cable, "dataset", f"{budget.casts:,} simulated casts", seconds, self._simulate)
+            count = budget.real_trials
+            title = f"{count} casts on the rig to learn from"
+            add(cable, "real-data", title, _SECONDS_PER_TRIAL * count, self._collect, "real", count)
+            methods = METHODS if is_first else (BEST_METHOD,)
+            for method in methods:
+                if method == "polar":
+                    continue
+                # The process fits a matrix of all pairs of casts, a network some hundred epochs.
+                seconds = {"gaussian-process": 300.0 * share**2, "real": 15.0}.get(method, training)
+                seconds = 30.0 if is_first and method == BEST_METHOD else seconds
+                add(cable, f"model-{method}", f"learn ({method})", seconds, self._train, method)
+            for method in methods:
+                title = f"{at_targets} casts on the rig at the targets ({method})"
+                each = _SECONDS_PER_POLAR_TRIAL if method == "polar" else _SECONDS_PER_TRIAL
+                name = f"evaluate-{method}"
+                add(cable, name, title, each * at_targets, self._evaluate, method)
+        return stages
+
+    def _options(self, cable: str, name: str, *names: str) -> dict[str, Any]:
+        """Return the folder of a stage, the callback, and the settings that its verb takes."""
+        options = {"out": self.out / cable / name, "progress": self.progress}
+        return options | {name: getattr(self, name) for name in names}
+
+    def _setup(self, cable: str) -> Setup:
+        return dataclasses.replace(self.setup, cable=cable)
+
+    def _chosen(self, cable: str) -> tuple[Setup, bool]:
+        """Return the set-up and psi as `select` chose them with the first cable."""
+        folder = self.out / self.budget.cables[0] / "select"
+        metrics = Parts(folder).get("metrics")
+        if metrics is None:
+            raise InputError(f"{folder} holds no choice of system parameters")
+        choice = metrics["choice"]
+        setup = self._setup(cable).with_motion(r0=choice["r0"], v_max=choice["v_max"])
+        return setup, choice["with_psi"]
+
+    def _open_rig(self, setup: Setup) -> CheckedRig:
+        return make_rig(self.rig, setup, self.seed)
+
+    def _dataset(self, cable: str, name: str) -> Dataset:
+        return read_dataset(self.out / cable / name)
+
+    def _collect(self, cable: str, purpose: Any, count: int) -> None:
+        # Casts to tune with are made before the system parameters are chosen (section V-F).
+        setup, psi = (self._setup(cable), True) if purpose == "tune" else self._chosen(cable)
+        options = self._options(cable, f"{purpose}-data", "seed")
+        with self._open_rig(setup) as rig:
+            collect(rig, purpose=purpose, count=count, psi=psi, **options)
+
+    def _tune(self, cable: str) -> None:
+        config = TuneConfig(
+            coarse_generations=self.budget.coarse_generations,
+            fine_generations=self.budget.fine_generations,
+            seed=self.seed,
+        )
+        options = self._options(cable, "tune", "device", "workers")
+        tune(self._dataset(cable, "tune-data"), config=config, **options)
+
+    def _repeat(self, cable: str) -> None:
+        with self._open_rig(self._setup(cable)) as rig:
+            repeat(
+                rig,
+                combinations=REPEATED,
+                repeats=self.budget.repeat_casts,
+                action_count=self.budget.repeat_actions,
+                **self._options(cable, "repeat", "seed"),
+            )
+
+    def _select(self, cable: str) -> None:
+        setup = self._setup(cable)
+        select(
+            setup,
+            load_tuned(self.out / cable / "tune", setup),
+            repeated=load_repeated(self.out / cable / "repeat", setup.cable),
+            grid=self.budget.grid,
+            grid_psi=self.budget.grid_psi,
+            **self._options(cable, "select", "device", "workers"),
+        )
+
+    def _simulate(self, cable: str) -> None:
+        setup, psi = self._chosen(cable)
+        simulate(
+            setup,
+            load_tuned(self.out / cable / "tune", setup),
+            count=self.budget.casts,
+            psi=psi,
+            **self._options(cable, "dataset", "seed", "device", "workers"),
+        )
+
+    def _train(self, cable: str, method: str) -> None:
+        simulated, real, name = MODELS[method]
+        # The first cable's network of D_sim is evaluated on its own, too, and trained once.
+        start = None
+        if simulated and real and cable == self.budget.cables[0]:
+            start = ForwardModel.load(self.out / cable / "model-sim")
+        train(
+            self._dataset(cable, "dataset") if simulated else None,
+            self._dataset(cable, "real-data") if real else None,
+            method=name,
+            start=start,
+            epochs=self.budget.epochs,
+            candidate_count=self.budget.candidates,
+            **self._options(cable, f"model-{method}", "seed", "device"),
+        )
+
+    def _evaluate(self, cable: str, method: str) -> None:
+        policy: Policy
+        if method == "polar":
+            policy = PolarCastingPolicy(setup=self._setup(cable))
+        else:
+            policy = ForwardSearchPolicy.load(self.out / cable / f"model-{method}")
+        options = self._options(cable, f"evaluate-{method}", "device")
+        with self._open_rig(policy.setup) as rig:
+            evaluate(policy, rig, repeats=self.budget.repeats, **options)
