@@ -13,9 +13,9 @@ from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck
 from cablecast.vision.live import CameraFacts, Frame
 
-STREAM = CameraFacts(kind="stream", backend="FFMPEG", width=64, height=64, rate=25.0)
+STREAM = CameraFacts(kind="stream", backend="FFMPEG", width=64, height=64)
 DEVICE = CameraFacts(
-    kind="device", backend="V4L2", width=64, height=64, rate=60.0, fourcc="MJPG", exposure=0.001
+    kind="device", backend="V4L2", width=64, height=64, fourcc="MJPG", exposure=0.001
 )
 SETTINGS = CameraSettings(source="0", width=64, height=64, clock_offset_sd=0.001)
 

@@ -1,20 +1,8 @@
-"""Opening a camera with OpenCV: what is asked of it, and what it says it does.
+"""Live cameras: frames with their times, read by a process of its own, and a watch over them.
 
-The order is that of Linux cameras (V4L2): pixel format, size and rate one after another, since each
-bounds the next; automatic exposure is switched through its automatic state, without which some
-drivers ignore the value.
-
-Grabber: the process that reads a camera, so that nothing the others do costs a frame.
-
-Run as `python -m cablecast.vision.live`; `LiveCamera` starts it. Pictures go through a block of
-shared memory with several slots, a line of JSON about each through one pipe, and the numbers of the
-slots that are free again come back through another.
-
-LiveCamera: frames of a camera with their times, read by a process of its own.
-
-FrameWatch: tells a camera that sees from one that is frozen, dark, or exposed anew.
-
-A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
+Thanks to the process, `python -m cablecast.vision.live`, other work costs no frame. Pictures go
+through a block of shared memory with several slots, a line of JSON about each through one pipe, and
+the numbers of the slots that are free again come back through another.
 """
 
 import contextlib
@@ -39,312 +27,31 @@ from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CablecastError, CameraError
 from cablecast.vision.tags import load_cv2
 
-OPEN_TIMEOUT = 10.0
+SLOT_COUNT = 12
+"""Frames that may wait to be looked at."""
+_OPEN_TIMEOUT = 10.0
 """Time within which a camera or stream must open [s]."""
-
+_START_TIMEOUT = _OPEN_TIMEOUT + 20.0
+"""Time for the process to start and to open the camera [s]."""
+_READ_TIMEOUT = 5.0
+"""Time without any frame after which a camera counts as unplugged [s]."""
 _SILENCE_MAX = 60.0
 """Time without data after which a stream is given up for good [s]. Who waits for a frame says much
 sooner that none comes, and may try again when they come."""
-
-V4L2_EXPOSURE_UNIT = 1e-4
+_WARM_UP_COUNT = 10
+"""First frames of a device, which are exposed as before."""
+_STAMP_TRIES = 3
+"""Frames after which a camera whose stamps are all zero has none."""
+_EXPOSURE_UNIT = 1e-4
 """Unit of the exposure time of V4L2 [s]."""
-
 _AUTO_EXPOSURE_ON, _AUTO_EXPOSURE_OFF = 3.0, 1.0
 """V4L2's numbers for automatic and manual exposure."""
 _DEVICE = re.compile(r"(?:/dev/video)?(\d+)")
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class CameraFacts:
-    """Answer of a camera to what was asked of it.
-
-    Attributes:
-        kind: "device", "file" or "stream".
-        backend: Name of OpenCV's backend.
-        width: Width of its images [px].
-        height: Height of its images [px].
-        rate: Frames per second that it states [1/s]; 0 where unknown.
-        fourcc: Pixel format; empty where unknown.
-        exposure: Exposure [s]; None where it cannot be asked.
-        auto_exposure: Whether exposure is automatic; None where it cannot be asked.
-        autofocus: Whether focus is automatic; None where it cannot be asked.
-        focus: Focus in the units of the driver; None where it cannot be asked.
-    """
-
-    kind: str
-    backend: str
-    width: int
-    height: int
-    rate: float
-    fourcc: str = ""
-    exposure: float | None = None
-    auto_exposure: bool | None = None
-    autofocus: bool | None = None
-    focus: float | None = None
-
-
-def source_kind(source: str) -> str:
-    """Return "device", "file" or "stream".
-
-    >>> [source_kind(s) for s in ("0", "/dev/video2", "rtsp://host/1", "film.mp4")]
-    ['device', 'device', 'stream', 'file']
-    """
-    if _DEVICE.fullmatch(source.strip()):
-        return "device"
-    return "stream" if "://" in source else "file"
-
-
-def open_capture(
-    settings: CameraSettings, capture: Callable[..., Any] | None = None
-) -> tuple[Any, CameraFacts]:
-    """Open a camera, ask it for its settings, and read them back.
-
-    Args:
-        settings: Source and settings.
-        capture: Makes the capture; OpenCV's `VideoCapture` where None.
-
-    Returns:
-        The capture, and the camera's answers.
-
-    Raises:
-        CameraError: The source cannot be opened.
-    """
-    cv2 = load_cv2()
-    make = cv2.VideoCapture if capture is None else capture
-    source, kind = settings.source.strip(), source_kind(settings.source)
-    timeout_ms = int(1e3 * OPEN_TIMEOUT)
-    try:
-        if kind == "device":
-            match = _DEVICE.fullmatch(source)
-            opened = make(int(match.group(1)) if match else source, cv2.CAP_V4L2)
-        elif kind == "stream":
-            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, timeout_ms]
-            limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, int(1e3 * _SILENCE_MAX)]
-            opened = make(source, cv2.CAP_FFMPEG, limits)
-        else:
-            opened = make(source, cv2.CAP_FFMPEG)
-    except cv2.error as error:
-        raise CameraError(f"camera source {source}: {' '.join(str(error).split())}") from None
-    if not opened.isOpened():
-        raise CameraError(f"camera source {source} cannot be opened: {_ADVICE[kind]}")
-    if kind == "device":
-        _configure(opened, settings)
-    return opened, read_back(opened, kind)
-
-
 _ADVICE = {
     "device": "is it plugged in, is its number right, and does no other program use it?",
     "stream": "is the camera switched on, and is its address right?",
     "file": "there is no such video, or it cannot be read",
 }
-
-
-def _configure(capture: Any, settings: CameraSettings) -> None:
-    """Ask a device for its settings, in the order in which each bounds the next."""
-    cv2 = load_cv2()
-    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*settings.fourcc))
-    capture.set(cv2.CAP_PROP_FRAME_WIDTH, settings.width)
-    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.height)
-    capture.set(cv2.CAP_PROP_FPS, settings.rate)
-    capture.set(cv2.CAP_PROP_AUTOFOCUS, 0)
-    if settings.focus is not None:
-        capture.set(cv2.CAP_PROP_FOCUS, settings.focus)
-    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _AUTO_EXPOSURE_ON)
-    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _AUTO_EXPOSURE_OFF)
-    capture.set(cv2.CAP_PROP_EXPOSURE, round(settings.exposure / V4L2_EXPOSURE_UNIT))
-
-
-def read_back(capture: Any, kind: str) -> CameraFacts:
-    """Return what a camera says of itself.
-
-    Args:
-        capture: Open capture.
-        kind: Kind of its source.
-    """
-    cv2 = load_cv2()
-    code = int(capture.get(cv2.CAP_PROP_FOURCC))
-    letters = bytes((code >> shift) & 0xFF for shift in (0, 8, 16, 24))
-    facts = CameraFacts(
-        kind=kind,
-        backend=str(capture.getBackendName()),
-        width=int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
-        height=int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
-        rate=max(float(capture.get(cv2.CAP_PROP_FPS)), 0.0),
-        fourcc=letters.decode("ascii", "replace").strip("\0") if code > 0 else "",
-    )
-    if kind != "device":
-        return facts
-    exposure = float(capture.get(cv2.CAP_PROP_EXPOSURE))
-    automatic = float(capture.get(cv2.CAP_PROP_AUTO_EXPOSURE))
-    autofocus = float(capture.get(cv2.CAP_PROP_AUTOFOCUS))
-    focus = float(capture.get(cv2.CAP_PROP_FOCUS))
-    # What a driver does not know it answers with 0 or -1.
-    return dataclasses.replace(
-        facts,
-        exposure=exposure * V4L2_EXPOSURE_UNIT if exposure > 0 else None,
-        auto_exposure=automatic == _AUTO_EXPOSURE_ON if automatic > 0 else None,
-        autofocus=autofocus > 0 if autofocus >= 0 else None,
-        focus=focus if focus >= 0 else None,
-    )
-
-
-SLOT_COUNT = 12
-"""Frames that may wait to be looked at."""
-WARM_UP_COUNT = 10
-"""First frames of a device, which are exposed as before."""
-
-_STAMP_TRIES = 3
-"""Frames after which a camera whose stamps are all zero has none."""
-
-
-class Grabber:
-    """Reads frames and passes them on.
-
-    Args:
-        settings: Camera to read.
-        memory: Descriptor of the memory for frames; it is given its size here.
-        reports: Descriptor of the pipe for lines of JSON.
-        returns: Descriptor of the pipe of free slots.
-    """
-
-    def __init__(self, settings: CameraSettings, memory: int, reports: int, returns: int):
-        self.settings = settings
-        self._memory = memory
-        self._reports = reports
-        self._returns = returns
-        self._free = list(range(SLOT_COUNT))
-        self._dropped = 0
-
-    def run(self) -> None:
-        """Read the camera until it ends or nobody listens."""
-        try:
-            capture, facts = open_capture(self.settings)
-            image = self._first(capture, facts)
-            height, width = image.shape[:2]
-            facts = dataclasses.replace(facts, width=width, height=height)
-            os.ftruncate(self._memory, SLOT_COUNT * image.nbytes)
-            slots = np.ndarray((SLOT_COUNT, *image.shape), np.uint8, mmap.mmap(self._memory, 0))
-            self._say({"facts": dataclasses.asdict(facts)})
-            self._loop(capture, facts, slots, image)
-        except CablecastError as error:
-            self._say({"error": str(error)})
-
-    def _first(self, capture: Any, facts: CameraFacts) -> NDArray[np.uint8]:
-        """Return the first picture after those that a device still exposes as before."""
-        image = None
-        for _ in range(WARM_UP_COUNT if facts.kind == "device" else 1):
-            ok, image = capture.read()
-            if not ok:
-                raise CameraError(f"camera source {self.settings.source} gives no picture")
-        return image  # pyright: ignore[reportReturnType]
-
-    def _loop(
-        self, capture: Any, facts: CameraFacts, slots: NDArray[np.uint8], first: NDArray[np.uint8]
-    ) -> None:
-        """Pass on frame after frame.
-
-        Args:
-            capture: Open capture.
-            facts: Answers of the camera.
-            slots: Room for frames, shape [slot, v, u, 3].
-            first: Frame that was read already. Every frame of a film counts; that of a stream
-                tells its size only, since its time may be older than the viewer.
-        """
-        stamps, film = _Stamps(self.settings), facts.kind == "file"
-        image: NDArray[np.uint8] | None = first if film else None
-        while True:
-            if image is None:
-                ok, image = capture.read()
-                if not ok or image is None:
-                    self._say({"end": film, "dropped": self._dropped})
-                    return
-            arrival = time.monotonic()
-            stamp = stamps.time(capture, arrival)
-            slot = self._slot(wait=film)
-            if slot is None or image.shape != slots.shape[1:]:
-                self._dropped += 1
-            else:
-                slots[slot] = image
-                report = {"slot": slot, "time": stamp, "arrival": arrival}
-                self._say({**report, "dropped": self._dropped})
-            image = None
-
-    def _slot(self, wait: bool) -> int | None:
-        """Return a free slot; None if there is none and none is waited for."""
-        while True:
-            patience = None if wait and not self._free else 0.0
-            while select.select([self._returns], [], [], patience)[0]:
-                returned = os.read(self._returns, SLOT_COUNT)
-                if not returned:
-                    # Nobody is left to film for.
-                    os._exit(0)
-                self._free += list(returned)
-                patience = 0.0
-            if self._free or not wait:
-                return self._free.pop(0) if self._free else None
-
-    def _say(self, values: dict[str, Any]) -> None:
-        try:
-            os.write(self._reports, (json.dumps(values) + "\n").encode())
-        except BrokenPipeError:
-            os._exit(0)
-
-
-class _Stamps:
-    """Times of frames by the clock that was asked for.
-
-    Args:
-        settings: Gives the clock.
-    """
-
-    def __init__(self, settings: CameraSettings):
-        self._settings = settings
-        self._zero_count = 0
-
-    def time(self, capture: Any, arrival: float) -> float:
-        """Return the time of the frame that was just read [s].
-
-        Args:
-            capture: Capture that read it.
-            arrival: Time at which it arrived [s].
-
-        Raises:
-            CameraError: The camera gives no time stamps.
-        """
-        if self._settings.clock == "arrival":
-            return arrival
-        stamp = float(capture.get(load_cv2().CAP_PROP_POS_MSEC)) / 1e3
-        self._zero_count = self._zero_count + 1 if stamp == 0.0 else 0
-        if self._zero_count >= _STAMP_TRIES:
-            raise CameraError(
-                f"camera source {self._settings.source} gives no time stamps: set `clock: arrival` "
-                "in the section `camera` of the lab file"
-            )
-        return stamp
-
-
-def main(arguments: list[str]) -> None:
-    """Read a camera for the process that started this one.
-
-    Args:
-        arguments: Settings as JSON, and the descriptors of the memory and of both pipes.
-    """
-    # Ctrl-C is for the process that started this one; it ends this one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    settings = CameraSettings.from_dict(json.loads(arguments[0]))
-    memory, reports, returns = (int(word) for word in arguments[1:4])
-    Grabber(settings, memory, reports, returns).run()
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
-
-
-READ_TIMEOUT = 5.0
-"""Time without any frame after which a camera counts as unplugged [s]."""
-
-_START_TIMEOUT = OPEN_TIMEOUT + 20.0
-"""Time for the process to start and to open the camera [s]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -360,6 +67,31 @@ class Frame:
     time: float
     arrival: float
     image: NDArray[np.uint8]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraFacts:
+    """Answer of a camera to what was asked of it.
+
+    Attributes:
+        kind: "device", "file" or "stream".
+        backend: Name of OpenCV's backend.
+        width: Width of its images [px].
+        height: Height of its images [px].
+        fourcc: Pixel format; empty where unknown.
+        exposure: Exposure [s]; None where it cannot be asked.
+        auto_exposure: Whether exposure is automatic; None where it cannot be asked.
+        autofocus: Whether focus is automatic; None where it cannot be asked.
+    """
+
+    kind: str
+    backend: str
+    width: int
+    height: int
+    fourcc: str = ""
+    exposure: float | None = None
+    auto_exposure: bool | None = None
+    autofocus: bool | None = None
 
 
 class LiveCamera:
@@ -382,7 +114,7 @@ class LiveCamera:
         self._last = -np.inf
         self._lines: list[bytes] = []
         self._rest = b""
-        self._memory = _memory()
+        self._memory = _open_memory()
         self._reports, reports = os.pipe()
         returns, self._returns = os.pipe()
         words = [json.dumps(settings.to_dict()), str(self._memory), str(reports), str(returns)]
@@ -418,7 +150,7 @@ class LiveCamera:
         while (frame := self.read()) is not None:
             yield frame
 
-    def read(self, timeout: float = READ_TIMEOUT) -> Frame | None:
+    def read(self, timeout: float = _READ_TIMEOUT) -> Frame | None:
         """Return the next frame; None after the last of a film.
 
         Args:
@@ -490,7 +222,7 @@ class LiveCamera:
         raise CameraError(f"camera source {source} stopped: is it still plugged in?")
 
 
-def _memory() -> int:
+def _open_memory() -> int:
     """Return the descriptor of memory, or of a file without a name, for frames."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("cablecast-frames")
@@ -538,7 +270,9 @@ class Brightness:
 
 
 class FrameWatch:
-    """Looks at each frame for a camera that no longer sees.
+    """Looks at each frame for a camera that is frozen, dark, or exposed anew.
+
+    A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
 
     Args:
         source: Name of the camera in errors.
@@ -554,16 +288,13 @@ class FrameWatch:
     def look(self, frame: Frame) -> None:
         """Look at the next frame.
 
-        Args:
-            frame: Frame that follows the last.
-
         Raises:
             CameraError: The camera is frozen, dark, or was exposed anew; says what to do.
         """
-        some = frame.image[::_STRIDE, ::_STRIDE]
-        same = self._last is not None and np.array_equal(some, self._last)
+        sampled = frame.image[::_STRIDE, ::_STRIDE]
+        same = self._last is not None and np.array_equal(sampled, self._last)
         self._same_count = self._same_count + 1 if same else 0
-        self._last = some
+        self._last = sampled
         where = f"camera source {self._source}"
         if self._same_count >= _SAME_MAX:
             raise CameraError(
@@ -584,3 +315,205 @@ class FrameWatch:
                 f"{where} is {change:.2f} times as bright as when it was calibrated: the light or "
                 "the exposure has changed. Switch automatic exposure off, and start anew"
             )
+
+
+def open_capture(
+    settings: CameraSettings, capture: Callable[..., Any] | None = None
+) -> tuple[Any, CameraFacts]:
+    """Open a camera, ask it for its settings, and read them back.
+
+    Args:
+        settings: Source and settings.
+        capture: Makes the capture; OpenCV's `VideoCapture` where None.
+
+    Returns:
+        The capture, and the camera's answers.
+
+    Raises:
+        CameraError: The source cannot be opened.
+    """
+    cv2 = load_cv2()
+    make = cv2.VideoCapture if capture is None else capture
+    source = settings.source.strip()
+    device = _DEVICE.fullmatch(source)
+    kind = "device" if device else "stream" if "://" in source else "file"
+    try:
+        if device:
+            opened = make(int(device.group(1)), cv2.CAP_V4L2)
+        elif kind == "stream":
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, int(1e3 * _OPEN_TIMEOUT)]
+            limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, int(1e3 * _SILENCE_MAX)]
+            opened = make(source, cv2.CAP_FFMPEG, limits)
+        else:
+            opened = make(source, cv2.CAP_FFMPEG)
+    except cv2.error as error:
+        raise CameraError(f"camera source {source}: {' '.join(str(error).split())}") from None
+    if not opened.isOpened():
+        raise CameraError(f"camera source {source} cannot be opened: {_ADVICE[kind]}")
+    if device:
+        _configure(opened, settings)
+    return opened, _read_back(opened, kind)
+
+
+def _configure(capture: Any, settings: CameraSettings) -> None:
+    """Ask a device for its settings.
+
+    The order is that of Linux cameras (V4L2): pixel format, size and rate one after another, since
+    each bounds the next; automatic exposure is switched through its automatic state, without which
+    some drivers ignore the value.
+    """
+    cv2 = load_cv2()
+    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*settings.fourcc))
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, settings.width)
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.height)
+    capture.set(cv2.CAP_PROP_FPS, settings.rate)
+    capture.set(cv2.CAP_PROP_AUTOFOCUS, 0)
+    if settings.focus is not None:
+        capture.set(cv2.CAP_PROP_FOCUS, settings.focus)
+    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _AUTO_EXPOSURE_ON)
+    capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _AUTO_EXPOSURE_OFF)
+    capture.set(cv2.CAP_PROP_EXPOSURE, round(settings.exposure / _EXPOSURE_UNIT))
+
+
+def _read_back(capture: Any, kind: str) -> CameraFacts:
+    """Return what a camera of some kind says of itself."""
+    cv2 = load_cv2()
+    code = int(capture.get(cv2.CAP_PROP_FOURCC))
+    letters = bytes((code >> shift) & 0xFF for shift in (0, 8, 16, 24))
+    facts = CameraFacts(
+        kind=kind,
+        backend=str(capture.getBackendName()),
+        width=int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
+        height=int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        fourcc=letters.decode("ascii", "replace").strip("\0") if code > 0 else "",
+    )
+    if kind != "device":
+        return facts
+    exposure = float(capture.get(cv2.CAP_PROP_EXPOSURE))
+    automatic = float(capture.get(cv2.CAP_PROP_AUTO_EXPOSURE))
+    autofocus = float(capture.get(cv2.CAP_PROP_AUTOFOCUS))
+    # What a driver does not know it answers with 0 or -1.
+    return dataclasses.replace(
+        facts,
+        exposure=exposure * _EXPOSURE_UNIT if exposure > 0 else None,
+        auto_exposure=automatic == _AUTO_EXPOSURE_ON if automatic > 0 else None,
+        autofocus=autofocus > 0 if autofocus >= 0 else None,
+    )
+
+
+class _Grabber:
+    """Reads frames and passes them on, until the camera ends or nobody listens.
+
+    Args:
+        settings: Camera to read.
+        memory: Descriptor of the memory for frames; it is given its size here.
+        reports: Descriptor of the pipe for lines of JSON.
+        returns: Descriptor of the pipe of free slots.
+    """
+
+    def __init__(self, settings: CameraSettings, memory: int, reports: int, returns: int):
+        self._settings = settings
+        self._memory, self._reports, self._returns = memory, reports, returns
+        self._free = list(range(SLOT_COUNT))
+        self._zero_count = 0
+
+    def run(self) -> None:
+        """Read the camera."""
+        try:
+            capture, facts = open_capture(self._settings)
+            image = self._first(capture, facts.kind)
+            height, width = image.shape[:2]
+            os.ftruncate(self._memory, SLOT_COUNT * image.nbytes)
+            slots = np.ndarray((SLOT_COUNT, *image.shape), np.uint8, mmap.mmap(self._memory, 0))
+            facts = dataclasses.replace(facts, width=width, height=height)
+            self._say({"facts": dataclasses.asdict(facts)})
+            self._loop(capture, slots, image if facts.kind == "file" else None)
+        except CablecastError as error:
+            self._say({"error": str(error)})
+
+    def _first(self, capture: Any, kind: str) -> NDArray[np.uint8]:
+        """Return the first picture after those that a device still exposes as before."""
+        for _ in range(_WARM_UP_COUNT if kind == "device" else 1):
+            ok, image = capture.read()
+            if not ok:
+                raise CameraError(f"camera source {self._settings.source} gives no picture")
+        return image
+
+    def _loop(
+        self, capture: Any, slots: NDArray[np.uint8], image: NDArray[np.uint8] | None
+    ) -> None:
+        """Pass on frame after frame.
+
+        Args:
+            capture: Open capture.
+            slots: Room for frames, shape [slot, v, u, 3].
+            image: First frame of a film, all of whose frames count. That of a stream tells its size
+                only, since its time may be older than the viewer.
+        """
+        film, dropped_count = image is not None, 0
+        while True:
+            if image is None:
+                _, image = capture.read()
+            if image is None:
+                self._say({"end": film, "dropped": dropped_count})
+                return
+            arrival = time.monotonic()
+            stamp = self._stamp(capture, arrival)
+            slot = self._slot(wait=film) if image.shape == slots.shape[1:] else None
+            if slot is None:
+                dropped_count += 1
+            else:
+                slots[slot] = image
+                report = {"slot": slot, "time": stamp, "arrival": arrival}
+                self._say({**report, "dropped": dropped_count})
+            image = None
+
+    def _stamp(self, capture: Any, arrival: float) -> float:
+        """Return the time of the frame that was just read, by the clock that was asked for [s]."""
+        if self._settings.clock == "arrival":
+            return arrival
+        stamp = float(capture.get(load_cv2().CAP_PROP_POS_MSEC)) / 1e3
+        self._zero_count = self._zero_count + 1 if stamp == 0.0 else 0
+        if self._zero_count >= _STAMP_TRIES:
+            raise CameraError(
+                f"camera source {self._settings.source} gives no time stamps: set `clock: arrival` "
+                "in the section `camera` of the lab file"
+            )
+        return stamp
+
+    def _slot(self, wait: bool) -> int | None:
+        """Return a free slot; None if there is none and none is waited for."""
+        while True:
+            patience = None if wait and not self._free else 0.0
+            while select.select([self._returns], [], [], patience)[0]:
+                returned = os.read(self._returns, SLOT_COUNT)
+                if not returned:
+                    # Nobody is left to film for.
+                    os._exit(0)
+                self._free += list(returned)
+                patience = 0.0
+            if self._free or not wait:
+                return self._free.pop(0) if self._free else None
+
+    def _say(self, values: dict[str, Any]) -> None:
+        try:
+            os.write(self._reports, (json.dumps(values) + "\n").encode())
+        except BrokenPipeError:
+            os._exit(0)
+
+
+def main(arguments: list[str]) -> None:
+    """Read a camera for the process that started this one.
+
+    Args:
+        arguments: Settings as JSON, and the descriptors of the memory and of both pipes.
+    """
+    # Ctrl-C is for the process that started this one; it ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    settings = CameraSettings.from_dict(json.loads(arguments[0]))
+    memory, reports, returns = (int(word) for word in arguments[1:4])
+    _Grabber(settings, memory, reports, returns).run()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
