@@ -18,7 +18,7 @@ from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.tags import TagLayout
 from cablecast.errors import InputError
 from cablecast.files import read_json, write_json
-from cablecast.vision.tags import detect_tags, load_cv2
+from cablecast.vision.tags import detect_tags, load_cv2, to_grey
 
 TAG_COUNT_MIN = 4
 """Fewest tags that tell the lens and the camera's place well."""
@@ -120,19 +120,14 @@ class Calibration:
         try:
             values = read_json(path)
             view = values.pop("view")
-            lens = view.pop("lens")
-            lens |= {name: tuple(lens[name]) for name in ("focal", "centre", "distortion")}
-            return cls(
-                view=CameraView(
-                    lens=Lens(**lens),
-                    rotation=tuple(tuple(row) for row in view["rotation"]),
-                    position=tuple(view["position"]),
-                ),
-                rms_px=values["rms_px"],
-                rms=values["rms"],
-                tag_ids=tuple(values["tag_ids"]),
-                rejected_ids=tuple(values["rejected_ids"]),
+            values["view"] = CameraView(
+                lens=Lens.from_dict(view["lens"]),
+                rotation=tuple(tuple(row) for row in view["rotation"]),
+                position=tuple(view["position"]),
             )
+            for name in ("tag_ids", "rejected_ids"):
+                values[name] = tuple(values[name])
+            return cls(**values)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             reason = repr(error) if isinstance(error, (KeyError, AttributeError)) else error
             raise InputError(f"{path} is no calibration of a camera: {reason}") from None
@@ -196,8 +191,7 @@ def find_board(image: NDArray[np.uint8], board: Board) -> tuple[Any, Any]:
         board is not seen.
     """
     cv2 = load_cv2()
-    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv()).detectBoard(grey)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv()).detectBoard(to_grey(image))
     if ids is None:
         return np.empty((0, 1, 2), np.float32), np.empty((0, 1), np.int32)
     return corners, ids
@@ -263,14 +257,7 @@ def calibrate_view(
 def _fit_view(
     points: NDArray[np.float64], corners: NDArray[np.float64], guess: Lens, *, lens_known: bool
 ) -> CameraView:
-    """Fit a camera to points of the table and where they appear.
-
-    Args:
-        points: Corners of tags [m], shape [corner, 3].
-        corners: Pixels at which they appear [px], shape [corner, 2].
-        guess: Lens, as it is or without its distortion.
-        lens_known: Whether the lens is known; else its distortion is fitted, too.
-    """
+    """Fit a camera, and the distortion of a lens that is not known, to tags' corners [m, px]."""
     cv2 = load_cv2()
     if lens_known:
         _, rvec, tvec = cv2.solvePnP(points, corners, guess.matrix, np.array(guess.distortion))
@@ -306,21 +293,18 @@ def _average_tags(
 
 def _lens_from_opencv(width: int, height: int, K: Any, distortion: Any) -> Lens:
     """Return the lens of OpenCV's camera matrix and distortion."""
-    k = [float(value) for value in np.ravel(distortion)[:5]]
+    k1, k2, p1, p2, k3 = np.ravel(distortion)[:5].tolist()
     return Lens(
         width=width,
         height=height,
         focal=(float(K[0, 0]), float(K[1, 1])),
         centre=(float(K[0, 2]), float(K[1, 2])),
-        distortion=(k[0], k[1], k[2], k[3], k[4]),
+        distortion=(k1, k2, p1, p2, k3),
     )
 
 
 def _view(lens: Lens, rvec: Any, tvec: Any) -> CameraView:
     """Return the camera of a lens and OpenCV's pose of the table before it."""
-    cv2 = load_cv2()
-    R = cv2.Rodrigues(np.asarray(rvec, dtype=float))[0]
-    position = (-R.T @ np.ravel(tvec)).tolist()
-    return CameraView(
-        lens=lens, rotation=tuple(tuple(row) for row in R.tolist()), position=tuple(position)
-    )
+    R = load_cv2().Rodrigues(np.asarray(rvec, dtype=float))[0]
+    x, y, z = (-R.T @ np.ravel(tvec)).tolist()
+    return CameraView(lens=lens, rotation=tuple(map(tuple, R.tolist())), position=(x, y, z))

@@ -1,7 +1,4 @@
-"""CameraCheck: what was asked of a camera, what it is, and what to change.
-
-Picture of a check: tags, the table's edges and axes drawn into what the camera saw.
-"""
+"""Check of a camera: what was asked of it, what it is, and what to change; and a picture of it."""
 
 import dataclasses
 import itertools
@@ -59,6 +56,8 @@ class CameraReport:
         green: Things of the marker's colour on the table that are larger than it is, as x, y and
             radius [m], shape [place, 3].
         image: Last picture.
+        counted_stamps: Whether the stamps of a stream are counted from its opening, and not
+            measured: FFmpeg does that for a stream without any, at another pace than frames come.
     """
 
     settings: CameraSettings
@@ -79,23 +78,7 @@ class CameraReport:
     blur: float
     green: NDArray[np.float64]
     image: NDArray[np.uint8]
-
-    @property
-    def exposure(self) -> float:
-        """Exposure as it is, or as it is stated where the camera does not tell [s]."""
-        return self.settings.exposure if self.facts.exposure is None else self.facts.exposure
-
-    @property
-    def counted_stamps(self) -> bool:
-        """True if the stamps of a stream are counted from its opening, and not measured.
-
-        That is what FFmpeg does for a stream without any. It counts at another pace than the frames
-        come.
-        """
-        pace = self.rate / self.arrival_rate if self.arrival_rate > 0 else 1.0
-        return self._counted and self.facts.kind == "stream" and not 0.95 < pace < 1.05
-
-    _counted: bool = False
+    counted_stamps: bool
 
     def advice(self) -> list[str]:
         """Return what to change, most urgent first; nothing where all is well."""
@@ -241,53 +224,48 @@ class CameraCheck:
         if len(self._times) < 3:
             raise InputError(f"{len(self._times)} frames say nothing about a camera: at least 3")
         stamps, arrivals = (np.diff(column) for column in np.array(self._times).T)
-        dt = float(np.median(stamps))
-        gaps = np.maximum(np.round(stamps / dt) - 1, 0)
-        calibration, refused = None, None
+        gaps = np.maximum(np.round(stamps / float(np.median(stamps))) - 1, 0)
+        # Over the whole time: frames come in bursts, and a film counts in whole milliseconds.
+        rate = (len(stamps) + float(gaps.sum())) / float(stamps.sum())
+        arrival_rate = len(arrivals) / max(float(arrivals.sum()), 1e-9)
+        counted = float(np.ptp(stamps)) < _COUNTED and self._times[0][0] < _OPENING
+        pace = rate / arrival_rate if arrival_rate > 0 else 1.0
+        calibration, refused, image = None, None, self._images[-1]
+        ids, px_per_m, green = (), float("nan"), np.empty((0, 3))
         try:
             calibration = calibrate_camera(self._images, self._setup)
         except InputError as error:
             refused = str(error)
-        layout, workspace = tags_of(self._setup), self._setup.workspace
-        ids = () if calibration is None else (*calibration.tag_ids, *calibration.rejected_ids)
-        centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
+        if calibration is not None:
+            ids = (*calibration.tag_ids, *calibration.rejected_ids)
+            workspace, (length, width) = self._setup.workspace, self._settings.marker
+            centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
+            px_per_m = calibration.view.pixels_per_metre(centre)
+            mask = green_mask(image, MarkerConfig(length=length, width=width)) > 0
+            green = green_places(mask, calibration.view, workspace)
+            green = green[green[:, 2] > length]
         told = self._facts.exposure
         return CameraReport(
             settings=self._settings,
             facts=self._facts,
             frame_count=len(self._times),
-            # Over the whole time: stamps of a film may be whole milliseconds.
-            rate=(len(stamps) + float(gaps.sum())) / float(stamps.sum()),
-            # Frames come in bursts: only the whole tells how fast.
-            arrival_rate=len(arrivals) / max(float(arrivals.sum()), 1e-9),
+            rate=rate,
+            arrival_rate=arrival_rate,
             missed_count=max(int(gaps.sum()) - dropped_count, 0),
             dropped_count=dropped_count,
-            brightness=Brightness.of(self._images[-1]),
+            brightness=Brightness.of(image),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
-            tag_count=len(layout.tags),
+            tag_count=len(tags_of(self._setup).tags),
             calibration=calibration,
             calibration_error=refused,
-            px_per_m=float("nan") if calibration is None else _scale(calibration, centre),
+            px_per_m=px_per_m,
             tip_speed=self._tip_speed,
-            green=self._green(calibration),
             blur=self._tip_speed * (self._settings.exposure if told is None else told),
-            image=self._images[-1],
-            _counted=float(np.ptp(stamps)) < _COUNTED and self._times[0][0] < _OPENING,
+            green=green,
+            image=image,
+            counted_stamps=counted and self._facts.kind == "stream" and not 0.95 < pace < 1.05,
         )
-
-    def _green(self, calibration: Calibration | None) -> NDArray[np.float64]:
-        """Return the green things of the last picture that are no marker, [place, 3]."""
-        if calibration is None:
-            return np.empty((0, 3))
-        length, width = self._settings.marker
-        mask = green_mask(self._images[-1], MarkerConfig(length=length, width=width)) > 0
-        places = green_places(mask, calibration.view, self._setup.workspace)
-        return places[places[:, 2] > length]
-
-
-def _scale(calibration: Calibration, centre: tuple[float, float]) -> float:
-    return calibration.view.pixels_per_metre(centre)
 
 
 _SEEN, _REFUSED, _EDGE, _AXIS = (60, 170, 0), (0, 0, 220), (200, 120, 0), (160, 0, 160)

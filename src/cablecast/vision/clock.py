@@ -1,10 +1,4 @@
-"""Clocks: the offset between the robot's and the camera's, from what both saw of one motion.
-
-The camera sees something move (the gripper) or shine (a lamp on a digital output); the robot
-reports the same with its own times. The offset is the shift at which the one explains the other
-best.
-
-SeenMotion: how the arm moves in the picture, for comparing the camera's clock with the robot's.
+"""Clocks: the offset between the robot's and the camera's, from a motion of the arm both tell of.
 
 Nothing needs to be stuck on the gripper. Dense optical flow (Kroeger et al., DIS, ECCV 2016) tells
 how far each pixel went from one frame to the next. Whatever moves is the arm, or hangs on it: its
@@ -27,16 +21,42 @@ from cablecast.vision.tags import load_cv2
 
 Array = NDArray[np.float64]
 
-FRAME_COUNT_MIN = 30
+_FRAME_COUNT_MIN = 30
 """Fewest frames that tell an offset."""
-
-PART_COUNT = 8
-"""Parts of the record that are left out in turn, which tells how sure the offset is."""
-RUN_LENGTH = 3
-"""Frames in a row that are left out together, since errors of neighbours resemble one another."""
 _EXPLAINED_MIN = 0.5
-"""Smallest share of what the camera saw that the robot's report must explain."""
+"""Smallest share of the mean velocity in the picture that the robot's report must explain."""
 _REFINE_COUNT = 3
+_PART_COUNT = 8
+"""Parts of the record that are left out in turn, which tells how sure the offset is."""
+_RUN_LENGTH = 3
+"""Frames in a row that are left out together, since errors of neighbours are correlated."""
+_WIDTH = 480
+"""Width of the pictures in which the flow is found [px]: the arm is large and moves as a whole."""
+_PRESET, _BLUR = 0, 1.5
+"""The quickest of OpenCV's presets, which holds still areas still, and a blur against noise [px].
+Of those that were tried on two rendered casts at 30 frames/s these were off least: 1.9 ms."""
+_FLOW_MIN = 0.6
+"""Way of a pixel between two frames below which it stands still [px of the small picture]."""
+_AREA_MIN = 0.002
+"""Share of the picture that must move for the motion to be the arm's."""
+_REST_SHARE = 0.05
+"""Share of its largest speed below which the arm stands still."""
+_POINT_DISTANCE = 0.05
+"""Distance between points of the arm whose mean stands for what is seen of it [m]."""
+_STILL_ROD_COUNT = 2
+"""Rods of the arm's base, which stand still and come first."""
+_TRAVEL_MIN = 0.15
+"""Shortest way of the gripper in a record that tells an offset [m]."""
+_KEPT_STRIDE = 3
+"""Distance of the pixels whose flow is kept [px of the small picture]: flow is smooth."""
+_FLOW_ERROR = 1.0
+"""Difference of two ways above which it hardly matters how far off they are, for something else is
+seen there: a link that hides another, or the cable [px of the small picture]."""
+_EXPLAINED_MIN_ARM = 0.7
+"""Smallest share of what was seen where the arm is that its report must explain: casts of the
+virtual laboratory reach nine tenths."""
+_SEARCHES = ((0.08, 0.004), (0.006, 0.0005))
+"""Half widths and steps of the searches about the rough offset [s]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -74,18 +94,18 @@ def controller_shift(clock_pairs: Array) -> float:
     return float(np.min(pairs[:, 1] - pairs[:, 0]))
 
 
-def fit_offset(
+def rough_offset(
     times: Array,
     seen: Array,
     reported: Callable[[Array], Array],
     low: float,
     high: float,
-    step: float = 0.004,
-) -> ClockOffset:
-    """Return the offset at which a report explains best what the camera saw.
+    step: float = 0.01,
+) -> float:
+    """Return the offset at which a report explains best what the camera saw [s].
 
     The camera's signal may be any multiple of the reported one, plus a constant: its scale depends
-    on what part of the gripper was seen.
+    on what part of the arm was seen.
 
     Args:
         times: Times of the frames by the camera's clock [s], shape [frame].
@@ -100,39 +120,21 @@ def fit_offset(
     """
     keep = np.isfinite(seen)
     times, seen = times[keep], seen[keep]
-    if len(times) < FRAME_COUNT_MIN:
+    if len(times) < _FRAME_COUNT_MIN:
         raise InputError(
-            f"{len(times)} frames show the motion: at least {FRAME_COUNT_MIN} are needed"
+            f"{len(times)} frames show the motion: at least {_FRAME_COUNT_MIN} are needed"
         )
-    parts = np.arange(len(times)) // RUN_LENGTH % PART_COUNT
     offset, explained = _best(times, seen, reported, np.arange(low, high + step, step))
     if explained < _EXPLAINED_MIN:
         raise InputError(
             f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw: "
             "is the gripper in sight, and nothing else in motion?"
         )
-    near = offset + np.arange(-10, 11) * step / 2
-    left_out = [
-        _best(times[parts != part], seen[parts != part], reported, near)[0]
-        for part in range(PART_COUNT)
-    ]
-    sd = jackknife_sd(np.array(left_out))
-    return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=len(times))
+    return offset
 
 
-def jackknife_sd(left_out: Array) -> float:
-    """Return the standard deviation of an estimate, from those with each part left out in turn."""
-    count = len(left_out)
-    return float(np.sqrt((count - 1) / count * np.sum((left_out - np.mean(left_out)) ** 2)))
-
-
-def parabola_minimum(places: Array, values: Array) -> float:
-    """Return the place of a minimum, between the places about the least of some values.
-
-    Args:
-        places: Even places, shape [place].
-        values: Values there, shape [place].
-    """
+def _parabola_minimum(places: Array, values: Array) -> float:
+    """Return the place of a minimum, between the even places about the least of some values."""
     least = int(np.clip(np.argmin(values), 1, len(values) - 2))
     left, middle, right = values[least - 1 : least + 2]
     bend, step = left - 2 * middle + right, places[1] - places[0]
@@ -163,65 +165,12 @@ def _best(
 def _explained(seen: Array, reported: Array) -> float:
     """Return the share of the variance of one signal that a line of the other explains."""
     both = np.isfinite(reported)
-    if both.sum() < FRAME_COUNT_MIN / 2 or both.sum() < 0.5 * len(seen):
+    if both.sum() < _FRAME_COUNT_MIN / 2 or both.sum() < 0.5 * len(seen):
         return np.nan
     a, b = seen[both] - seen[both].mean(), reported[both] - reported[both].mean()
     scale = float(a @ a) * float(b @ b)
     # A motion seen backwards is another motion.
     return float(max(a @ b, 0.0) ** 2 / scale) if scale > 0 else np.nan
-
-
-def lamp_signal(
-    switch_times: Array, exposure: float, first_on: bool = True
-) -> Callable[[Array], Array]:
-    """Return the brightness of a lamp in frames, as a share of full.
-
-    Args:
-        switch_times: Times at which it was switched, by the robot's clock, rising [s].
-        exposure: Exposure of a frame [s]; the lamp may be switched within it.
-        first_on: Whether the first time switches it on.
-
-    Returns:
-        Function from times of frames to brightness from 0 to 1.
-    """
-    edges = np.asarray(switch_times, dtype=float)
-    signs = np.where(np.arange(len(edges)) % 2 == 0, 1.0, -1.0) * (1.0 if first_on else -1.0)
-
-    def brightness(times: Array) -> Array:
-        passed = (times[:, None] - edges) / exposure + 0.5
-        level = np.clip(passed, 0.0, 1.0) @ signs
-        return level + (0.0 if first_on else 1.0)
-
-    return brightness
-
-
-WIDTH = 480
-"""Width of the pictures in which the flow is found [px]: the arm is large and moves as a whole."""
-_PRESET, _BLUR = 0, 1.5
-"""The quickest of OpenCV's presets, which holds still areas still, and a blur against noise [px].
-Of those that were tried on two rendered casts at 30 frames/s these were off least: 1.9 ms."""
-_FLOW_MIN = 0.6
-"""Way of a pixel between two frames below which it stands still [px of the small picture]."""
-_AREA_MIN = 0.002
-"""Share of the picture that must move for the motion to be the arm's."""
-_REST_SHARE = 0.05
-"""Share of its largest speed below which the arm stands still."""
-_POINT_DISTANCE = 0.05
-"""Distance between points of the arm whose mean stands for what is seen of it [m]."""
-_STILL_ROD_COUNT = 2
-"""Rods of the arm's base, which stand still and come first."""
-_TRAVEL_MIN = 0.15
-"""Shortest way of the gripper in a record that tells an offset [m]."""
-_KEPT_STRIDE = 3
-"""Distance of the pixels whose flow is kept [px of the small picture]: flow is smooth."""
-_FLOW_ERROR = 1.0
-"""Difference of two ways above which it hardly matters how far off they are, for something else is
-seen there: a link that hides another, or the cable [px of the small picture]."""
-_EXPLAINED_MIN__gripper = 0.7
-"""Smallest share of what was seen where the arm is that its report must explain: casts of the
-virtual laboratory reach nine tenths."""
-_SEARCHES = ((0.08, 0.004), (0.006, 0.0005))
-"""Half widths and steps of the searches about the rough offset [s]."""
 
 
 class SeenMotion:
@@ -238,7 +187,6 @@ class SeenMotion:
         self._last_time = 0.0
         self.times: list[float] = []
         self.ends: list[tuple[float, float]] = []
-        self.frame_dts: list[float] = []
         self.velocities: list[Array] = []
         self.flows: list[NDArray[np.float16]] = []
         self.scale = 1.0
@@ -251,8 +199,8 @@ class SeenMotion:
             time: Time of its middle row [s].
         """
         cv2 = load_cv2()
-        self.scale = scale = WIDTH / image.shape[1]
-        size = (WIDTH, round(scale * image.shape[0]))
+        self.scale = scale = _WIDTH / image.shape[1]
+        size = (_WIDTH, round(scale * image.shape[0]))
         grey = cv2.resize(
             cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA
         )
@@ -270,7 +218,6 @@ class SeenMotion:
             self.flows.append(flow[::_KEPT_STRIDE, ::_KEPT_STRIDE].astype(np.float16))
             self.ends.append((self._last_time, time))
             self.times.append(middle)
-            self.frame_dts.append(dt)
             self.velocities.append(velocity)
         self._last, self._last_time = grey, time
 
@@ -306,49 +253,36 @@ def sync_by_motion(
     # The direction along which it moves most, in the picture.
     axis = np.linalg.svd(pixels - pixels.mean(axis=0), full_matrices=False)[2][0]
     way = (pixels - pixels.mean(axis=0)) @ axis
-    times, dts = np.array(seen.times), np.array(seen.frame_dts)
+    times = np.array(seen.times)
     if not len(times):
         raise InputError("a film of two frames at least is needed to compare clocks")
-    dt = float(np.median(dts))
+    dt = float(np.median(np.diff(seen.ends)))
     first, last = robot_times[0] - times[0], robot_times[-1] - times[-1]
     margin = 0.5 * min(float(np.ptp(robot_times)), float(np.ptp(times)))
     low, high = min(first, last) - margin, max(first, last) + margin
     signal = np.array(seen.velocities) @ axis
-    rough = fit_offset(times, signal, reported_speed(robot_times, way, dt), low, high, 0.01)
-    return _refine(rough, seen, robot_times, points)
-
-
-def _refine(rough: ClockOffset, seen: SeenMotion, robot_times: Array, points: Array) -> ClockOffset:
-    """Return the offset at which most points of the arm go as the flow has it where they are.
-
-    Args:
-        rough: Offset to begin with.
-        seen: Motion in the picture.
-        robot_times: Times of the robot's reports [s], shape [report].
-        points: Points of the arm in the picture at these times [px], shape [report, point, 2].
-    """
+    offset = rough_offset(times, signal, reported_speed(robot_times, way, dt), low, high)
+    # The offset at which most points of the arm go as the flow has it where they are.
     points = points * seen.scale
-    offset, parts = rough.offset, np.arange(len(seen.flows)) // RUN_LENGTH % PART_COUNT
     for width, step in _SEARCHES:
         offsets = offset + np.arange(-width, width + step / 2, step)
         losses = np.array([_compare(seen, robot_times, points, at)[0] for at in offsets])
-        offset = parabola_minimum(offsets, losses.sum(axis=1))
-    left_out = [
-        parabola_minimum(offsets, losses[:, parts != part].sum(axis=1))
-        for part in range(PART_COUNT)
-    ]
+        offset = _parabola_minimum(offsets, losses.sum(axis=1))
     _, explained = _compare(seen, robot_times, points, offset)
-    if explained < _EXPLAINED_MIN__gripper:
+    if explained < _EXPLAINED_MIN_ARM:
         raise InputError(
             f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw "
             "where the arm is: is the arm measured, and is the camera where it was calibrated?"
         )
-    return ClockOffset(
-        offset=offset,
-        sd=jackknife_sd(np.array(left_out)),
-        explained=explained,
-        frame_count=len(seen.flows),
-    )
+    count = len(seen.flows)
+    parts = np.arange(count) // _RUN_LENGTH % _PART_COUNT
+    left_out = [
+        _parabola_minimum(offsets, losses[:, parts != part].sum(axis=1))
+        for part in range(_PART_COUNT)
+    ]
+    # Jackknife.
+    sd = float(np.sqrt((_PART_COUNT - 1) * np.var(left_out)))
+    return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=count)
 
 
 def _compare(

@@ -1,7 +1,4 @@
-"""OpenCV, imported when it is needed and not before.
-
-Fiducial tags in pictures: drawing them to print, and finding them in an image.
-"""
+"""OpenCV, imported when it is needed, and fiducial tags: drawn to print, found in an image."""
 
 import os
 from typing import Any
@@ -27,11 +24,13 @@ def load_cv2() -> Any:
     return cv2
 
 
-_PRINT_CELL = 40
-"""Size of one of the ten cells of a printed tag with its white rim [px]."""
+def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a grey or BGR picture in grey, shape [v, u]."""
+    cv2 = load_cv2()
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
 
 
-def tag_picture(tag_id: int, cell: int = _PRINT_CELL) -> NDArray[np.uint8]:
+def tag_picture(tag_id: int, cell: int = 40) -> NDArray[np.uint8]:
     """Draw a tag with its white rim: ten by ten cells, of which eight are the black square.
 
     Args:
@@ -62,18 +61,16 @@ def detect_tags(image: NDArray[np.uint8]) -> dict[int, NDArray[np.float64]]:
     parameters.cornerRefinementMaxIterations = 60
     parameters.cornerRefinementMinAccuracy = 0.005
     detector = cv2.aruco.ArucoDetector(_dictionary(), parameters)
-    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    corners, ids, _ = detector.detectMarkers(grey)
+    corners, ids, _ = detector.detectMarkers(to_grey(image))
     if ids is None:
         return {}
-    found: dict[int, NDArray[np.float64]] = {}
-    doubled = set()
-    for tag_id, quad in zip(ids.ravel().tolist(), corners, strict=True):
-        if tag_id in found:
-            doubled.add(tag_id)
-        found[tag_id] = quad.reshape(4, 2).astype(np.float64)
+    numbers = ids.ravel().tolist()
     # A tag that is seen twice is not at one known place.
-    return {tag_id: quad for tag_id, quad in found.items() if tag_id not in doubled}
+    return {
+        tag_id: quad.reshape(4, 2).astype(np.float64)
+        for tag_id, quad in zip(numbers, corners, strict=True)
+        if numbers.count(tag_id) == 1
+    }
 
 
 def _dictionary():
