@@ -75,7 +75,7 @@ def test_a_damaged_description_is_refused(copied, text):
 def test_a_dataset_of_another_version_is_refused_by_its_version(copied, version):
     info = json.loads((copied / "meta/info.json").read_text())
     del info["sha256"]
-    (copied / "meta/info.json").write_text(json.dumps(info | {"schema_version": version}))
+    (copied / "meta/info.json").write_text(json.dumps(seal(info | {"schema_version": version})))
     with pytest.raises(DatasetError, match=f"schema version {version}: .*make the dataset anew"):
         read_dataset(copied)
 

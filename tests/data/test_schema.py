@@ -4,7 +4,6 @@ import pytest
 from cablecast.data.dataset import read_dataset
 from cablecast.data.schema import (
     COLUMNS,
-    check_columns,
     track_extent,
 )
 from cablecast.data.writer import DatasetWriter
@@ -21,14 +20,6 @@ def test_the_extent_of_a_track_skips_what_was_not_seen():
     extent = track_extent(track)
     np.testing.assert_array_equal(extent[0], [-0.5, 0.0, 1.0, 1.2])
     assert np.all(np.isnan(extent[1]))
-
-
-def test_missing_columns_and_unequal_lengths_are_refused():
-    columns = some_columns(3)
-    with pytest.raises(DatasetError, match="psi"):
-        check_columns({name: v for name, v in columns.items() if name != "psi"})
-    with pytest.raises(DatasetError, match="differ in length"):
-        check_columns(columns | {"r2": np.ones(2)})
 
 
 def test_trials_of_a_rig_fit_the_schema_with_repeats_and_tracks(tmp_path):

@@ -1,44 +1,33 @@
-"""Schema of D_tune, D_sim and D_real: one row is one trial.
+"""Schema of D_tune, D_sim and D_real, and their files: one row is one trial.
 
 Every dataset has the columns from `index` to `y_max`. Trials on a rig add some of
-`OPTIONAL_COLUMNS`. Unknown columns are read as they are.
-
-meta/info.json: the description of a dataset, and the layout of its files.
-
-Shards: Parquet files of rows, checked when they are read.
-
-Parquet has checksums for its pages but none for its footer, in which a flipped bit may rename a
-column or change its type. Each shard therefore holds a digest of its rows.
+`OPTIONAL_COLUMNS`. Unknown columns are read as they are. `meta/info.json` describes a dataset; its
+rows lie in shards, Parquet files that are checked when they are read.
 """
 
-import dataclasses
 import hashlib
 import io
 import pathlib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError, InputError
+from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
 from cablecast.runs.folder import fingerprint
 
 SCHEMA_VERSION = 2
 """Version of the schema; datasets of other versions are refused."""
 
-CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_bits")
-"""Lists of what an arm's controller reported, in the order of `ControllerLog`."""
 
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Column:
+class Column(NamedTuple):
     """One column of a dataset.
 
     Attributes:
         name: Name of the column.
-        kind: Arrow type.
+        kind: "int64", "float64", "string", or "list" of float64.
         unit: Unit, "-" for none.
         meaning: Phrase for the dataset card.
     """
@@ -50,115 +39,52 @@ class Column:
 
 
 COLUMNS = (
-    Column(name="index", kind="int64", unit="-", meaning="number of the trial, from 0"),
+    Column("index", "int64", "-", "number of the trial, from 0"),
+    Column("theta1", "float64", "rad", "angle at which the motion turns back"),
+    Column("theta2", "float64", "rad", "angle at which the motion ends"),
+    Column("r2", "float64", "m", "radius at which the motion ends"),
+    Column("psi", "float64", "rad", "heading of the gripper at the end"),
     Column(
-        name="theta1", kind="float64", unit="rad", meaning="angle at which the motion turns back"
+        "endpoint_x", "float64", "m", "resting point of the free end, to the right of the robot"
     ),
-    Column(name="theta2", kind="float64", unit="rad", meaning="angle at which the motion ends"),
-    Column(name="r2", kind="float64", unit="m", meaning="radius at which the motion ends"),
-    Column(name="psi", kind="float64", unit="rad", meaning="heading of the gripper at the end"),
-    Column(
-        name="endpoint_x",
-        kind="float64",
-        unit="m",
-        meaning="resting point of the cable's free end, to the right of the robot",
-    ),
-    Column(
-        name="endpoint_y",
-        kind="float64",
-        unit="m",
-        meaning="resting point of the cable's free end, away from the robot",
-    ),
-    Column(name="status", kind="string", unit="-", meaning="end of the trial"),
-    Column(name="duration", kind="float64", unit="s", meaning="duration of the gripper's motion"),
-    Column(
-        name="x_min",
-        kind="float64",
-        unit="m",
-        meaning="smallest x of the free end during the trial",
-    ),
-    Column(
-        name="x_max", kind="float64", unit="m", meaning="largest x of the free end during the trial"
-    ),
-    Column(
-        name="y_min",
-        kind="float64",
-        unit="m",
-        meaning="smallest y of the free end during the trial",
-    ),
-    Column(
-        name="y_max", kind="float64", unit="m", meaning="largest y of the free end during the trial"
-    ),
+    Column("endpoint_y", "float64", "m", "resting point of the free end, away from the robot"),
+    Column("status", "string", "-", "end of the trial"),
+    Column("duration", "float64", "s", "duration of the gripper's motion"),
+    Column("x_min", "float64", "m", "smallest x of the free end during the trial"),
+    Column("x_max", "float64", "m", "largest x of the free end during the trial"),
+    Column("y_min", "float64", "m", "smallest y of the free end during the trial"),
+    Column("y_max", "float64", "m", "largest y of the free end during the trial"),
 )
 
 OPTIONAL_COLUMNS = (
-    Column(name="repeat", kind="int64", unit="-", meaning="repeat of the same action, from 0"),
-    Column(name="times", kind="list", unit="s", meaning="times of the track"),
-    Column(name="track_x", kind="list", unit="m", meaning="x of the free end at these times"),
-    Column(name="track_y", kind="list", unit="m", meaning="y of the free end at these times"),
-    Column(name="joint_times", kind="list", unit="s", meaning="times of the commanded joints"),
+    Column("repeat", "int64", "-", "repeat of the same action, from 0"),
+    Column("times", "list", "s", "times of the track"),
+    Column("track_x", "list", "m", "x of the free end at these times"),
+    Column("track_y", "list", "m", "y of the free end at these times"),
+    Column("joint_times", "list", "s", "times of the commanded joints"),
+    Column("joint_q", "list", "rad", "commanded joint angles, six after six, one group per time"),
+    Column("actual_times", "list", "s", "times of the reported joints"),
+    Column("actual_q", "list", "rad", "reported joint angles, six after six, one group per time"),
+    Column("controller_times", "list", "s", "these times by the clock of the arm's controller"),
     Column(
-        name="joint_q",
-        kind="list",
-        unit="rad",
-        meaning="commanded joint angles, six after six, one group per time",
+        "target_q", "list", "rad", "joint angles that the controller followed then, six after six"
     ),
-    Column(name="actual_times", kind="list", unit="s", meaning="times of the reported joints"),
+    Column("speed_scaling", "list", "-", "speed scaling that the controller reported then"),
+    Column("safety_bits", "list", "-", "safety status bits that the controller reported then"),
+    Column("grip_times", "list", "s", "times of the tracked grip, where no arm moved it"),
     Column(
-        name="actual_q",
-        kind="list",
-        unit="rad",
-        meaning="reported joint angles, six after six, one group per time",
+        "grip_pose", "list", "m, rad", "x, y, z, yaw and pitch of the tracked grip, five after five"
     ),
-    Column(
-        name="controller_times",
-        kind="list",
-        unit="s",
-        meaning="times of the reported joints by the clock of the arm's controller",
-    ),
-    Column(
-        name="target_q",
-        kind="list",
-        unit="rad",
-        meaning="joint angles that the controller followed at these times, six after six",
-    ),
-    Column(
-        name="speed_scaling",
-        kind="list",
-        unit="-",
-        meaning="speed scaling that the controller reported at these times",
-    ),
-    Column(
-        name="safety_bits",
-        kind="list",
-        unit="-",
-        meaning="safety status bits that the controller reported at these times",
-    ),
-    Column(
-        name="grip_times",
-        kind="list",
-        unit="s",
-        meaning="times of the tracked grip, where no arm moved it",
-    ),
-    Column(
-        name="grip_pose",
-        kind="list",
-        unit="m, rad",
-        meaning="x, y, z, yaw and pitch of the tracked grip, five after five, one group per time",
-    ),
-    Column(
-        name="nodes",
-        kind="list",
-        unit="m",
-        meaning="x, y and z of the cable's nodes from the grip to the free end, time by time",
-    ),
-    Column(name="attempt", kind="int64", unit="-", meaning="failed attempts before this one"),
-    Column(name="rig", kind="string", unit="-", meaning="description of the rig, as JSON"),
+    Column("nodes", "list", "m", "x, y and z of the nodes from the grip to the free end, by time"),
+    Column("attempt", "int64", "-", "failed attempts before this one"),
+    Column("rig", "string", "-", "description of the rig, as JSON"),
 )
 
 ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")
 ENDPOINT_COLUMNS = ("endpoint_x", "endpoint_y")
 EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
+CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_bits")
+"""Lists of what an arm's controller reported, in the order of `ControllerLog`."""
 
 
 def arrow_schema(column_names: tuple[str, ...] = ()):
@@ -201,20 +127,6 @@ def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(extent), extent, np.nan)
 
 
-def check_columns(columns: Mapping[str, Any]) -> int:
-    """Return the number of rows of some columns.
-
-    Raises:
-        DatasetError: A column is missing, or two differ in length.
-    """
-    if missing := [column.name for column in COLUMNS if column.name not in columns]:
-        raise DatasetError(f"rows of a dataset lack the columns {missing}")
-    lengths = {name: len(values) for name, values in columns.items()}
-    if len(set(lengths.values())) > 1:
-        raise DatasetError(f"columns of a dataset differ in length: {lengths}")
-    return lengths["index"]
-
-
 CHUNK_SIZE = 1000
 """Shards in one folder, as in LeRobot v3."""
 
@@ -250,9 +162,6 @@ def read_info(path: pathlib.Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise DatasetError(f"{path} is not a dataset: {file} is missing") from None
     except DamagedFileError as error:
-        version = _version_without_checksum(file)
-        if version is not None and version != SCHEMA_VERSION:
-            raise DatasetError(_other_version(path, version)) from None
         raise DatasetError(
             f"{error}. It describes the dataset: restore it, or make the dataset anew"
         ) from None
@@ -267,7 +176,10 @@ def check_info(info: dict[str, Any], path: pathlib.Path) -> None:
         DatasetError: It is of another schema version, or its numbers contradict each other.
     """
     if info.get("schema_version") != SCHEMA_VERSION:
-        raise DatasetError(_other_version(path, info.get("schema_version")))
+        raise DatasetError(
+            f"{path} has schema version {str(info.get('schema_version'))[:20]}: this cablecast "
+            f"reads {SCHEMA_VERSION}, make the dataset anew"
+        )
     for name, kind in _KINDS.items():
         value = info.get(name)
         if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
@@ -281,23 +193,6 @@ def check_info(info: dict[str, Any], path: pathlib.Path) -> None:
         )
     if len(info["shard_digests"]) != (info["shard_count"] if info["complete"] else 0):
         raise DatasetError(f"{path / INFO_PATH} is damaged: it lacks digests of shards")
-
-
-def _version_without_checksum(file: pathlib.Path) -> Any:
-    """Return the schema version of a description without a checksum, as older versions wrote it."""
-    from cablecast.files import read_json
-
-    try:
-        return read_json(file).get("schema_version")
-    except (InputError, OSError):
-        return None
-
-
-def _other_version(path: pathlib.Path, version: Any) -> str:
-    return (
-        f"{path} has schema version {str(version)[:20]}: this cablecast reads {SCHEMA_VERSION}, "
-        "make the dataset anew"
-    )
 
 
 SHARD_SIZE_MAX = 2**32
@@ -381,7 +276,11 @@ def _damage(file: pathlib.Path, reason: object) -> DatasetError:
 
 
 def _rows_digest(table: Any) -> str:
-    """Return a checksum over the names, types and values of all columns."""
+    """Return a checksum over the names, types and values of all columns.
+
+    Parquet has checksums for its pages but none for its footer, in which a flipped bit may rename a
+    column or change its type.
+    """
     import pyarrow as pa
 
     digest = hashlib.sha256()

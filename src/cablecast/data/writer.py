@@ -1,6 +1,4 @@
-"""README.md of a dataset: a card for people and for dataset viewers.
-
-Writer of datasets, shard by shard: a kill at any moment loses at most the shard under way.
+"""Writer of datasets, shard by shard: a kill at any moment loses at most the shard under way.
 
 The layout of the folder is that of LeRobot v3: `data/chunk-000/file-000.parquet` and so on,
 `meta/info.json`, `meta/stats.json` and a README.md card. `meta/info.json` is written first, with
@@ -25,7 +23,6 @@ from cablecast.data.schema import (
     SCHEMA_VERSION,
     Column,
     arrow_schema,
-    check_columns,
     check_info,
     content_fingerprint,
     read_shard,
@@ -227,7 +224,7 @@ class DatasetWriter:
         import pyarrow as pa
 
         rows = self.rows_of(shard)
-        if check_columns(columns) != len(rows):
+        if len(columns["index"]) != len(rows):
             raise DatasetError(f"shard {shard} needs {len(rows)} rows, not {len(columns['index'])}")
         schema = arrow_schema(tuple(columns))
         table = pa.table({name: columns[name] for name in schema.names}, schema=schema)
