@@ -1,14 +1,8 @@
-"""CastTask: targets, cables, actions, observations and rewards of the environments, in batches.
-
-Casters: a batch of actions on the engine, or one after the other on a rig.
-
-CastEnv and CastVectorEnv: one cast per episode, for learners that speak Gymnasium.
-"""
+"""CastEnv and CastVectorEnv: one cast per episode, for learners that speak Gymnasium."""
 
 import dataclasses
 import typing
-from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -22,8 +16,6 @@ from cablecast.cast import TrialStatus
 from cablecast.conventions import side_of
 from cablecast.data.simulate import simulate_actions
 from cablecast.engines import make_engine
-from cablecast.engines.base import Engine
-from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import ActionError, InputError, check_count, check_number
 from cablecast.motion.action import (
     PSI_MAX,
@@ -35,13 +27,13 @@ from cablecast.motion.action import (
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.base import Rig, run_trials
-from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.tuning.space import SearchSpace
 from cablecast.tuning.tuned import Tuned
 
 Array = NDArray[np.float64]
+Observation = NDArray[np.float32]
 ActionForm = typing.Literal["normalised", "raw"]
 OffTable = typing.Literal["fail", "miss"]
 
@@ -49,7 +41,11 @@ FAIL_REWARD = -300.0
 """Reward of a cast without a landing [% of cable length]: more than the farthest miss on the right
 half of the paper's table with its cables."""
 
+INFEASIBLE = "infeasible"
+"""Status of an action that is no casting motion, or that the arm cannot make."""
+
 TRIES_MAX = 100
+VECTOR_COUNT_MAX = 100_000
 
 TARGET_RADII = (0.43, 1.23)
 """Range of the radii of the paper's 32 targets [m]."""
@@ -229,101 +225,7 @@ class CastTask:
         return np.where(target_xy[:, :1] < 0, xy * np.array([-1.0, 1.0]), xy)
 
 
-INFEASIBLE = "infeasible"
-"""Status of an action that is no casting motion, or that the arm cannot make."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Landings:
-    """Ends of a batch of casts.
-
-    Attributes:
-        xy: Resting points [m], shape [cast, 2]; NaN where there is none.
-        status: Codes of the trial statuses, or `INFEASIBLE`, shape [cast].
-    """
-
-    xy: NDArray[np.float64]
-    status: NDArray[np.str_]
-
-
-class Caster(Protocol):
-    """Executor of the casts of an environment."""
-
-    def cast(self, actions: NDArray[np.float64], params: CableParams) -> Landings:
-        """Make a batch of casts, each from the reset state.
-
-        Args:
-            actions: (theta1, theta2, r2, psi), shape [cast, 4].
-            params: Parameters of the cables, one value per cast.
-        """
-        ...
-
-    def close(self) -> None:
-        """Let go of the rig."""
-        ...
-
-
-class EngineCaster:
-    """Casts a batch as one rollout of an engine.
-
-    Args:
-        engine: Simulator.
-        setup: Cable, workspace, arm and motion settings.
-        dynamics: Material of the cable and servo of the arm; its parameters are those of each cast.
-    """
-
-    def __init__(self, engine: Engine, setup: Setup, dynamics: Dynamics | None = None):
-        self.engine, self.setup = engine, setup
-        self.dynamics = Dynamics.of(dynamics, setup)
-
-    def cast(self, actions: NDArray[np.float64], params: CableParams) -> Landings:
-        """Simulate a batch of casts; see `Caster.cast`."""
-        feasible = feasible_mask(actions, self.setup)
-        xy = np.full((len(actions), 2), np.nan)
-        status = np.full(len(actions), INFEASIBLE, dtype="<U16")
-        if np.any(feasible):
-            dynamics = self.dynamics.with_params(params.rows(feasible))
-            columns = simulate_actions(actions[feasible], dynamics, self.setup, self.engine)
-            xy[feasible] = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
-            status[feasible] = columns["status"]
-        return Landings(xy=xy, status=status)
-
-    def close(self) -> None:
-        """Do nothing: an engine holds nothing."""
-
-
-class RigCaster:
-    """Casts on a rig, with the one cable that it holds.
-
-    Args:
-        rig: Rig that `make_rig` returned.
-    """
-
-    def __init__(self, rig: CheckedRig):
-        self.rig, self.setup = rig, rig.setup
-
-    def cast(self, actions: NDArray[np.float64], params: CableParams) -> Landings:
-        """Make casts one after the other, or at once where the rig can; see `Caster.cast`."""
-        del params
-        feasible = feasible_mask(actions, self.setup)
-        xy = np.full((len(actions), 2), np.nan)
-        status = np.full(len(actions), INFEASIBLE, dtype="<U16")
-        motions = [
-            plan_trajectory(Action.from_array(action), self.setup) for action in actions[feasible]
-        ]
-        tracks = run_trials(self.rig, motions) if motions else []
-        for row, track in zip(np.flatnonzero(feasible), tracks, strict=True):
-            status[row] = track.status.code
-            if track.status is TrialStatus.OK:
-                xy[row] = track.final_xy
-        return Landings(xy=xy, status=status)
-
-    def close(self) -> None:
-        """Close the rig."""
-        self.rig.close()
-
-
-def feasible_mask(actions: NDArray[np.float64], setup: Setup) -> NDArray[np.bool_]:
+def feasible_mask(actions: Array, setup: Setup) -> NDArray[np.bool_]:
     """Return which actions are casting motions that the arm can make, shape [action].
 
     Args:
@@ -342,7 +244,7 @@ def feasible_mask(actions: NDArray[np.float64], setup: Setup) -> NDArray[np.bool
     return mask
 
 
-def _is_cast(action: NDArray[np.float64]) -> bool:
+def _is_cast(action: Array) -> bool:
     try:
         check_action_values(action[None])
     except ActionError:
@@ -350,24 +252,46 @@ def _is_cast(action: NDArray[np.float64]) -> bool:
     return True
 
 
-VECTOR_COUNT_MAX = 100_000
-
-Observation = NDArray[np.float32]
-
-
 class _Casts:
-    """Targets, cables and earlier casts of a batch of environments."""
+    """Casts of a batch of environments: targets, cables, earlier casts, and the engine or rig."""
 
-    def __init__(self, count: int, task: CastTask, caster: Caster):
-        self.task, self.caster, self.count = task, caster, count
+    def __init__(
+        self,
+        count: int,
+        setup: Setup | None,
+        *,
+        tuned: Tuned | None = None,
+        rig: str | Rig = "engine",
+        rig_seed: int = 0,
+        device: str = "cpu",
+        **options: Any,
+    ):
+        setup = setup or (tuned.setup if tuned is not None else Setup())
+        tuned = Tuned.of(tuned, setup)
+        self.dynamics = tuned.dynamics
+        self.task = CastTask(setup=setup, params=tuned.params, **options)
+        if rig != "engine" and (self.task.spread or self.task.off_table == "miss"):
+            what = "spread" if self.task.spread else "off_table 'miss'"
+            raise InputError(f"{what} needs the engine: a rig has one cable and a table with edges")
+        self.engine = make_engine("warp", device=device) if rig == "engine" else None
+        self.rig = None if rig == "engine" else make_rig(rig, setup, rig_seed)
+        self.count = count
         self.target_xy = np.zeros((count, 2))
-        self.cables = np.zeros((count, task.space.dimension))
-        self.casts = np.zeros((count, task.tries - 1, 7))
+        self.cables = np.zeros((count, self.task.space.dimension))
+        self.casts = np.zeros((count, self.task.tries - 1, _CAST_SIZE))
         # Casts at the target so far; at `tries` the next episode draws a new one.
-        self.done = np.full(count, task.tries)
+        self.done = np.full(count, self.task.tries)
 
-    def begin(self, rng: np.random.Generator, target_xy: ArrayLike | None = None) -> None:
-        """Begin the next episode of each environment, with a new target where it is due.
+    def reset(
+        self, rng: np.random.Generator, seed: int | None, options: dict[str, Any] | None
+    ) -> Observation:
+        """Start the next episode of each environment; with a seed, at new targets."""
+        if seed is not None:
+            self.done[:] = self.task.tries
+        return self.start(rng, (options or {}).get("target_xy"))
+
+    def start(self, rng: np.random.Generator, target_xy: ArrayLike | None = None) -> Observation:
+        """Start the next episode of each environment, with a new target where it is due.
 
         Args:
             rng: Draws targets and cables.
@@ -391,45 +315,60 @@ class _Casts:
         self.cables = np.where(fresh[:, None], cables, self.cables)
         self.casts[fresh] = 0.0
         self.done[fresh] = 0
+        return self.observe()
 
-    def cast(self, values: ArrayLike) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    def step(self, values: ArrayLike) -> tuple[Array, dict[str, Any]]:
         """Make one cast in each environment, and return the rewards and what happened."""
         actions = self.task.to_actions(values, self.target_xy)
-        landings = self.caster.cast(actions, self.task.cable_params(self.cables))
-        ok = landings.status == TrialStatus.OK.code
-        rewards = self.task.rewards(self.target_xy, landings.xy, ok)
+        landing_xy, status = self._cast(actions)
+        rewards = self.task.rewards(self.target_xy, landing_xy, status == TrialStatus.OK.code)
         if self.task.tries > 1:
-            rows = self.task.cast_rows(values, self.target_xy, landings.xy)
+            rows = self.task.cast_rows(values, self.target_xy, landing_xy)
             self.casts = np.concatenate([rows[:, None], self.casts], axis=1)[:, :-1]
         self.done += 1
         return rewards, {
             "action": actions,
-            "landing_xy": landings.xy,
-            "status": landings.status,
+            "landing_xy": landing_xy,
+            "status": status,
             "target_xy": self.target_xy.copy(),
         }
+
+    def _cast(self, actions: Array) -> tuple[Array, NDArray[np.str_]]:
+        """Return the resting points [m], NaN where there is none, and the statuses of casts."""
+        setup = self.task.setup
+        feasible = feasible_mask(actions, setup)
+        xy = np.full((self.count, 2), np.nan)
+        status = np.full(self.count, INFEASIBLE, dtype="<U16")
+        if not np.any(feasible):
+            return xy, status
+        if self.engine is not None:
+            params = self.task.cable_params(self.cables).rows(feasible)
+            columns = simulate_actions(
+                actions[feasible], self.dynamics.with_params(params), setup, self.engine
+            )
+            xy[feasible] = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
+            status[feasible] = columns["status"]
+        else:
+            motions = [plan_trajectory(Action.from_array(row), setup) for row in actions[feasible]]
+            tracks = run_trials(self.rig, motions)  # pyright: ignore[reportArgumentType]
+            for row, track in zip(np.flatnonzero(feasible), tracks, strict=True):
+                status[row] = track.status.code
+                xy[row] = track.final_xy if track.status is TrialStatus.OK else np.nan
+        return xy, status
 
     def observe(self) -> Observation:
         return self.task.observations(self.target_xy, self.cables, self.casts)
 
+    def spaces(self) -> tuple[spaces.Box, spaces.Box]:
+        """Return the spaces of the actions and of the observations of one environment."""
+        low, high = (bound.astype(np.float32) for bound in self.task.action_bounds)
+        seen = np.full(self.task.observation_size, 2.0, dtype=np.float32)
+        return spaces.Box(low, high), spaces.Box(-seen, seen)
 
-def _make(
-    count: int, setup: Setup | None, tuned: Tuned | None, rig: str | Rig, rig_seed: int, device: str
-) -> tuple[Callable[..., CastTask], Caster]:
-    """Return what makes the task, and what casts."""
-    setup = setup or (tuned.setup if tuned is not None else Setup())
-    tuned = Tuned.of(tuned, setup)
-
-    def task(**options: Any) -> CastTask:
-        made = CastTask(setup=setup, params=tuned.params, **options)
-        if rig != "engine" and (made.spread or made.off_table == "miss"):
-            what = "spread" if made.spread else "off_table 'miss'"
-            raise InputError(f"{what} needs the engine: a rig has one cable and a table with edges")
-        return made
-
-    if rig == "engine":
-        return task, EngineCaster(make_engine("warp", device=device), setup, tuned.dynamics)
-    return task, RigCaster(make_rig(rig, setup, rig_seed))
+    def close(self) -> None:
+        """Close the rig; an engine holds nothing."""
+        if self.rig is not None:
+            self.rig.close()
 
 
 class CastEnv(gymnasium.Env):
@@ -440,11 +379,10 @@ class CastEnv(gymnasium.Env):
 
     Args:
         setup: Cable, workspace, arm and motion settings; those of `tuned`, or the paper's.
-        tuned: Parameters of the cable and servo of the arm, as `tune` finds them.
-        rig: "engine", "virtual", package.module:factory or a rig.
-        rig_seed: Seed of what a rig draws by chance.
-        device: Device of the engine, "cpu" or "cuda".
-        **options: Attributes of `CastTask` after `params`.
+        **options: `tuned`, parameters of the cable and servo of the arm as `tune` finds them;
+            `rig`, "engine", "virtual", package.module:factory or a rig, and `rig_seed`, the seed of
+            what it draws by chance; `device` of the engine, "cpu" or "cuda"; and the attributes of
+            `CastTask` after `params`.
 
     Raises:
         InputError: An option is out of bounds, or needs the engine.
@@ -453,35 +391,23 @@ class CastEnv(gymnasium.Env):
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(
-        self,
-        setup: Setup | None = None,
-        *,
-        tuned: Tuned | None = None,
-        rig: str | Rig = "engine",
-        rig_seed: int = 0,
-        device: str = "cpu",
-        **options: Any,
-    ):
-        make_task, caster = _make(1, setup, tuned, rig, rig_seed, device)
-        self.task = make_task(**options)
-        self._casts = _Casts(1, self.task, caster)
-        self.action_space, self.observation_space = _spaces(self.task)
+    def __init__(self, setup: Setup | None = None, **options: Any):
+        self._casts = _Casts(1, setup, **options)
+        self.task = self._casts.task
+        self.action_space, self.observation_space = self._casts.spaces()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; with a seed, at a new target.
+        """Start an episode; with a seed, at a new target.
 
         Args:
             seed: Seed of the targets and cables.
             options: `target_xy`, the target of the episode [m].
         """
         super().reset(seed=seed)
-        if seed is not None:
-            self._casts.done[:] = self.task.tries
-        self._casts.begin(self.np_random, (options or {}).get("target_xy"))
-        return self._casts.observe()[0], {"target_xy": self._casts.target_xy[0].copy()}
+        observation = self._casts.reset(self.np_random, seed, options)[0]
+        return observation, {"target_xy": self._casts.target_xy[0].copy()}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Make the cast, which ends the episode.
@@ -489,59 +415,44 @@ class CastEnv(gymnasium.Env):
         Args:
             action: Values within the action space, shape [4].
         """
-        rewards, info = self._casts.cast(np.asarray(action, dtype=float)[None])
+        rewards, info = self._casts.step(np.asarray(action, dtype=float)[None])
         info = {name: values[0] for name, values in info.items()}
         info["status"] = str(info["status"])
         return self._casts.observe()[0], float(rewards[0]), True, False, info
 
     def close(self) -> None:
         """Close the rig."""
-        self._casts.caster.close()
+        self._casts.close()
 
 
 class CastVectorEnv(gymnasium.vector.VectorEnv):
     """Many casts at once: a step is one batch of the engine, and ends every episode.
 
     The observations that a step returns are those of the next episodes (same-step autoreset); those
-    of the ended ones are `info["final_obs"]`.
+    of the ended ones are `info["final_obs"]`. A rig makes the casts one after the other where it
+    cannot make many.
 
     Args:
         num_envs: Number of casts in a step.
         setup: As for `CastEnv`.
-        tuned: As for `CastEnv`.
-        rig: As for `CastEnv`; a rig makes the casts one after the other where it cannot make many.
-        rig_seed: As for `CastEnv`.
-        device: As for `CastEnv`.
         **options: As for `CastEnv`.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
 
-    def __init__(
-        self,
-        num_envs: int = 64,
-        setup: Setup | None = None,
-        *,
-        tuned: Tuned | None = None,
-        rig: str | Rig = "engine",
-        rig_seed: int = 0,
-        device: str = "cpu",
-        **options: Any,
-    ):
+    def __init__(self, num_envs: int = 64, setup: Setup | None = None, **options: Any):
         if not 1 <= num_envs <= VECTOR_COUNT_MAX:
             raise InputError(f"num_envs = {num_envs} must be in [1, {VECTOR_COUNT_MAX}]")
-        make_task, caster = _make(num_envs, setup, tuned, rig, rig_seed, device)
-        self.task = make_task(**options)
-        self._casts = _Casts(num_envs, self.task, caster)
-        self.num_envs = num_envs
-        self.single_action_space, self.single_observation_space = _spaces(self.task)
+        self._casts = _Casts(num_envs, setup, **options)
+        self.task, self.num_envs = self._casts.task, num_envs
+        self.single_action_space, self.single_observation_space = self._casts.spaces()
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode in each environment; with a seed, at new targets.
+        """Start an episode in each environment; with a seed, at new targets.
 
         Args:
             seed: Seed of the targets and cables of all; of a list, the first counts.
@@ -549,35 +460,25 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
         """
         first = seed[0] if isinstance(seed, (list, tuple)) else seed
         super().reset(seed=first)
-        if first is not None:
-            self._casts.done[:] = self.task.tries
-        self._casts.begin(self.np_random, (options or {}).get("target_xy"))
-        return self._casts.observe(), {"target_xy": self._casts.target_xy.copy()}
+        observations = self._casts.reset(self.np_random, first, options)
+        return observations, {"target_xy": self._casts.target_xy.copy()}
 
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray, NDArray, NDArray, dict[str, Any]]:
-        """Make one cast in each environment as one batch, and begin the next episodes.
+        """Make one cast in each environment as one batch, and start the next episodes.
 
         Args:
             actions: Values within the action space, shape [num_envs, 4].
         """
-        rewards, info = self._casts.cast(actions)
+        rewards, info = self._casts.step(actions)
         every = np.ones(self.num_envs, dtype=bool)
         info |= {f"_{name}": every for name in tuple(info)}
         final = np.empty(self.num_envs, dtype=object)
         final[:] = list(self._casts.observe())
         info |= {"final_obs": final, "_final_obs": every}
-        self._casts.begin(self.np_random)
-        return self._casts.observe(), rewards, every.copy(), ~every, info
+        return self._casts.start(self.np_random), rewards, every.copy(), ~every, info
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the rig."""
-        self._casts.caster.close()
-
-
-def _spaces(task: CastTask) -> tuple[spaces.Box, spaces.Box]:
-    """Return the spaces of the actions and of the observations of one environment."""
-    low, high = (bound.astype(np.float32) for bound in task.action_bounds)
-    seen = np.full(task.observation_size, 2.0, dtype=np.float32)
-    return spaces.Box(low, high), spaces.Box(-seen, seen)
+        self._casts.close()
