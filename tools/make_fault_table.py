@@ -132,8 +132,7 @@ def make_camera(setup: Setup, part: str) -> TrialCamera:
     """Return the camera of a session."""
     if part == "camera":
         return CameraOfTrials(setup)
-    assert setup.robot is not None
-    return TruthCamera(setup, setup.robot.address)
+    return TruthCamera(setup)
 
 
 def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcome:

@@ -146,7 +146,7 @@ def rig_kind(request, setup) -> RigKind:
 
         make_twin = request.getfixturevalue("make_twin")
         _, lab = make_twin(segment_count=12, rate=3.0)
-        return RigKind("ur", lambda: RigUR(lab, TruthCamera(lab, lab.robot.address)))
+        return RigKind("ur", lambda: RigUR(lab, TruthCamera(lab)))
     if "engine" in request.param:
         from cablecast.engines.warp_ import EngineWarp
 

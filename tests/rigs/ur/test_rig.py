@@ -52,7 +52,7 @@ def quick_rig(stick, **changes):
     process, setup = stick
     process.admin.clear()
     setup = dataclasses.replace(setup, robot=dataclasses.replace(setup.robot, **changes))
-    return RigQuick(setup, TruthCamera(setup, setup.robot.address))
+    return RigQuick(setup, TruthCamera(setup))
 
 
 def programs(process):
@@ -175,9 +175,7 @@ def twin(make_twin):
 def rig(twin):
     process, setup = twin
     process.admin.clear()
-    with CheckedRig(
-        RigUR(setup, TruthCamera(setup, setup.robot.address)), setup, time_limit=600.0
-    ) as rig:
+    with CheckedRig(RigUR(setup, TruthCamera(setup)), setup, time_limit=600.0) as rig:
         yield rig
 
 
@@ -190,7 +188,7 @@ def test_a_reset_that_leaves_the_cable_aside_is_given_up_after_three(twin, rig, 
 
 def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin):
     setup = twin[1]
-    camera = TruthCamera(setup, setup.robot.address)
+    camera = TruthCamera(setup)
     with pytest.raises(InputError, match="no robot section"):
         RigUR(dataclasses.replace(setup, robot=None), camera)
     arm = dataclasses.replace(setup.arm, measured=False)
@@ -200,7 +198,7 @@ def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin
 
 def test_a_motion_without_joints_is_refused(twin, wild):
     setup = twin[1]
-    rig = RigUR(setup, TruthCamera(setup, setup.robot.address))
+    rig = RigUR(setup, TruthCamera(setup))
     with pytest.raises(RigError, match="needs the joints"):
         rig.set_points(wild)
     points = rig.set_points(plan_trajectory(Action(-0.4, 0.3, 0.62), setup))

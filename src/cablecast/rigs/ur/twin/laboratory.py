@@ -15,7 +15,6 @@ from cablecast.errors import (
     CablecastError,
     InputError,
     check_count,
-    check_keys,
     check_number,
     check_seed,
 )
@@ -144,7 +143,7 @@ class Fault:
     Attributes:
         name: One of `FAULTS`.
         phase: One of `PHASES`.
-        after: Time from the begin of the phase to the fault [s].
+        after: Time from the start of the phase to the fault [s].
     """
 
     name: str
@@ -157,19 +156,6 @@ class Fault:
         if self.phase not in PHASES:
             raise InputError(f"unknown phase {self.phase[:40]!r}: one of {', '.join(PHASES)}")
         check_number("fault after", self.after, 0.0, 600.0, "s")
-
-    @classmethod
-    def from_dict(cls, values: Any) -> "Fault":
-        """Return the fault that plain values describe.
-
-        Raises:
-            InputError: A key or a value is unknown.
-        """
-        values = check_keys(values, {"name", "phase", "after"}, "fault", required={"name"})
-        for name in ("name", "phase"):
-            if name in values and not isinstance(values[name], str):
-                raise InputError(f"fault {name} must be text")
-        return cls(**values)
 
 
 class TwinLaboratory:
@@ -203,7 +189,6 @@ class TwinLaboratory:
             self.controller, config.seed, heard=lambda: self._said.add(self.phase)
         )
         self.faults: list[Fault] = []
-        self.stopping = False
         self.servers = Servers(config.address, config.ports)
         self._phase = ("idle", self.controller.time)
         self._held: list[tuple[Client, bytes]] = []
@@ -218,23 +203,16 @@ class TwinLaboratory:
             collections.deque(maxlen=round(_HISTORY_TIME / self.controller.dt))
         )
 
-    def run(self, is_wanted: Callable[[], bool] = lambda: True) -> None:
-        """Run until told to stop.
-
-        Args:
-            is_wanted: Asked every control cycle whether to go on.
-        """
+    def run(self, is_wanted: Callable[[], bool]) -> None:
+        """Run as long as it is wanted, which is asked every control cycle."""
         due = time.monotonic()
-        while not self.stopping and is_wanted():
+        while is_wanted():
             # A twin that is late does not hurry: its clock just runs slower.
             due = max(due + self.controller.dt / self._rate(), time.monotonic() - 0.1)
             while True:
-                left = due - time.monotonic()
-                self.servers.poll(left, self._accepted, self._received)
+                self.servers.poll(due - time.monotonic(), self._accepted, self._received)
                 if time.monotonic() >= due:
                     break
-                if self.stopping:
-                    return
             if not self._is_waiting():
                 self.tick()
 
@@ -265,7 +243,7 @@ class TwinLaboratory:
                 controller.arm.prepare(trial)
                 controller.log("cable laid down", number=self.cable.trial_count)
         speed = float(np.abs(controller.arm.qd).max())
-        self._history.append((controller.time, self._tip(), speed))
+        self._history.append((controller.time, self._nodes()[-1].copy(), speed))
         if controller.time >= self._silent_until:
             for client, data in self._held:
                 self._serve(client, data)
@@ -286,9 +264,6 @@ class TwinLaboratory:
         pose = self._grip
         arc = np.linspace(0.0, self.setup.cable.length, _STICK_NODE_COUNT)
         return pose[:3] + arc[:, None] * tangent(pose[3], pose[4])
-
-    def _tip(self) -> NDArray[np.float64]:
-        return self._nodes()[-1].copy()
 
     def _accepted(self, client: Client) -> None:
         if client.kind == "rtde":
@@ -339,22 +314,24 @@ class TwinLaboratory:
         try:
             command = json.loads(text)
             do = command.pop("do")
-            if do == "fault":
-                self.faults.append(Fault.from_dict(command))
-                return {"ok": True}
-            if do == "clear":
-                self._clear()
-                return {"ok": True}
-            if do == "state":
-                return self._state()
             if do == "events":
                 return {"events": list(self.controller.events)}
             if do == "truth":
                 return self._truth(float(command["since"]), float(command["until"]))
-            if do == "quit":
-                self.stopping = True
-                return {"ok": True}
-            return {"error": f"there is no command {str(do)[:40]!r}"}
+            if do == "fault":
+                self.faults.append(Fault(**command))
+            elif do == "clear":
+                self._clear()
+            elif do != "state":
+                return {"error": f"there is no command {str(do)[:40]!r}"}
+            return {
+                "time": self.controller.time,
+                "program": self.controller.program_name,
+                "at_rest": self.controller.at_rest,
+                "q": self.controller.arm.q.tolist(),
+                "tip": _plain(self._nodes()[-1]),
+                "faults": len(self.faults),
+            }
         except (CablecastError, ValueError, KeyError, TypeError, AttributeError) as error:
             return {"error": f"{type(error).__name__}: {error}"}
 
@@ -372,29 +349,12 @@ class TwinLaboratory:
             self._power_up()
         self.controller.clear()
 
-    def _state(self) -> dict[str, Any]:
-        controller, cable = self.controller, self.cable
-        return {
-            "time": controller.time,
-            "phase": self.phase,
-            "program": controller.program_name,
-            "at_rest": controller.at_rest,
-            "safety_mode": controller.safety_mode,
-            "robot_mode": controller.robot_mode,
-            "q": controller.arm.q.tolist(),
-            "trial_count": 0 if cable is None else cable.trial_count,
-            "cable_at_rest": cable is None or not cable.is_simulated,
-            "tip": [None if np.isnan(value) else float(value) for value in self._tip()],
-            "messages": list(controller.messages),
-            "faults": len(self.faults),
-        }
-
     def _truth(self, since: float, until: float) -> dict[str, Any]:
         """Return the true way of the endpoint, and the speed of the fastest joint."""
         rows = [row for row in self._history if since <= row[0] <= until]
         return {
             "times": [row[0] for row in rows],
-            "tip": [[None if np.isnan(x) else float(x) for x in row[1]] for row in rows],
+            "tip": [_plain(row[1]) for row in rows],
             "joint_speed": [row[2] for row in rows],
         }
 
@@ -404,15 +364,10 @@ class TwinLaboratory:
         controller = self.controller
         index = int(controller.inputs[f"input_int_register_{PHASE_REGISTER}"])
         phase = next((phase.name.lower() for phase in Phase if phase == index), "idle")
-        if phase == "cast" and not self._is_casting():
+        moving = controller.int_registers[STATE_REGISTER] == ProgramState.MOVING
+        if phase == "cast" and not (controller.is_running_program and moving):
             return "approach"
         return phase
-
-    def _is_casting(self) -> bool:
-        """Return whether a program moves the arm along its path."""
-        controller = self.controller
-        moving = controller.int_registers[STATE_REGISTER] == ProgramState.MOVING
-        return controller.is_running_program and moving
 
     def _make_faults(self) -> None:
         controller = self.controller
@@ -493,3 +448,8 @@ class TwinLaboratory:
         self._next_picture = now + CAMERA_DT - 1e-9
         if self.phase != "reset" or now % RESET_GLANCE_PERIOD < RESET_GLANCE:
             self.camera.show(now, self.controller.arm.q, self._nodes())
+
+
+def _plain(place: NDArray[np.float64]) -> list[float | None]:
+    """Return a place as JSON has it, None where unknown."""
+    return [None if np.isnan(value) else float(value) for value in place]

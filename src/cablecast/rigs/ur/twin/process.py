@@ -30,7 +30,6 @@ class TwinProcess:
         config: Where it listens, and how it behaves.
 
     Attributes:
-        ports: Port of each server.
         camera_url: Address of the camera's stream; None without a camera.
         admin: Client that commands the twin.
 
@@ -58,9 +57,8 @@ class TwinProcess:
         if "error" in answer:
             self._process.join(_STOP_TIME_MAX)
             raise InputError(answer["error"])
-        self.ports: dict[str, int] = answer["ports"]
         self.camera_url: str | None = answer["camera"]
-        self.admin = TwinClient(config.address, self.ports["admin"])
+        self.admin = TwinClient(config.address, answer["port"])
         atexit.register(self.close)
 
     def __enter__(self) -> Self:
@@ -68,11 +66,6 @@ class TwinProcess:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    @property
-    def is_alive(self) -> bool:
-        """True while the process runs."""
-        return self._process.is_alive()
 
     def wait(self, timeout: float | None = None) -> None:
         """Wait until the process ends."""
@@ -101,7 +94,7 @@ class TwinClient:
         RigError: No twin answers.
     """
 
-    def __init__(self, address: str = "127.0.0.1", port: int = 30101):
+    def __init__(self, address: str = "127.0.0.1", port: int = TwinConfig.admin_port):
         try:
             self._socket = socket.create_connection((address, port), timeout=_ANSWER_TIME_MAX)
         except OSError as error:
@@ -115,7 +108,7 @@ class TwinClient:
         self._socket.close()
 
     def fault(self, name: str, phase: str = "now", after: float = 0.0) -> None:
-        """Let a fault come; see `twin.faults`."""
+        """Let a fault come, see `Fault`."""
         self._ask("fault", name=name, phase=phase, after=after)
 
     def clear(self) -> None:
@@ -134,7 +127,7 @@ class TwinClient:
         """Return the true way of the endpoint [m], and the speed of the fastest joint [rad/s].
 
         Args:
-            since: Begin by the twin's clock [s].
+            since: Start by the twin's clock [s].
             until: End by the twin's clock [s].
         """
         return self._ask("truth", since=since, until=until)
@@ -166,16 +159,14 @@ def _serve(setup: Setup, config: TwinConfig, there: multiprocessing.connection.C
     # Ctrl-C reaches all processes of a terminal: the twin stops with the one that started it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
-    def stop(*_: object) -> None:
-        laboratory.stopping = True
-
-    signal.signal(signal.SIGTERM, stop)
+    ended: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
     url = None if laboratory.camera is None else laboratory.camera.url
-    there.send({"ports": laboratory.servers.ports, "camera": url})
+    there.send({"port": laboratory.servers.ports["admin"], "camera": url})
     there.close()
     parent = os.getppid()
     try:
         # A twin whose starter was killed would hold its ports for ever.
-        laboratory.run(lambda: os.getppid() == parent)
+        laboratory.run(lambda: not ended and os.getppid() == parent)
     finally:
         laboratory.close()

@@ -1,4 +1,4 @@
-"""A camera that is told the truth by the twin: for tests of the arm alone.
+"""A camera that asks the twin for the truth: for tests of the arm alone.
 
 It sees what no camera can. Results that were made with it say so in the description of their rig.
 """
@@ -25,15 +25,17 @@ class TruthCamera:
     """Asks a twin where the endpoint is, instead of looking.
 
     Args:
-        setup: Gives the table.
-        address: Address of the twin.
-        port: Its admin port.
+        setup: Lab file of a twin.
+
+    Raises:
+        RigError: The lab file's robot is no twin, or it does not answer.
     """
 
-    def __init__(self, setup: Setup, address: str = "127.0.0.1", port: int = 30101):
+    def __init__(self, setup: Setup):
+        if setup.robot is None or not setup.robot.is_loopback:
+            raise RigError("only a twin tells the truth: this lab file's robot is none")
         self.setup = setup
-        self._address, self._port = address, port
-        self._client: TwinClient | None = None
+        self._twin = TwinClient(setup.robot.address)
         self.description: dict[str, Any] = {"camera": "truth of the twin"}
 
     def check(self, after: float | None = None) -> None:
@@ -42,7 +44,6 @@ class TruthCamera:
 
     def start(self) -> None:
         """Do nothing: the twin remembers all."""
-        self.check()
 
     def stop(self, timing: TrialTiming) -> EndpointTrack:
         """Return the true track; see `TrialCamera`."""
@@ -74,19 +75,11 @@ class TruthCamera:
 
     def close(self) -> None:
         """Close the connection."""
-        if self._client is not None:
-            self._client.close()
-            self._client = None
-
-    @property
-    def _twin(self) -> TwinClient:
-        if self._client is None:
-            self._client = TwinClient(self._address, self._port)
-        return self._client
+        self._twin.close()
 
 
 def make_rig(setup: Setup, seed: int) -> RigUR:
-    """Return the real rig's code with a camera that is told the truth, for a twin.
+    """Return the real rig's code with a camera that asks the twin for the truth.
 
     `--rig cablecast.rigs.ur.twin.truth:make_rig` names it on the command line.
 
@@ -98,7 +91,4 @@ def make_rig(setup: Setup, seed: int) -> RigUR:
         RigError: The lab file's robot is no twin.
     """
     del seed
-    robot = setup.robot
-    if robot is None or not robot.is_loopback:
-        raise RigError("only a twin tells the truth: this lab file's robot is none")
-    return RigUR(setup, TruthCamera(setup, robot.address))
+    return RigUR(setup, TruthCamera(setup))
