@@ -62,14 +62,6 @@ def test_undistorting_undoes_distorting():
     np.testing.assert_allclose(LENS.undistort(LENS.distort(ideal)), ideal, atol=ROUNDING_PX / 1000)
 
 
-def test_a_homography_maps_the_plane_to_undistorted_points():
-    points = grid(0.01)
-    flat = points.reshape(-1, 3)
-    mapped = np.column_stack([flat[:, :2], np.ones(len(flat))]) @ view().homography(0.01).T
-    ideal = LENS.undistort(view().to_image(flat))
-    np.testing.assert_allclose(mapped[:, :2] / mapped[:, 2:], ideal, atol=1e-9)
-
-
 def test_a_higher_point_seems_to_lie_farther_out():
     camera = view()
     low, high = (camera.to_table(camera.to_image([1.2, 1.2, z]), 0.0) for z in (0.0, 0.05))

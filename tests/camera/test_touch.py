@@ -14,7 +14,6 @@ from cablecast.camera.tags import (
     default_layout,
     fit_table,
     read_touches,
-    touch_tags,
 )
 from cablecast.errors import InputError
 
@@ -109,19 +108,6 @@ def test_touches_that_agree_on_nothing_are_refused():
 def test_a_tag_that_the_layout_does_not_have_is_named():
     with pytest.raises(InputError, match="tag 40 was touched"):
         fit_table(LAYOUT, {**touches(ArmUR()), 40: (0.0, 0.0, 0.0)})
-
-
-def test_a_person_may_leave_tags_out():
-    points = touches(ArmUR())
-    asked = []
-
-    def touch(tag_id):
-        asked.append(tag_id)
-        return None if tag_id in (3, 7) else points[tag_id]
-
-    touched = touch_tags(LAYOUT, touch)
-    assert asked == list(range(11))
-    assert set(touched) == set(range(11)) - {3, 7}
 
 
 def test_touches_come_from_a_table(tmp_path):

@@ -80,27 +80,21 @@ class Lens:
         Raises:
             InputError: A key is unknown or missing, or a value out of bounds.
         """
-        names = [field.name for field in dataclasses.fields(cls)]
-        required = set(names) - {"distortion"}
-        values = check_keys(values, set(names), "lens", required=required)
-        for name in (name for name in names if name in values):
+        required = {"width", "height", "focal", "centre"}
+        values = check_keys(values, required | {"distortion"}, "lens", required=required)
+        for name, value in values.items():
             if name in ("width", "height"):
-                check_count(f"lens {name}", values[name], 16, 16384)
-                continue
-            rows = values[name] if isinstance(values[name], (list, tuple)) else [values[name]]
-            values[name] = tuple(check_number(f"lens {name}", x, -1e6, 1e6) for x in rows)
+                check_count(f"lens {name}", value, 16, 16384)
+            else:
+                row = value if isinstance(value, (list, tuple)) else [value]
+                values[name] = tuple(check_number(f"lens {name}", x, -1e6, 1e6) for x in row)
         return cls(**values)
 
     @property
     def matrix(self) -> NDArray[np.float64]:
         """Camera matrix as OpenCV takes it, shape [3, 3]."""
-        return np.array(
-            [
-                [self.focal[0], 0.0, self.centre[0]],
-                [0.0, self.focal[1], self.centre[1]],
-                [0.0, 0.0, 1.0],
-            ]
-        )
+        (fu, fv), (cu, cv) = self.focal, self.centre
+        return np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
 
     def distort(self, normalised: ArrayLike) -> NDArray[np.float64]:
         """Return the pixels at which normalised points appear, shape [..., 2]."""
@@ -213,20 +207,6 @@ class CameraView:
             scale = (z - position[2]) / ray[..., 2]
         scale = np.where(scale > 0, scale, np.nan)
         return position[:2] + scale[..., None] * ray[..., :2]
-
-    def homography(self, z: float = 0.0) -> NDArray[np.float64]:
-        """Return what maps (x, y, 1) of a level plane to undistorted, normalised image points.
-
-        Args:
-            z: Height of the plane above the table's surface [m].
-
-        Returns:
-            Homography, shape [3, 3], scaled to a lower right entry of 1.
-        """
-        R = np.asarray(self.rotation)
-        offset = R @ (np.array([0.0, 0.0, z]) - self.position)
-        H = np.column_stack([R[:, 0], R[:, 1], offset])
-        return H / H[2, 2]
 
     def pixels_per_metre(self, xy: ArrayLike, z: float = 0.0) -> float:
         """Return the scale of the image at a point of the table.

@@ -1,7 +1,4 @@
-"""Settings of a real camera: the section `camera` of a lab file.
-
-CameraSight: what a camera over the table cannot see, as far as it is known before a cast.
-"""
+"""Settings of a real camera, the section `camera` of a lab file, and what it cannot see."""
 
 import dataclasses
 import os
@@ -34,7 +31,7 @@ class CameraSettings:
         fourcc: Pixel format that is asked for, four letters; MJPG is what most USB cameras need for
             1080p at 60 frames/s.
         exposure: Time during which a frame is exposed [s]. It is set on a device, and stated for a
-            stream, whose camera must be told by its own means.
+            stream, whose camera is set by its own means.
         focus: Focus of the lens in the units of its driver; unchanged where None. Autofocus is
             switched off in either case.
         clock: Source of frame times, one of `CLOCKS`.
@@ -116,12 +113,12 @@ class CameraSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, which `from_dict` reads."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        values["marker"] = list(self.marker)
-        if self.lens is not None:
-            values["lens"] = self.lens.to_dict()
-        if self.tags is not None:
-            values["tags"] = self.tags.to_rows()
+        values = {
+            **vars(self),
+            "marker": list(self.marker),
+            "lens": self.lens and self.lens.to_dict(),
+            "tags": self.tags and self.tags.to_rows(),
+        }
         return {name: value for name, value in values.items() if value is not None}
 
     @classmethod

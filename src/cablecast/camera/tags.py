@@ -1,9 +1,7 @@
-"""Fiducial tags on the table: where they lie.
+"""Fiducial tags on the table: where they lie, and where the robot stands that has touched them.
 
 Tags are AprilTags of the family 36h11. tools/make_tags.py writes pictures of those that a layout
 asks for, to print, and the layout as a file to edit.
-
-Place of the robot at the table, from tag centres that its tool has touched.
 
 The tags' places were measured with a tape; the robot tells where it touched them, to a fraction of
 a millimetre, in its own base frame. A rigid fit of the one onto the other tells the height and the
@@ -14,7 +12,7 @@ import dataclasses
 import itertools
 import math
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -35,6 +33,19 @@ _SIZE = 0.1
 """Usual side of a tag's black square [m]."""
 _ROBOT_RADIUS = 0.3
 """Distance from the base within which the robot stands on the tags [m]."""
+
+TOUCH_COUNT_MIN = 6
+"""Fewest tags to touch: three tell the pose, three more tell which of them lie elsewhere."""
+OUTLIER = 0.003
+"""Distance beyond which a touched centre and its tag's place do not agree [m]."""
+_TILT_MAX_DEG = 2.0
+"""Largest tilt between table and base that is a fit and not a mistake [deg]."""
+_INLIER_SHARE_MIN = 0.6
+_SPREAD_MIN = 0.1
+"""Smallest extent of the touched tags across their longest line [m]."""
+
+Array = NDArray[np.float64]
+Point = tuple[float, float, float]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -69,6 +80,14 @@ class Tag:
             f"tag {self.id}",
         )
 
+    @classmethod
+    def from_row(cls, row: Any) -> "Tag":
+        """Make a tag from one entry of a layout's file, whose `yaw_deg` is in degrees."""
+        keys = {"id", "x", "y", "yaw_deg", "size"}
+        row = check_keys(row, keys, "a tag", required={"id", "x", "y"})
+        yaw_deg = check_number("yaw_deg", row.pop("yaw_deg", 0.0), -360.0, 360.0, "deg")
+        return cls(**row, yaw=math.radians(yaw_deg))
+
     @property
     def corners(self) -> NDArray[np.float64]:
         """Corners of the black square, clockwise from its upper left [m], shape [4, 3]."""
@@ -99,10 +118,7 @@ class TagLayout:
 
     def corners_of(self, tag_id: int) -> NDArray[np.float64] | None:
         """Return the corners of a tag [m], shape [4, 3]; None if the layout has no such tag."""
-        for tag in self.tags:
-            if tag.id == tag_id:
-                return tag.corners
-        return None
+        return next((tag.corners for tag in self.tags if tag.id == tag_id), None)
 
     def to_rows(self) -> list[dict[str, Any]]:
         """Return plain values, which `from_rows` reads."""
@@ -126,7 +142,7 @@ class TagLayout:
         """
         if not isinstance(rows, list):
             raise InputError(f"tags must be a list, not {str(rows)[:40]!r}")
-        return cls(tags=tuple(_tag_from_row(row) for row in rows))
+        return cls(tags=tuple(Tag.from_row(row) for row in rows))
 
     def save(self, path: pathlib.Path) -> None:
         """Write the layout as YAML, for a person to edit."""
@@ -140,25 +156,13 @@ class TagLayout:
             InputError: There is no such file, or it is no layout; says what is wrong with it.
         """
         try:
-            values = read_yaml(path)
-        except (OSError, InputError) as error:
-            text = str(error)
-            where = "" if str(path) in text else f"{path}: "
-            raise InputError(f"tag layout {where}{text}") from None
-        rows = values.get("tags")
-        if not isinstance(rows, list):
-            raise InputError(f"tag layout {path} must hold a list named `tags`")
-        try:
+            rows = read_yaml(path).get("tags")
+            if not isinstance(rows, list):
+                raise InputError(f"{path} must hold a list named `tags`")
             return cls.from_rows(rows)
-        except InputError as error:
-            raise InputError(f"tag layout {path}: {error}") from None
-
-
-def _tag_from_row(row: Any) -> Tag:
-    """Return the tag that one entry of a layout's file describes."""
-    row = check_keys(row, {"id", "x", "y", "yaw_deg", "size"}, "a tag", required={"id", "x", "y"})
-    yaw_deg = check_number("yaw_deg", row.pop("yaw_deg", 0.0), -360.0, 360.0, "deg")
-    return Tag(**row, yaw=math.radians(yaw_deg))
+        except (OSError, InputError) as error:
+            where = "" if str(path) in str(error) else f"{path}: "
+            raise InputError(f"tag layout {where}{error}") from None
 
 
 def default_layout(workspace: Workspace | None = None) -> TagLayout:
@@ -171,9 +175,13 @@ def default_layout(workspace: Workspace | None = None) -> TagLayout:
     workspace = workspace or Workspace()
     right = workspace.half_width - _EDGE_X
     near, far = workspace.y_min + _EDGE_Y, workspace.y_max - _EDGE_Y
-    # Whole centimetres are easier to measure.
-    across = np.round(np.linspace(-right, right, _edge_count(2 * right)), 2).tolist()
-    along = np.round(np.linspace(far, near, _edge_count(far - near)), 2).tolist()
+
+    def edge(start: float, end: float) -> list[float]:
+        count = max(round(abs(end - start) / _SPACING), 1) + 1
+        # Whole centimetres are easier to measure.
+        return np.round(np.linspace(start, end, count), 2).tolist()
+
+    across, along = edge(-right, right), edge(far, near)
     places = [(x, along[0]) for x in across]
     places += [(x, y) for y in along[1:-1] for x in (across[0], across[-1])]
     places += [(x, along[-1]) for x in across]
@@ -181,29 +189,6 @@ def default_layout(workspace: Workspace | None = None) -> TagLayout:
     # Smaller on a small table, so that they do not overlap.
     size = min(_SIZE, 0.6 * min(across[1] - across[0], along[0] - along[1]))
     return TagLayout(tags=tuple(Tag(id=i, x=x, y=y, size=size) for i, (x, y) in enumerate(places)))
-
-
-def _edge_count(length: float) -> int:
-    """Return the number of tags along an edge, at least one at each end."""
-    return max(round(length / _SPACING), 1) + 1
-
-
-Array = NDArray[np.float64]
-Point = tuple[float, float, float]
-Touch = Callable[[int], Point | None]
-"""Function that lets a person touch a tag's centre, given its number: the point in the controller's
-base frame [m], or None to leave the tag out."""
-
-TOUCH_COUNT_MIN = 6
-"""Fewest tags to touch: three tell the pose, three more tell which of them lie elsewhere."""
-OUTLIER = 0.003
-"""Distance beyond which a touched centre and its tag's place do not agree [m]."""
-TILT_MAX_DEG = 2.0
-"""Largest tilt between table and base that is a fit and not a mistake [deg]."""
-
-_INLIER_SHARE_MIN = 0.6
-_SPREAD_MIN = 0.1
-"""Smallest extent of the touched tags across their longest line [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -231,20 +216,6 @@ class TableFit:
     outliers: tuple[int, ...]
     rms: float
     layout: TagLayout
-
-
-def touch_tags(layout: TagLayout, touch: Touch) -> dict[int, Point]:
-    """Let a person touch the tags of a layout one after another.
-
-    Args:
-        layout: Tags on the table.
-        touch: Called with the number of each tag.
-
-    Returns:
-        Points in the controller's base frame by the number of the tag [m].
-    """
-    points = {tag.id: touch(tag.id) for tag in layout.tags}
-    return {tag_id: point for tag_id, point in points.items() if point is not None}
 
 
 def read_touches(path: pathlib.Path) -> dict[int, Point]:
@@ -305,10 +276,10 @@ def fit_table(layout: TagLayout, touched: Mapping[int, Point]) -> TableFit:
     residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
     axis = R[:, 2]
     tilt_deg = float(np.degrees(np.arccos(np.clip(axis[2], -1.0, 1.0))))
-    if tilt_deg > TILT_MAX_DEG:
+    if tilt_deg > _TILT_MAX_DEG:
         raise InputError(
             f"the table would be tilted by {tilt_deg:.1f} deg against the base, above "
-            f"{TILT_MAX_DEG:g} deg: was the tip on the table each time, and is the base upright?"
+            f"{_TILT_MAX_DEG:g} deg: was the tip on the table each time, and is the base upright?"
         )
     x, y, _ = t - axis * t[2] / axis[2]
     moved = tuple(dataclasses.replace(tag, x=tag.x - x, y=tag.y - y) for tag in layout.tags)

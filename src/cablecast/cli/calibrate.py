@@ -54,7 +54,7 @@ class Calibrate:
         print(f"written   {self.setup}" if self.write else "not written")
 
     def _table(self) -> None:
-        from cablecast.camera.tags import read_touches, touch_tags
+        from cablecast.camera.tags import read_touches
         from cablecast.pipeline.camera import AXIS_OFFSET_MAX, calibrate_table
         from cablecast.setup import load_setup
         from cablecast.vision.trials import require_camera, tags_of
@@ -68,7 +68,8 @@ class Calibrate:
                 "Touch the centre of each tag with the tip of the tool, and type what the pendant\n"
                 "shows in the frame Base: x y z in mm. An empty line leaves a tag out."
             )
-            touched = touch_tags(tags_of(setup), ask_for_touch)
+            asked = {tag.id: _ask_for_touch(tag.id) for tag in tags_of(setup).tags}
+            touched = {tag_id: point for tag_id, point in asked.items() if point is not None}
         fit = calibrate_table(self.setup, touched, write=self.write)
         for tag_id, residual in sorted(fit.residuals.items()):
             note = "  lies elsewhere, and was left out" if tag_id in fit.outliers else ""
@@ -110,18 +111,8 @@ class Calibrate:
         print(f"lens      focal length {focal[0]:.1f} x {focal[1]:.1f} px")
 
 
-def ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:
-    """Ask the person at the terminal for a touched point, until it is one or none.
-
-    Args:
-        tag_id: Number of the tag to touch.
-
-    Returns:
-        Point in the controller's base frame [m]; None to leave the tag out.
-
-    Raises:
-        InputError: There is nobody to ask.
-    """
+def _ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:
+    """Ask the person at the terminal for a touched point [m], until it is one or none."""
     while True:
         print(f"tag {tag_id}, x y z [mm]: ", end="", flush=True)
         line = sys.stdin.readline()
@@ -132,7 +123,6 @@ def ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:
             return None
         try:
             x, y, z = (float(word) / 1e3 for word in words)
+            return x, y, z
         except ValueError:
             print("three numbers, please: x y z in mm")
-            continue
-        return x, y, z
