@@ -21,10 +21,9 @@ from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import Film, VirtualCamera, calibrate_virtual_camera, track_film
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import (
-    MODEL_FILE,
+    MODEL_PATH,
     CameraErrorModel,
     bias_terms,
-    model_path,
 )
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.tracker import sight_of
@@ -410,7 +409,7 @@ def main() -> None:
     parser.add_argument("--clips", type=int, default=240, help="number of motions to film")
     parser.add_argument("--seed", type=int, default=0, help="seed of motions, light and noise")
     parser.add_argument("--out", type=pathlib.Path, help="file to write the error model to")
-    parser.add_argument("--write", action="store_true", help=f"renew cablecast's own {MODEL_FILE}")
+    parser.add_argument("--write", action="store_true", help=f"renew {MODEL_PATH.name}")
     args = parser.parse_args()
     camera = VirtualCamera()
     calibration = calibrate_virtual_camera(camera, args.seed)
@@ -424,7 +423,7 @@ def main() -> None:
     model = fit_error_model(clips, camera, calibration, args.seed)
     for name, value in dataclasses.asdict(model).items():
         print(f"  {name:18}{value}")
-    out = model_path() if args.write else args.out
+    out = MODEL_PATH if args.write else args.out
     if out is not None:
         model.save(out)
         print(f"written to {out}")

@@ -9,6 +9,7 @@ and the next run goes on from there.
 
 import argparse
 import dataclasses
+import hashlib
 import json
 import pathlib
 import sys
@@ -17,7 +18,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CABLE_NAMES
+from cablecast.cable import CABLE_NAMES, Cable
 from cablecast.cast import TrialStatus
 from cablecast.errors import CablecastError, InputError, RigError
 from cablecast.motion.casting import cast_grip_paths
@@ -26,7 +27,8 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.motion.polar import PolarCastConfig, reset_path
 from cablecast.motion.trajectory import Trajectory, joint_path
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.trials import ResetLibrary, hidden_digest, library_path
+from cablecast.rigs.virtual._hidden import hidden_arm, hidden_cable, hidden_table
+from cablecast.rigs.virtual.trials import ResetLibrary, library_path
 from cablecast.setup import Setup
 
 NODE_SPACING = 0.02
@@ -122,6 +124,34 @@ def _seen_from_grip(
     return CubicSpline(arc * (arc_lengths[-1] / arc[-1]), nodes - nodes[0])(arc_lengths)
 
 
+def hidden_digest(cable: Cable, lab_seed: int) -> str:
+    """Return a short name for all that is hidden about a cable, the arm and the table."""
+    truth = (hidden_cable(cable, lab_seed), hidden_arm(lab_seed), hidden_table(lab_seed))
+    return hashlib.sha256(repr(truth).encode()).hexdigest()[:16]
+
+
+def report(library: ResetLibrary) -> dict[str, float]:
+    """Return how straight, and how alike, the states are, in [% of cable length] and [deg]."""
+    length = float(library.arc_lengths[-1])
+    x, y = library.endpoints.T
+    # The sideways distance of the cable from the straight line between its ends.
+    nodes = library.positions[..., :2]
+    chord = nodes[:, -1] / np.linalg.norm(nodes[:, -1], axis=1, keepdims=True)
+    aside = nodes[..., 0] * chord[:, None, 1] - nodes[..., 1] * chord[:, None, 0]
+    pct = {
+        "before_scatter": np.sqrt(library.before_xy.var(axis=0).sum()),
+        "short_mean": np.mean(length - np.hypot(x, y)),
+        "short_max": np.max(length - np.hypot(x, y)),
+        "aside_mean": np.mean(x),
+        "aside_scatter": np.std(x),
+        "ahead_scatter": np.std(y),
+        "bow_mean": np.mean(np.max(np.abs(aside), axis=1)),
+    }
+    values = {f"{name}_pct": float(value) / length * 100 for name, value in pct.items()}
+    heading = float(np.std(np.degrees(np.arctan2(x, y))))
+    return {"states": len(library), **values, "heading_scatter_deg": heading}
+
+
 def joined(first: ResetLibrary, second: ResetLibrary) -> ResetLibrary:
     """Return both libraries' states in one, the first's before the second's."""
     return dataclasses.replace(
@@ -186,7 +216,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     print(f"{path} ({path.stat().st_size / 1024:.1f} KiB)")
-    for name, value in library.report().items():
+    for name, value in report(library).items():
         print(f"  {name:22} {value:.4g}")
 
 

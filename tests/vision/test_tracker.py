@@ -72,10 +72,10 @@ def hidden_place(camera, arm):
     return points[clearance.argmin(), :2]
 
 
-def follow(camera, calibration, trial, seed=0, **kwargs):
+def follow(camera, calibration, trial, seed=0):
     """Track a film; the tracker, the truth in its frames, and what it reported."""
     film = camera.film(trial, seed)
-    tracker = track_film(film, calibration, **kwargs)
+    tracker = track_film(film, calibration)
     times, xy = tracker.frames
     return tracker, trial.shape_at(times)[:, -1], xy
 

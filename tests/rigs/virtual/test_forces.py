@@ -1,4 +1,4 @@
-"""Forces beside MuJoCo's: what the table adds to the friction, and what the cable remembers."""
+"""Forces beside MuJoCo's: the table's uneven face, and what the cable remembers."""
 
 import dataclasses
 
@@ -6,18 +6,26 @@ import numpy as np
 import pytest
 
 from cablecast.cable import Attachment, load_cable
-from cablecast.rigs.virtual._hidden import HiddenTable, hidden_cable
-from cablecast.rigs.virtual.forces import GRAVITY, CableForces, friction_map
+from cablecast.rigs.virtual._hidden import HiddenTable, hidden_cable, hidden_table
+from cablecast.rigs.virtual.forces import CELL, GRAVITY, CableForces, friction_map
 from cablecast.rigs.virtual.scene import CableMotion, build_scene
 from cablecast.workspace import Workspace
 
 COUNT = 21
+WORKSPACE = Workspace()
 EVEN = friction_map(HiddenTable(seed=0, wear=0.0, board=0.0, seam=0.0), Workspace())
 # At 1 m/s the correction has lost (0.01 m/s)² / 2 of itself to the rule that fades it out at rest.
 FADING = 1e-4
 # A rod of 16 segments bends by chords of an arc.
 ARC_TOLERANCE = 0.02
 WORLD = np.array([0])
+
+
+def factor_at(surface, xy):
+    """Return the friction of some places of a table as a multiple of the mean."""
+    index = np.floor((xy - surface.origin) / CELL).astype(int)
+    index = np.clip(index, 0, np.array(surface.factors.shape) - 1)
+    return surface.factors[index[..., 0], index[..., 1]]
 
 
 @pytest.fixture
@@ -76,10 +84,10 @@ def test_a_cable_that_rolls_without_sliding_feels_no_friction(cable, truth):
 
 
 def test_rough_places_brake_more_than_smooth_ones_and_none_brakes_a_cable_in_the_air(cable, truth):
-    surface = friction_map(HiddenTable(seed=0), Workspace())
+    surface = friction_map(HiddenTable(seed=0), WORKSPACE)
     motion = lying(cable, (0.0, 1.0))
     force = forces(cable, truth, surface).evaluate(motion, WORLD, 0.002)[0, :, 1]
-    factor = surface.factor(motion.vertices[0, 2:, :2])
+    factor = factor_at(surface, motion.vertices[0, 2:, :2])
     expected = -truth.friction * (factor * (1 - truth.grain) - 1) * weight(truth)
     np.testing.assert_allclose(force, expected, rtol=FADING, atol=1e-9)
     assert np.ptp(force) > 0.02 * truth.friction * weight(truth)
@@ -89,7 +97,7 @@ def test_rough_places_brake_more_than_smooth_ones_and_none_brakes_a_cable_in_the
 
 def test_friction_never_pushes_a_cable_on(cable, truth):
     # MuJoCo's own friction and the correction together still brake, at every place.
-    surface = friction_map(HiddenTable(seed=0), Workspace())
+    surface = friction_map(HiddenTable(seed=0), WORKSPACE)
     low = surface.factors.min() * (1 - truth.grain)
     assert low > 0.5
 
@@ -175,3 +183,63 @@ def test_a_weightless_cable_rests_on_the_arc_of_its_curl_and_the_arc_turns_with_
     bent, straight = aside if roll == 0.0 else aside[::-1]
     assert bent > 0.1
     assert straight < 0.02
+
+
+def some_places(count=4000, seed=0):
+    rng = np.random.default_rng(seed)
+    half = WORKSPACE.table_width / 2
+    return np.stack([rng.uniform(-half, half, count), rng.uniform(0, 1.5, count)], axis=1)
+
+
+def test_friction_differs_from_place_to_place_by_some_per_cent_about_its_mean():
+    factors = factor_at(friction_map(hidden_table(0), WORKSPACE), some_places())
+    assert abs(factors.mean() - 1.0) < 0.1
+    assert 0.03 < factors.std() < 0.2
+    assert factors.min() > 0.5
+
+
+def test_a_table_is_the_same_for_its_seed_and_another_for_another():
+    one, again, other = (friction_map(hidden_table(s), WORKSPACE).factors for s in (0, 0, 1))
+    np.testing.assert_array_equal(one, again)
+    assert np.abs(one - other).max() > 0.05
+
+
+def test_friction_is_smooth_within_a_board_and_steps_only_at_seams():
+    table = dataclasses.replace(hidden_table(0), board=0.0, seam=0.0)
+    factors = friction_map(table, WORKSPACE).factors
+    # Neighbouring cells are 5 mm apart, a fiftieth of the wear's length.
+    assert np.abs(np.diff(factors, axis=0)).max() < 0.02
+
+
+def test_a_cable_feels_more_friction_on_a_seam():
+    flat = HiddenTable(seed=0, wear=0.0, board=0.0)
+    factors = friction_map(flat, WORKSPACE).factors
+    np.testing.assert_allclose(np.unique(factors), [1.0, 1.0 + flat.seam])
+    on_seams = np.mean(factors > 1.0)
+    expected = sum(flat.seam_width / size for size in flat.board_size)
+    assert on_seams == pytest.approx(expected, rel=0.3)
+
+
+def test_the_face_of_a_table_moves_and_turns_with_it():
+    table, usual = hidden_table(0), friction_map(hidden_table(0), WORKSPACE)
+    moved = friction_map(table, Workspace(table_near_y=-0.5))
+    turned = friction_map(table, Workspace(table_yaw_deg=90.0))
+    rng = np.random.default_rng(0)
+    places = np.stack([rng.uniform(-1.37, 1.37, 500), rng.uniform(0.01, 1.49, 500)], axis=1)
+    expected = factor_at(usual, places)
+    np.testing.assert_array_equal(factor_at(moved, places - [0.0, 0.5]), expected)
+    # Turned to the right about its middle, at y = 0.75 m before and 1.375 m after.
+    x, y = places.T
+    there = factor_at(turned, np.stack([y - 0.75, 1.375 - x], axis=1))
+    # A place near the rim of a cell may fall into the next one, 5 mm away, or onto a seam.
+    same = np.isclose(there, expected, rtol=0.02)
+    assert same.mean() > 0.95
+
+
+@pytest.mark.parametrize("place", [9.0, -9.0, np.nan])
+def test_a_cable_beyond_the_table_or_nowhere_does_not_break_the_map(cable, truth, place):
+    motion = lying(cable, (0.0, 1.0))
+    motion.vertices[..., 0] = place
+    force = forces(cable, truth, friction_map(hidden_table(0), WORKSPACE))
+    pull = force.evaluate(motion, WORLD, 0.002)
+    assert np.isfinite(pull).all() == np.isfinite(place)

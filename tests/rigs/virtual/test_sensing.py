@@ -10,7 +10,7 @@ pytest.importorskip("mujoco")
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.sensing import make_sensor
+from cablecast.rigs.virtual.sensing import SensorErrorModel
 
 QUICK = VirtualConfig(segment_count=10, dt=2e-3, reset_time=0.1, sensing="exact")
 ERROR_MODEL = dataclasses.replace(QUICK, sensing="error_model")
@@ -82,7 +82,7 @@ def test_an_endpoint_that_leaves_the_table_is_seen_to(setup, wild):
 
 
 def test_a_broken_simulation_is_not_looked_at(setup):
-    sensor = make_sensor("error_model", setup, 0.1)
+    sensor = SensorErrorModel(setup)
     broken = EndpointTrack(
         times=np.arange(31) * 0.01,
         endpoint_xy=np.zeros((31, 2)),
@@ -96,7 +96,7 @@ def test_a_broken_simulation_is_not_looked_at(setup):
 
 
 def test_a_record_too_coarse_for_a_camera_is_refused(setup):
-    sensor = make_sensor("error_model", setup, 0.1)
+    sensor = SensorErrorModel(setup)
     coarse = EndpointTrack(
         times=np.arange(4) * 0.1,
         endpoint_xy=np.zeros((4, 2)),

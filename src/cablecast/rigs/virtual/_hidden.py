@@ -10,7 +10,7 @@ import zlib
 
 import numpy as np
 
-from cablecast.cable import CABLE_NAMES, Attachment, Cable, load_cable
+from cablecast.cable import Attachment, Cable, load_cable
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -109,62 +109,26 @@ class HiddenTable:
     seam: float = 0.35
 
 
+_PRESET_NAMES = ("cable_1", "cable_2", "cable_3")
 _PRESETS = {
-    "cable_1": HiddenCable(
-        mass=0.056,
-        bend_stiffness=5.9e-4,
-        twist_stiffness=5.2e-4,
-        bend_damping=0.012,
-        friction=0.335,
-        grain=0.04,
-        curl=0.2,
-        yield_curvature=25.0,
-        yield_time=0.5,
-        endpoint_mass=0.0155,
-        endpoint_share=0.6,
-        endpoint_offset=0.008,
-        endpoint_radius=0.0025,
-        endpoint_friction=0.315,
-        drag=1.1,
-        linear_damping=0.04,
-    ),
-    "cable_2": HiddenCable(
-        mass=0.0058,
-        bend_stiffness=3.4e-5,
-        twist_stiffness=3.0e-5,
-        bend_damping=0.006,
-        friction=0.24,
-        grain=0.04,
-        curl=0.5,
-        yield_curvature=30.0,
-        yield_time=0.5,
-        endpoint_mass=0.0033,
-        endpoint_share=0.6,
-        endpoint_offset=0.007,
-        endpoint_radius=0.0012,
-        endpoint_friction=0.23,
-        drag=1.15,
-        linear_damping=0.05,
-    ),
-    "cable_3": HiddenCable(
-        mass=0.081,
-        bend_stiffness=1.12e-3,
-        twist_stiffness=1.12e-3,
-        bend_damping=0.005,
-        friction=0.36,
-        grain=0.05,
-        curl=0.1,
-        yield_curvature=30.0,
-        yield_time=0.3,
-        endpoint_mass=0.02,
-        endpoint_share=0.5,
-        endpoint_offset=0.0,
-        endpoint_radius=0.006,
-        endpoint_friction=0.36,
-        drag=1.1,
-        linear_damping=0.03,
-    ),
+    "mass": (0.056, 0.0058, 0.081),
+    "bend_stiffness": (5.9e-4, 3.4e-5, 1.12e-3),
+    "twist_stiffness": (5.2e-4, 3.0e-5, 1.12e-3),
+    "bend_damping": (0.012, 0.006, 0.005),
+    "friction": (0.335, 0.24, 0.36),
+    "grain": (0.04, 0.04, 0.05),
+    "curl": (0.2, 0.5, 0.1),
+    "yield_curvature": (25.0, 30.0, 30.0),
+    "yield_time": (0.5, 0.5, 0.3),
+    "endpoint_mass": (0.0155, 0.0033, 0.02),
+    "endpoint_share": (0.6, 0.6, 0.5),
+    "endpoint_offset": (0.008, 0.007, 0.0),
+    "endpoint_radius": (0.0025, 0.0012, 0.006),
+    "endpoint_friction": (0.315, 0.23, 0.36),
+    "drag": (1.1, 1.15, 1.1),
+    "linear_damping": (0.04, 0.05, 0.03),
 }
+"""True properties of each preset, in the order of their names."""
 
 # Copies of one product differ by a few per cent. What users believe of a cable of their own differs
 # by more: least for what a scale tells, and most for stiffness.
@@ -188,8 +152,9 @@ def hidden_cable(cable: Cable, lab_seed: int) -> HiddenCable:
         lab_seed: Seed of the laboratory.
     """
     rng = np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())])
-    if _is_preset(cable):
-        truth = _PRESETS[cable.name]
+    if is_preset(cable):
+        column = _PRESET_NAMES.index(cable.name)
+        truth = HiddenCable(**{name: values[column] for name, values in _PRESETS.items()})
         if lab_seed == 0:
             return truth
         names = [*_BELIEF_SPREAD, "bend_damping"]
@@ -248,9 +213,9 @@ def hidden_table(lab_seed: int) -> HiddenTable:
     return HiddenTable(seed=1000 + lab_seed)
 
 
-def _is_preset(cable: Cable) -> bool:
+def is_preset(cable: Cable) -> bool:
     """Return whether a cable is a preset by name and geometry; its params may have been tuned."""
-    if cable.name not in CABLE_NAMES:
+    if cable.name not in _PRESET_NAMES:
         return False
     preset = load_cable(cable.name)
     return all(

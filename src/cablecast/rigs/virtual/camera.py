@@ -281,20 +281,14 @@ class Film:
         return gain * np.array([1 - warm, 1.0, 1 + warm])
 
 
-def track_film(film: Film, calibration: Calibration, start_known: bool = True) -> EndpointTracker:
-    """Run the tracker over a film, drawing only what it looks at.
-
-    Args:
-        film: Film to watch.
-        calibration: Calibration of the camera that the tracker works with.
-        start_known: Whether the tracker is given the place of the first endpoint.
-    """
+def track_film(film: Film, calibration: Calibration) -> EndpointTracker:
+    """Run the tracker over a film, drawing only what it looks at."""
     trial = film.trial
     tracker = EndpointTracker(
         calibration.view,
         film.camera.workspace,
         TrackerConfig(marker_z=trial.cable.radius),
-        start_xy=trial.nodes[0, -1, :2] if start_known else None,
+        start_xy=trial.nodes[0, -1, :2],
     )
     for frame in range(film.frame_count):
         tracker.update(film.time(frame), film.grab(frame))

@@ -1,17 +1,19 @@
-"""The table's face: foam boards that are not all alike, worn here and there, with seams between.
+"""Forces on the cable that MuJoCo's rod does not have: air, the table's face, and memory.
 
-Compiled sums of the forces that MuJoCo's rod does not have: see forces.py.
+MuJoCo knows one friction coefficient for the whole cable. The table here is covered with foam
+boards that are not all alike, worn here and there, with seams between; along the cable it is
+smoother than across. The difference is added where the cable's surface slides. A rod of MuJoCo's is
+straight at rest. A real one keeps a curl, and some of every sharp bend.
 
 One thread computes one cable, from its free end towards the grip, so that what a vertex takes from
 its neighbours is at hand. Multiplications and additions are not fused: a trial's numbers are the
 same on every processor, and whatever is computed beside it.
-
-Forces on the cable that MuJoCo's rod does not have: air, the table's face, and memory.
-
-MuJoCo knows one friction coefficient for the whole cable. The table here differs from it from place
-to place, and along and across the cable; the difference is added where the cable's surface slides.
-A rod of MuJoCo's is straight at rest. A real one keeps a curl, and some of every sharp bend.
 """
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportGeneralTypeIssues=false
 
 import dataclasses
 from typing import Any
@@ -20,7 +22,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable
+from cablecast.cable import AIR_DENSITY, Cable
 from cablecast.conventions import GRAVITY
 from cablecast.engines.warp_.device import start_warp
 from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
@@ -42,22 +44,6 @@ class FrictionMap:
 
     origin: NDArray[np.float64]
     factors: NDArray[np.float64]
-
-    def factor(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the factors at some places; beyond the rim those of the rim.
-
-        Args:
-            xy: Places [m], shape [..., 2].
-
-        Returns:
-            Factors [-], shape [...].
-        """
-        last = np.array(self.factors.shape) - 1
-        index = np.floor((xy - self.origin) / CELL)
-        # A cable that has blown up has no place.
-        index = np.where(np.isfinite(index), index, 0.0)
-        index = np.clip(index, 0, last).astype(np.intp)
-        return self.factors[index[..., 0], index[..., 1]]
 
 
 def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
@@ -111,12 +97,6 @@ def _boards(
     board = np.floor((places - first) / size)
     within = (places - first) - board * size
     return (board - board.min()).astype(np.intp), np.minimum(within, size - within)
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
-# pyright: reportGeneralTypeIssues=false
 
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -364,9 +344,6 @@ def sum_forces(
         push_ahead = push
         ahead = here
         here = behind
-
-
-AIR_DENSITY = 1.2
 
 
 class CableForces:

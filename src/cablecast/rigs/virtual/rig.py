@@ -15,7 +15,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
-from cablecast.rigs.virtual.sensing import RECORD_DT, make_sensor
+from cablecast.rigs.virtual.sensing import RECORD_DT, Sensor, SensorCamera, SensorErrorModel
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
 
@@ -54,9 +54,12 @@ class RigVirtual(RigLifecycle):
         self.config = VirtualConfig() if config is None else config
         self._draw_seed = self.seed
         self._trial_count = 0
-        sample_dt, sensing = self.config.sample_dt, self.config.sensing
-        self._sensor = make_sensor(sensing, setup, sample_dt, self.config.lab_seed)
-        recorded = self.config
+        recorded, sample_dt = self.config, self.config.sample_dt
+        self._sensor: Sensor | None = None
+        if recorded.sensing == "error_model":
+            self._sensor = SensorErrorModel(setup, sample_dt)
+        elif recorded.sensing == "camera":
+            self._sensor = SensorCamera(setup, sample_dt, recorded.lab_seed)
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
         self._lab: Laboratory | None = Laboratory(setup, recorded)

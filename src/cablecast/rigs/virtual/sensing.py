@@ -1,21 +1,18 @@
-"""The measured errors of the virtual camera, as a quick stand-in for rendering and tracking.
-
-Geometry is computed: the apparent place of an endpoint above the marker's plane, and what the arm,
-the table's edge and the image's border hide. The rest was measured on rendered clips of the paper's
-table by tools/fit_camera_error.py, which writes camera_error.json.
-
-The senses of the virtual rig: a rendered camera, or the measured errors of that camera.
+"""The senses of the virtual rig: a rendered camera, or the measured errors of that camera.
 
 Both start from the cable's true motion, recorded every RECORD_DT, and return the track that a
 person would get: samples every 100 ms, NaN where the marker was not seen, and a status.
+
+In the error model geometry is computed: the apparent place of an endpoint above the marker's plane,
+and what the arm, the table's edge and the image's border hide. The rest was measured on rendered
+clips of the paper's table by tools/fit_camera_error.py, which writes camera_error.json.
 """
 
 import dataclasses
 import functools
-import importlib.resources
 import math
 import pathlib
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,14 +24,22 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, check_ranges
 from cablecast.files import read_json, write_json
 from cablecast.motion.trajectory import JointPath, joints_at
-from cablecast.rigs.virtual.config import SENSING_NAMES, USUAL_CENTRE_Y, Mount, clutter_place
+from cablecast.rigs.virtual.config import USUAL_CENTRE_Y, Mount, clutter_place
 from cablecast.setup import Setup
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-MODEL_FILE = "camera_error.json"
+RECORD_DT = 0.01
+"""Time between records of the cable for a camera [s]: a cubic through such shapes is exact to
+micrometres, and all frames fall between two of them."""
+MODEL_PATH = pathlib.Path(__file__).with_name("camera_error.json")
+"""Error model that comes with cablecast."""
+_FRAME_DT = 1.0 / 60.0
+_BLIND_STATUSES = (TrialStatus.NON_FINITE, TrialStatus.ABORTED)
+_PLACE_SCALE = 0.02
+"""Distance within which a marker lies on about the same ground: its own size [m]."""
 _BELOW_Z = -0.004
 """Height below which an endpoint hangs beside the table [m]."""
 
@@ -106,13 +111,12 @@ class CameraErrorModel:
         write_json(path, dataclasses.asdict(self))
 
     @classmethod
-    def load(cls, path: pathlib.Path | None = None) -> "CameraErrorModel":
+    def load(cls, path: pathlib.Path = MODEL_PATH) -> "CameraErrorModel":
         """Read a model; by default the one that comes with cablecast.
 
         Raises:
             InputError: There is no such file, or it is no error model.
         """
-        path = path or model_path()
         try:
             values: dict[str, Any] = read_json(path)
             values |= {name: tuple(values[name]) for name in ("camera", "seen_low", "seen_high")}
@@ -129,9 +133,6 @@ class CameraErrorModel:
 
         A picture does not change when everything in it grows, so that the errors grow with the
         height of the camera.
-
-        Args:
-            workspace: Gives the table's size and place.
         """
         usual = Workspace()
         edges = ("half_width", "y_min", "y_max")
@@ -186,7 +187,7 @@ class CameraErrorModel:
         """Place of the camera, and where it is blind, as a look at the empty table tells."""
         return CameraSight(position=self.camera, blind=tuple((x, y, r) for x, y, r in self.blind))
 
-    def hidden(
+    def _hidden(
         self,
         times: Array,
         points: Array,
@@ -194,19 +195,7 @@ class CameraErrorModel:
         rng: np.random.Generator,
         arm: ArmUR,
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Return which frames cannot show the marker.
-
-        Args:
-            times: Times of the frames [s], shape [frame].
-            points: True places of the endpoint [m], shape [frame, 3].
-            joint_path: Joints as they really moved; None for a table without an arm.
-            rng: Draws what is left to chance.
-            arm: Arm whose joints these are.
-
-        Returns:
-            Whether each is hidden, and the distance of each line of sight from the arm [m], both of
-            shape [frame].
-        """
+        """Return which frames cannot show the marker, and how far the arm is from its sight [m]."""
         on_ground = self.apparent(points, 0.0)
         hidden = np.any((on_ground < self.seen_low) | (on_ground > self.seen_high), axis=-1)
         # What hangs beside the table is hidden by it, or shows the marker from its narrow end.
@@ -218,10 +207,8 @@ class CameraErrorModel:
         if joint_path is not None:
             shape = arm_shape(joints_at(joint_path, times), arm)
             clearance = sight_clearance(points, self.camera, shape)
-            threshold = self.hidden_clearance + self.hidden_spread * np.log(
-                quantile / (1 - quantile)
-            )
-            hidden |= clearance < threshold
+            spread = self.hidden_spread * np.log(quantile / (1 - quantile))
+            hidden |= clearance < self.hidden_clearance + spread
         return hidden | (rng.uniform(size=len(times)) < self.miss_rate), clearance
 
     def observe(
@@ -246,7 +233,7 @@ class CameraErrorModel:
         Returns:
             x and y [m], NaN where the marker would not be seen, shape [frame, 2].
         """
-        hidden, clearance = self.hidden(times, points, joint_path, rng, arm)
+        hidden, clearance = self._hidden(times, points, joint_path, rng, arm)
         seen = self.apparent(points, marker_z)
         velocity = np.gradient(seen, times, axis=0) if len(times) > 1 else np.zeros_like(seen)
         speed = np.linalg.norm(velocity, axis=-1)
@@ -268,25 +255,8 @@ class CameraErrorModel:
         )
 
 
-_PLACE_SCALE = 0.02
-"""Distance within which a marker lies on about the same ground: its own size [m]."""
-
-
-def model_path() -> pathlib.Path:
-    """Return the place of the model that comes with cablecast."""
-    return pathlib.Path(str(importlib.resources.files("cablecast.rigs.virtual"))) / MODEL_FILE
-
-
 def bias_terms(xy: Array, centre_y: float = USUAL_CENTRE_Y) -> Array:
-    """Return the terms of the bias polynomial at some places.
-
-    Args:
-        xy: Places [m], shape [..., 2].
-        centre_y: y of the table's middle [m].
-
-    Returns:
-        Terms, shape [..., 6].
-    """
+    """Return the terms of the bias polynomial at places [m], shape [..., 6]."""
     return _quadratic(xy - [0.0, centre_y])
 
 
@@ -296,20 +266,22 @@ def _quadratic(xy: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-RECORD_DT = 0.01
-"""Time between records of the cable for a camera [s]: a cubic through such shapes is exact to
-micrometres, and all frames fall between two of them."""
-FRAME_DT = 1.0 / 60.0
-_BLIND_STATUSES = (TrialStatus.NON_FINITE, TrialStatus.ABORTED)
+class Sensor:
+    """Turns what happened into what was seen.
 
+    Args:
+        setup: Gives the cable, the table and the arm.
+        sample_dt: Time between samples of a track [s].
 
-class Sensor(Protocol):
-    """Turns what happened into what was seen."""
+    Attributes:
+        sight: Place of the camera, and where it is blind, as far as it is known by now.
+    """
 
-    @property
-    def sight(self) -> CameraSight:
-        """Place of the camera, and where it is blind, as far as it is known by now."""
-        ...
+    sight: CameraSight
+
+    def __init__(self, setup: Setup, sample_dt: float = 0.1):
+        self.setup = setup
+        self.sample_dt = sample_dt
 
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
@@ -320,93 +292,80 @@ class Sensor(Protocol):
             track: True motion, with the cable's nodes every RECORD_DT.
             joint_path: Joints as they really moved; None for a table without an arm.
             rng: Draws what is left to chance.
+
+        Raises:
+            InputError: The cable was recorded too rarely for a camera.
         """
-        ...
-
-
-def make_sensor(name: str, setup: Setup, sample_dt: float, lab_seed: int = 0) -> Sensor | None:
-    """Return the sensor of a name.
-
-    Args:
-        name: One of SENSING_NAMES.
-        setup: Gives the cable, the table and the arm.
-        sample_dt: Time between samples of a track [s].
-        lab_seed: Seed of the laboratory.
-
-    Returns:
-        None for "exact".
-
-    Raises:
-        InputError: There is no such sensor.
-        MissingExtraError: "camera" needs OpenCV, which is not installed.
-    """
-    if name == "exact":
-        return None
-    if name == "error_model":
-        return SensorErrorModel(setup, sample_dt)
-    if name == "camera":
-        return SensorCamera(setup, sample_dt, lab_seed)
-    raise InputError(f"unknown sensing {name!r}: one of {', '.join(SENSING_NAMES)}")
-
-
-class SensorErrorModel:
-    """Sees with the measured errors of the camera; quick, and without OpenCV.
-
-    Args:
-        setup: Gives the cable, the table and the arm.
-        sample_dt: Time between samples of a track [s].
-        model: Errors of the camera; where None, those that come with cablecast, for this table.
-    """
-
-    def __init__(self, setup: Setup, sample_dt: float = 0.1, model: CameraErrorModel | None = None):
-        self.setup = setup
-        self.sample_dt = sample_dt
-        self.model = CameraErrorModel.load().over(setup.workspace) if model is None else model
-        self.sight: CameraSight = self.model.sight
-
-    def observe(
-        self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
-    ) -> EndpointTrack:
-        """Return what is seen of a trial; see Sensor."""
         if track.status in _BLIND_STATUSES or track.nodes is None:
-            return _thinned(track, self.sample_dt)
-        times, nodes = _held(track, self.sample_dt)
-        frames = np.arange(math.floor(times[-1] / FRAME_DT + 1e-6) + 1) * FRAME_DT
-        points = _interpolate(times, nodes[:, -1], frames)
+            step = max(1, round(self.sample_dt / RECORD_DT)) if len(track.times) > 1 else 1
+            return EndpointTrack(
+                times=track.times[::step],
+                endpoint_xy=np.full_like(track.endpoint_xy[::step], np.nan),
+                status=track.status,
+                nodes=None if track.nodes is None else track.nodes[::step],
+                joint_path=track.joint_path,
+            )
+        times, nodes = _held(track.times, track.nodes, self.sample_dt)
+        frames, xy = self._look(times, nodes, joint_path, rng)
+        count = math.floor(times[-1] / self.sample_dt + 1e-6) + 1
+        sample_times = np.arange(count, dtype=np.float64) * self.sample_dt
+        endpoint_xy, status = track_samples(frames, xy, sample_times, self.setup.workspace)
+        return EndpointTrack(
+            times=sample_times,
+            endpoint_xy=endpoint_xy,
+            status=status,
+            nodes=nodes[np.searchsorted(times, sample_times - 1e-6)],
+            joint_path=track.joint_path,
+        )
+
+    def _look(
+        self, times: Array, nodes: Array, joint_path: JointPath | None, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Return times of frames [s], and where the endpoint is seen in each [m], [frame, 2]."""
+        raise NotImplementedError
+
+
+class SensorErrorModel(Sensor):
+    """Sees with the measured errors of the camera; quick, and without OpenCV."""
+
+    def __init__(self, setup: Setup, sample_dt: float = 0.1):
+        super().__init__(setup, sample_dt)
+        self.model = CameraErrorModel.load().over(setup.workspace)
+        self.sight = self.model.sight
+
+    def _look(
+        self, times: Array, nodes: Array, joint_path: JointPath | None, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        from scipy.interpolate import CubicSpline
+
+        frames = np.arange(math.floor(times[-1] / _FRAME_DT + 1e-6) + 1) * _FRAME_DT
+        if len(times) > 1:
+            points = CubicSpline(times, nodes[:, -1])(np.clip(frames, times[0], times[-1]))
+        else:
+            points = np.repeat(nodes[:, -1], len(frames), axis=0)
         radius, arm = self.setup.cable.radius, self.setup.arm
-        xy = self.model.observe(frames, points, joint_path, radius, rng, arm)
-        return _finish(track, frames, xy, times, nodes, self.setup.workspace, self.sample_dt)
+        return frames, self.model.observe(frames, points, joint_path, radius, rng, arm)
 
 
-class SensorCamera:
+class SensorCamera(Sensor):
     """Sees with rendered frames and the tracker that a real camera would use.
-
-    Args:
-        setup: Gives the cable, the table and the arm.
-        sample_dt: Time between samples of a track [s].
-        lab_seed: Seed of the laboratory.
 
     Raises:
         MissingExtraError: OpenCV is not installed.
     """
 
     def __init__(self, setup: Setup, sample_dt: float = 0.1, lab_seed: int = 0):
-        self.setup = setup
-        self.sample_dt = sample_dt
+        super().__init__(setup, sample_dt)
         self.camera, self.calibration = _calibrated_camera(setup.workspace, lab_seed)
         self.sight = CameraSight(position=self.calibration.view.position)
 
-    def observe(
-        self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
-    ) -> EndpointTrack:
-        """Return what is seen of a trial; see Sensor."""
+    def _look(
+        self, times: Array, nodes: Array, joint_path: JointPath | None, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
         from cablecast.rigs.virtual.camera import track_film
         from cablecast.rigs.virtual.drawing import FilmedTrial
         from cablecast.vision.tracker import sight_of
 
-        if track.status in _BLIND_STATUSES or track.nodes is None:
-            return _thinned(track, self.sample_dt)
-        times, nodes = _held(track, self.sample_dt)
         trial = FilmedTrial(
             cable=self.setup.cable,
             times=times,
@@ -417,8 +376,7 @@ class SensorCamera:
         film = self.camera.film(trial, seed=int(rng.integers(2**31)))
         tracker = track_film(film, self.calibration)
         self.sight = sight_of(tracker)
-        frames, xy = tracker.frames
-        return _finish(track, frames, xy, times, nodes, self.setup.workspace, self.sample_dt)
+        return tracker.frames
 
 
 @functools.lru_cache(maxsize=2)
@@ -430,13 +388,8 @@ def _calibrated_camera(workspace: Workspace, lab_seed: int):
     return camera, calibrate_virtual_camera(camera, lab_seed)
 
 
-def _held(
-    track: EndpointTrack, sample_dt: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _held(times: Array, nodes: Array, sample_dt: float) -> tuple[Array, Array]:
     """Return times and nodes as recorded, held still up to the next whole sample."""
-    times, nodes = track.times, track.nodes
-    if nodes is None:
-        raise InputError("a camera needs the cable's nodes")
     if len(times) > 1 and np.max(np.diff(times)) > 1.5 * RECORD_DT:
         raise InputError(
             f"the cable was recorded every {np.max(np.diff(times)):.3f} s: a camera needs it every "
@@ -447,48 +400,3 @@ def _held(
     count = round((end - times[-1]) / RECORD_DT)
     more = times[-1] + RECORD_DT * np.arange(1, count + 1)
     return np.concatenate([times, more]), np.concatenate([nodes, np.repeat(nodes[-1:], count, 0)])
-
-
-def _interpolate(
-    times: NDArray[np.float64], values: NDArray[np.float64], at: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return values between those of some times, on a cubic spline."""
-    from scipy.interpolate import CubicSpline
-
-    if len(times) < 2:
-        return np.repeat(values, len(at), axis=0)
-    return CubicSpline(times, values)(np.clip(at, times[0], times[-1]))
-
-
-def _thinned(track: EndpointTrack, sample_dt: float) -> EndpointTrack:
-    """Return a trial that no camera needs to watch, at the times of a track."""
-    step = max(1, round(sample_dt / RECORD_DT)) if len(track.times) > 1 else 1
-    return EndpointTrack(
-        times=track.times[::step],
-        endpoint_xy=np.full_like(track.endpoint_xy[::step], np.nan),
-        status=track.status,
-        nodes=None if track.nodes is None else track.nodes[::step],
-        joint_path=track.joint_path,
-    )
-
-
-def _finish(
-    track: EndpointTrack,
-    frames: NDArray[np.float64],
-    xy: NDArray[np.float64],
-    times: NDArray[np.float64],
-    nodes: NDArray[np.float64],
-    workspace: Workspace,
-    sample_dt: float,
-) -> EndpointTrack:
-    """Return the track that follows from what was seen in the frames."""
-    count = math.floor(times[-1] / sample_dt + 1e-6) + 1
-    sample_times = np.arange(count, dtype=np.float64) * sample_dt
-    endpoint_xy, status = track_samples(frames, xy, sample_times, workspace)
-    return EndpointTrack(
-        times=sample_times,
-        endpoint_xy=endpoint_xy,
-        status=status,
-        nodes=nodes[np.searchsorted(times, sample_times - 1e-6)],
-        joint_path=track.joint_path,
-    )

@@ -1,4 +1,4 @@
-"""States in which the simulated reset leaves the cable, computed once, stored, and drawn per trial.
+"""Differences from trial to trial: the state after the reset, the table, and the arm.
 
 A whole reset takes 14 s of simulated time, ten times as long as a cast. So it is played in advance
 by tools/make_reset_library.py, many times, each time after another cast, and what is kept is how
@@ -6,15 +6,11 @@ the cable came to rest. A trial then starts from one of these states.
 
 Only the presets in the default laboratory have them, and only where the reset moves the gripper as
 it did when they were made: another table, or another height of the grip, may ask for another
-motion. Any other cable starts from a drawn bow (trials.py).
-
-Differences from trial to trial: the state after the reset, the table, and the arm.
+motion. Any other cable starts from a drawn bow.
 """
 
 import dataclasses
 import functools
-import hashlib
-import importlib.resources
 import io
 import json
 import pathlib
@@ -24,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
-from cablecast.cable import CABLE_NAMES, Cable, load_cable
+from cablecast.cable import Cable, load_cable
 from cablecast.errors import DatasetError, InputError
 from cablecast.files import read_bytes, write_bytes
 from cablecast.motion.polar import reset_path, reset_pose
-from cablecast.rigs.virtual._hidden import hidden_arm, hidden_cable, hidden_table
+from cablecast.rigs.virtual._hidden import is_preset
 from cablecast.rigs.virtual.config import TrialNoise
 from cablecast.setup import Setup
 
@@ -44,6 +40,12 @@ cable that lies nearer is folded."""
 
 _PATH_TOLERANCE = 1e-9
 """Two reset motions are one if they differ by no more than rounding [m and rad]."""
+# Length of the ramp from the grip to the table in multiples of the grip's height.
+_RAMP_RATIO = 6.0
+# Length over which a thick attachment lifts the cable's end [m].
+_LIFT_LENGTH = 0.1
+# Beyond three standard deviations a person would repeat the reset.
+_SIGMA_MAX = 3.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,29 +75,8 @@ class ResetLibrary:
         """Endpoints seen from the grip, x to the right and y ahead [m], shape [state, 2]."""
         return self.positions[:, -1, :2]
 
-    def report(self) -> dict[str, float]:
-        """Return how straight, and how alike, the states are, in [% of cable length] and [deg]."""
-        length = float(self.arc_lengths[-1])
-        x, y = self.endpoints.T
-        heading = np.degrees(np.arctan2(x, y))
-        # The sideways distance of the cable from the straight line between its ends.
-        nodes = self.positions[..., :2]
-        chord = nodes[:, -1] / np.linalg.norm(nodes[:, -1], axis=1, keepdims=True)
-        aside = nodes[..., 0] * chord[:, None, 1] - nodes[..., 1] * chord[:, None, 0]
-        return {
-            "states": len(self),
-            "before_scatter_pct": float(np.sqrt(self.before_xy.var(axis=0).sum())) / length * 100,
-            "short_mean_pct": float(np.mean(length - np.hypot(x, y))) / length * 100,
-            "short_max_pct": float(np.max(length - np.hypot(x, y))) / length * 100,
-            "aside_mean_pct": float(np.mean(x)) / length * 100,
-            "aside_scatter_pct": float(np.std(x)) / length * 100,
-            "ahead_scatter_pct": float(np.std(y)) / length * 100,
-            "heading_scatter_deg": float(np.std(heading)),
-            "bow_mean_pct": float(np.mean(np.max(np.abs(aside), axis=1))) / length * 100,
-        }
-
     def accepted(self) -> NDArray[np.intp]:
-        """Return the states that a trial may begin with: those straight ahead, or all without one.
+        """Return the states that a trial may start from: those straight ahead, or all without one.
 
         Returns:
             Indices, shape [accepted].
@@ -172,8 +153,7 @@ class ResetLibrary:
 
 def library_path(cable_name: str) -> pathlib.Path:
     """Return the place of a preset's library in the package."""
-    folder = importlib.resources.files("cablecast.rigs.virtual")
-    return pathlib.Path(str(folder)) / f"reset_{cable_name}.npz"
+    return pathlib.Path(__file__).with_name(f"reset_{cable_name}.npz")
 
 
 def find_library(setup: Setup, lab_seed: int = 0) -> ResetLibrary | None:
@@ -184,61 +164,33 @@ def find_library(setup: Setup, lab_seed: int = 0) -> ResetLibrary | None:
             no library, nor has a preset whose geometry was changed.
         lab_seed: Seed of the laboratory; only the default one has libraries.
     """
-    cable = setup.cable
-    if lab_seed != 0 or cable.name not in CABLE_NAMES:
+    if lab_seed != 0 or not is_preset(setup.cable) or not _moves_as_stored(setup):
         return None
-    preset = load_cable(cable.name)
-    names = ("length", "diameter", "attachment", "attachment_length")
-    if any(getattr(cable, name) != getattr(preset, name) for name in names):
-        return None
-    if not _moves_as_stored(preset, setup):
-        return None
-    return _packaged(cable.name)
+    return _packaged(setup.cable.name)
 
 
-def _moves_as_stored(preset: Cable, setup: Setup) -> bool:
+def _moves_as_stored(setup: Setup) -> bool:
     """Return whether the reset moves the gripper as in the paper's set-up.
 
     Tuned parameters of the cable are left out: they change what is believed, not what is true.
     """
+    preset = load_cable(setup.cable.name)
     stored, here = Setup(cable=preset), dataclasses.replace(setup, cable=preset)
     try:
         paths = [reset_path(reset_pose(s.workspace), s) for s in (stored, here)]
     except InputError:
         return False
-    shapes = [path.coefficients.shape for path in paths]
-    return shapes[0] == shapes[1] and all(
-        np.allclose(*values, rtol=0.0, atol=_PATH_TOLERANCE)
-        for values in (
-            [path.knots for path in paths],
-            [path.coefficients[..., 0] for path in paths],
-        )
-    )
+    knots, coefficients = ([getattr(p, n) for p in paths] for n in ("knots", "coefficients"))
+    if coefficients[0].shape != coefficients[1].shape:
+        return False
+    same = functools.partial(np.allclose, rtol=0.0, atol=_PATH_TOLERANCE)
+    return same(*knots) and same(*(values[..., 0] for values in coefficients))
 
 
 @functools.cache
 def _packaged(cable_name: str) -> ResetLibrary | None:
     path = library_path(cable_name)
     return ResetLibrary.load(path) if path.is_file() else None
-
-
-def hidden_digest(cable: Cable, lab_seed: int) -> str:
-    """Return a short name for all that is hidden about a cable, the arm and the table.
-
-    Args:
-        cable: Cable in the gripper.
-        lab_seed: Seed of the laboratory.
-    """
-    truth = (hidden_cable(cable, lab_seed), hidden_arm(lab_seed), hidden_table(lab_seed))
-    return hashlib.sha256(repr(truth).encode()).hexdigest()[:16]
-
-
-# Length of the ramp from the grip to the table in multiples of the grip's height.
-_RAMP_RATIO = 6.0
-# Length over which a thick attachment lifts the cable's end [m].
-_LIFT_LENGTH = 0.1
-# Beyond three standard deviations a person would repeat the reset.
-_SIGMA_MAX = 3.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -285,7 +237,7 @@ class Trial:
         )
 
     def rng(self, stream: int) -> np.random.Generator:
-        """Return a generator of this trial for one use, told by its number."""
+        """Return a generator of this trial for the use of a number."""
         return np.random.default_rng([*self.key, stream])
 
     def latencies(self, count: int) -> NDArray[np.float64]:
@@ -327,7 +279,7 @@ def reset_shape(
     if library is None:
         local = _drawn_shape(cable, pose[2], trial, arc_lengths, end_height)
     else:
-        # A laboratory whose resets are all alike begins from the same one.
+        # A laboratory whose resets are all alike starts from the same one.
         alike = trial.noise.bow == trial.noise.sway == trial.noise.angle == 0.0
         accepted = library.accepted()
         state = int(accepted[0] if alike else trial.rng(4).choice(accepted))
@@ -373,12 +325,7 @@ def _drawn_shape(
 def initial_curl(
     trial: Trial, curl: float, arc_lengths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the curvature of the cable at rest: its own, and what earlier trials left.
-
-    Args:
-        trial: Draw of this trial.
-        curl: Curvature of its own [1/m].
-        arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
+    """Return the curvature of a cable at rest: its own [1/m], and what earlier trials left.
 
     Returns:
         Sideways and upwards [1/m], shape [2, inner vertex].
