@@ -58,7 +58,7 @@ def land(
         **options: Further options of EngineWarp; double precision unless they say otherwise.
     """
     engine = EngineWarp(segment_count=segment_count, dt=dt, **({"precision": "double"} | options))
-    return engine.rollout(cable, cable.params, paths, state).endpoint_xy[:, -1]
+    return engine.rollout(cable, paths, state).endpoint_xy[:, -1]
 
 
 def track_errors(

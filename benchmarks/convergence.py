@@ -11,7 +11,7 @@ import pathlib
 import numpy as np
 
 from benchmarks.common import Table, land, landing_error_pct, random_casts, write_json
-from cablecast.cable import CABLE_NAMES, ROD_ARM, Cable, Material, load_cable
+from cablecast.cable import CABLE_NAMES, ROD_ARM, Cable, load_cable
 from cablecast.engines.base import reset_state
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
 
@@ -41,7 +41,7 @@ class Args:
 
 def perturbed_state(cable: Cable, paths, segment_count: int, seed: int):
     """Return the reset state turned by 0.01 degree and bowed by 0.01 mm, either way."""
-    state = reset_state(cable, cable.params, paths, segment_count)
+    state = reset_state(cable, paths, segment_count)
     rng = np.random.default_rng(seed)
     start = state.positions[:, :1]
     sign = rng.choice([-1.0, 1.0], size=(2, len(paths), 1))
@@ -74,7 +74,7 @@ def main(args: Args) -> None:
     for name in args.cables:
         cable = load_cable(name)
         if args.attachments:
-            cable = cable.with_material(Material(attachment_arm=ROD_ARM * cable.attachment_length))
+            cable = cable.with_params(attachment_arm=ROD_ARM * cable.attachment_length)
         fine = land(cable, paths, FINE_SEGMENT_COUNT, FINE_DT)
 
         def add(table, reference, segments, dt, precision="double", state=None, cable=cable):

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, random_casts
-from cablecast.cable import PARAM_BOUNDS, Cable, CableParams
+from cablecast.cable import PAPER_PARAMS, PARAMS, Cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.setup import Setup
 
@@ -26,7 +26,7 @@ def draw_params(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         count: Number of cables.
         rng: Source of the draws.
     """
-    low, high = np.array(list(PARAM_BOUNDS.values())).T
+    low, high = np.array([PARAMS[name].bounds for name in PAPER_PARAMS]).T
     floor = np.maximum(low, high * 1e-5)
     values = floor * (high / floor) ** rng.uniform(size=(count, len(low)))
     return np.clip(values, low, high)
@@ -54,8 +54,10 @@ def robust(cable: Cable, duration: float, count: int, seed: int) -> Table:
         batch = np.arange(start, min(start + BATCH, count))
 
         def play(rows, **options):
-            params = CableParams.from_array(values[rows])
-            return engine.rollout(cable, params, paths[rows], duration=duration, **options)
+            drawn = dict(zip(PAPER_PARAMS, values[rows].T, strict=True))
+            return engine.rollout(
+                cable.with_params(**drawn), paths[rows], duration=duration, **options
+            )
 
         rollout = play(batch, record_nodes=True)
         assert rollout.nodes is not None

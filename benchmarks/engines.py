@@ -99,7 +99,6 @@ class Job:
         start = time.perf_counter()
         rollout = engine.rollout(
             self.cable,
-            self.cable.params,
             self.paths if paths is None else paths,
             duration=self.duration,
             sample_dt=SAMPLE_DT,
@@ -139,7 +138,7 @@ def prepare(args: Args) -> Job:
     fine = EngineWarp(
         segment_count=FINE_SEGMENT_COUNT, dt=FINE_DT, precision="double", rest_speed=0.0
     )
-    rollout = fine.rollout(cable, cable.params, paths, duration=args.duration, sample_dt=SAMPLE_DT)
+    rollout = fine.rollout(cable, paths, duration=args.duration, sample_dt=SAMPLE_DT)
     return Job(cable, paths, all_paths, args.duration, rollout.endpoint_xyz, rollout.times)
 
 

@@ -118,10 +118,10 @@ def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tu
             progress=progress,
         )
     row = tuned.metrics["validation"]["tuned"]
-    material = tuned.dynamics.material or casts.cable.material
+    params = tuned.params
     damping_time, curvature, arm = (
         float(np.asarray(value))
-        for value in (material.damping_time, material.rest_curvature, material.attachment_arm)
+        for value in (params.damping_time, params.rest_curvature, params.attachment_arm)
     )
     names = ("mean", "final_median", "final_first_quartile", "final_third_quartile")
     return (
@@ -131,6 +131,6 @@ def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: Args) -> tu
         1e3 * damping_time,
         round(curvature * casts.cable.length, 2),
         round(1e3 * arm / ROD_ARM, 1),
-        round(float(np.asarray(material.yield_curvature))),
+        round(float(np.asarray(params.yield_curvature))),
         *(row[f"{name}_pct"] for name in names),
     )

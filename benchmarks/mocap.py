@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, write_json
-from cablecast.cable import Cable, CableParams, Material
+from cablecast.cable import Cable, CableParams
 from cablecast.conventions import tangent
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
@@ -296,10 +296,8 @@ class Player:
         scenes = [self.scene(row, values) for row in range(len(self.sequences))]
         count, times = self.args.segment_count, self.sequences.times
         engine = EngineWarp(segment_count=count, dt=self.args.dt, table=False)
-        params = np.stack([scene.cable.params.to_array() for scene in scenes])
         rollout = engine.rollout(
             [scene.cable for scene in scenes],
-            CableParams.from_array(params),
             GripPath.stack([scene.near for scene in scenes]),
             CableState.stack([scene.state for scene in scenes]),
             duration=float(times[-1]),
@@ -359,13 +357,11 @@ def cable_of(length: float, values: dict[str, float]) -> Cable:
         rolling_friction=0.0,
         linear_damping=values.get("linear_damping", 0.0),
         angular_damping=values.get("angular_damping", 0.0),
-    )
-    material = Material(
         damping_time=values.get("damping_time", 0.0),
         rest_curvature=values.get("rest_curvature", 0.0),
         drag_coefficient=values.get("drag_coefficient", 0.0),
     )
-    return Cable(name="mocap", length=length, diameter=0.01, params=params, material=material)
+    return Cable(name="mocap", length=length, diameter=0.01, params=params)
 
 
 def markers_of(nodes: Array, at: Array, inner: Array) -> Array:

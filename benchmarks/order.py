@@ -68,7 +68,9 @@ def main(args: Args) -> None:
         def play(segment_count, dt, params=params):
             engine = make_warp(segment_count, dt)
             # From 0.2 s on: before that the endpoint has hardly moved.
-            return engine.rollout(cable, params, paths, duration=DURATION).endpoint_xy[:, 2:]
+            return engine.rollout(cable.with_params(params), paths, duration=DURATION).endpoint_xy[
+                :, 2:
+            ]
 
         errors = track_errors(play, rungs, (args.segment_count, FINE_DT))
         orders = np.log2(errors[:-1] / errors[1:])

@@ -251,7 +251,7 @@ def main(args: Args) -> int:
 def print_parameters(where: str, known: ParamPosterior, points: NDArray[np.float64]) -> None:
     """Print the deviations of each parameter, in shares of its search range."""
     rows = []
-    for row, name in enumerate(CableParams.names()):
+    for row, name in enumerate(known.space.names):
         gauss = float(known.deviation[row])
         shift = (float(points[:, row].mean()) - float(known.mean[row])) / gauss
         deviations = (known.prior.deviation[row], gauss, points[:, row].std())

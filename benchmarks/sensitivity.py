@@ -104,7 +104,7 @@ def spread(values: NDArray[np.float64]) -> float:
 
 def study(cable: Cable, paths: GripPath, args: Args) -> tuple[list[tuple], list[tuple]]:
     """Return the rows of both tables for a cable."""
-    state = reset_state(cable, cable.params, paths, args.fine)
+    state = reset_state(cable, paths, args.fine)
     fine = land(cable, paths, args.fine, FINE_DT, **TO_THE_END)
     moved, rows = {}, []
     for perturbation in PERTURBATIONS:

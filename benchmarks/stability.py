@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Table, random_casts, write_json
-from cablecast.cable import CABLE_NAMES, Cable, CableParams, Material, load_cable
+from cablecast.cable import CABLE_NAMES, FITTED_MATERIAL, Cable, CableParams, load_cable
 from cablecast.conventions import GRAVITY, tangent
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
-from cablecast.tuning.space import FITTED, MaterialSpace, SearchSpace
+from cablecast.tuning.space import SearchSpace
 
 WORLD_COUNTS = {20: 2262, 30: 1800, 50: 600, 70: 240, 100: 96, 160: 24, 240: 9}
 """Worlds for each number of segments, at each step: fewer where they cost more."""
@@ -57,20 +57,30 @@ class Args:
 
 def draw_worlds(cable: Cable, count: int, seed: int) -> CableParams:
     """Return parameters over the search space of a cable; every second world is undamped."""
-    unit = np.random.default_rng(seed).uniform(size=(count, len(CableParams.names())))
-    values = SearchSpace.for_cable(cable).to_params(unit).to_array()
-    values[::2, [CableParams.names().index(n) for n in ("linear_damping", "angular_damping")]] = 0.0
-    return CableParams.from_array(values)
+    space = SearchSpace.for_cable(cable)
+    unit = np.random.default_rng(seed).uniform(size=(count, space.dimension))
+    params = space.to_params(unit)
+    damped = np.arange(count) % 2
+    return dataclasses.replace(
+        params,
+        linear_damping=damped * params.linear_damping,
+        angular_damping=damped * params.angular_damping,
+    )
 
 
-def draw_materials(cable: Cable, count: int, seed: int) -> Material:
-    """Return a material for each world, over the whole range that a fit searches.
+def with_materials(cable: Cable, params: CableParams, seed: int) -> CableParams:
+    """Return parameters with a material for each world, over the whole range that a fit searches.
 
     The attachment stays a point mass: shapes tell nothing of the energy of a rod that turns.
     """
-    space = MaterialSpace(cable, [name for name in FITTED if name != "attachment_arm"])
-    unit = np.random.default_rng([seed, 1]).uniform(size=(count, len(space)))
-    return space.to_material(unit)
+    names = [name for name in FITTED_MATERIAL if name != "attachment_arm"]
+    space = SearchSpace.for_cable(cable, names)
+    unit = space.to_unit(params)
+    size = (len(unit), len(names))
+    unit[:, -len(names) :] = np.random.default_rng([seed, 1]).uniform(size=size)
+    drawn = space.to_params(unit)
+    material = {name: getattr(drawn, name) for name in (*names, "yield_time")}
+    return dataclasses.replace(params, **material)
 
 
 def energies(
@@ -146,16 +156,16 @@ def scan(
     """
     casts = random_casts(CAST_COUNT, seed, Setup().with_motion(v_max=V_MAX))
     params = draw_worlds(cable, count, seed)
-    drawn = draw_materials(cable, count, seed) if materials else None
+    if materials:
+        params = with_materials(cable, params, seed)
     engine = EngineWarp(segment_count=segment_count, dt=dt)
     marked, grown, most = 0, 0, 0.0
     for start in range(0, count, BATCH):
         rows = np.arange(start, min(start + BATCH, count))
         paths = casts[rows % CAST_COUNT]
-        part = CableParams.from_array(params.to_array()[rows])
+        part = params.rows(rows)
         rollout = engine.rollout(
-            cable.with_material(None if drawn is None else drawn.rows(rows)),
-            part,
+            cable.with_params(part),
             paths,
             duration=float(paths.duration.max()) + SETTLE,
             sample_dt=SAMPLE_DT,

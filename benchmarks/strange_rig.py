@@ -139,10 +139,9 @@ class StrangeRig(RigLifecycle):
         # The friction follows from where the cable goes: find its way, then the friction there.
         for _ in range(2):
             params = self._params(factor)
-            state = reset_state(self.setup.cable, params, path, SEGMENT_COUNT)
+            state = reset_state(self.setup.cable.with_params(params), path, SEGMENT_COUNT)
             rollout = self.engine.rollout(
-                self.setup.cable,
-                params,
+                self.setup.cable.with_params(params),
                 path,
                 _bent(state, angle, self.curl + bow),
                 duration=duration,

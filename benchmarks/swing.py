@@ -63,8 +63,7 @@ def swing_losses(
     paths = GripPath.stack([GripPath.hold([0.0, 0.0, 0.0, 0.0, p], 1.0) for p in pitches])
     engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double", table=False)
     rollout = engine.rollout(
-        cable,
-        params,
+        cable.with_params(params),
         paths,
         CableState.at_rest(nodes),
         duration=duration,

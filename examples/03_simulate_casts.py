@@ -21,7 +21,7 @@ def main(count: int = 200) -> None:
 
     # Actions that the arm can carry out, spread over a grid.
     actions = feasible_grid(count, setup)
-    rollout = engine.rollout(cable, cable.params, cast_grip_paths(actions, setup))
+    rollout = engine.rollout(cable, cast_grip_paths(actions, setup))
     landings = rollout.endpoint_xy[:, -1]
     on_table = setup.workspace.on_table(landings)
     print(f"{count} casts of {cable.name}: {on_table.sum()} landed on the table")
@@ -30,7 +30,7 @@ def main(count: int = 200) -> None:
     # Every parameter is a number for all worlds, or one number per world.
     frictions = np.linspace(0.3, 1.2, 4)
     params = cc.CableParams(**{**cable.params.to_dict(), "worksurface_friction": frictions})
-    rollout = engine.rollout(cable, params, cast_grip_paths(actions[:1], setup))
+    rollout = engine.rollout(cable.with_params(params), cast_grip_paths(actions[:1], setup))
     for friction, (x, y) in zip(params.friction, rollout.endpoint_xy[:, -1], strict=True):
         print(f"  Coulomb coefficient {friction:.2f}: lands at x = {x:+.3f} m, y = {y:.3f} m")
 

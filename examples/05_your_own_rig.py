@@ -46,7 +46,7 @@ class PretendRig(cc.RigLifecycle):
         self._use_reset()
         joints = self.move(trajectory.joint_path)
         path = grip_path_from_joints(joints, self.setup.arm) if joints else trajectory.grip_path
-        rollout = self.engine.rollout(self.setup.cable, self.params, path)
+        rollout = self.engine.rollout(self.setup.cable.with_params(self.params), path)
         random = np.random.default_rng([self.draw_seed, self.trial])
         self.trial += 1
         seen = rollout.endpoint_xy[0] + random.normal(scale=0.002, size=(len(rollout.times), 2))

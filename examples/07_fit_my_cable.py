@@ -62,7 +62,11 @@ def replay(video, casts, tuned, out):
     info, frames = read_video(video)
     duration = info.frame_count / info.rate
     rollout = cc.EngineWarp().rollout(
-        setup.cable, tuned.params, motion, duration=duration, sample_dt=0.01, record_nodes=True
+        setup.cable.with_params(tuned.params),
+        motion,
+        duration=duration,
+        sample_dt=0.01,
+        record_nodes=True,
     )
 
     def drawn():

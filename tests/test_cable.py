@@ -6,8 +6,8 @@ import yaml
 
 from cablecast.cable import (
     CABLE_NAMES,
-    PARAM_BOUNDS,
-    PARAM_UNITS,
+    PAPER_PARAMS,
+    PARAMS,
     Attachment,
     Cable,
     CableParams,
@@ -38,9 +38,16 @@ def test_the_presets_are_the_cables_of_the_paper(
     assert cable.radius == diameter / 2
 
 
-def test_every_parameter_has_a_bound_and_a_unit():
-    assert set(CableParams.names()) == set(PARAM_BOUNDS) == set(PARAM_UNITS)
-    assert len(CableParams.names()) == 10
+def test_the_table_has_every_parameter_with_its_default_and_the_ten_of_the_paper_have_none():
+    fields = {field.name: field.default for field in dataclasses.fields(CableParams)}
+    assert tuple(fields) == CableParams.names() == tuple(PARAMS)
+    assert CableParams.names()[:10] == PAPER_PARAMS
+    for name, info in PARAMS.items():
+        assert (
+            fields[name] is dataclasses.MISSING
+            if name in PAPER_PARAMS
+            else fields[name] == info.default
+        )
 
 
 @pytest.mark.parametrize("name", CABLE_NAMES)
@@ -95,7 +102,7 @@ def test_a_file_that_describes_no_cable_is_refused(text, message, tmp_path):
 @pytest.mark.parametrize("name", CableParams.names())
 @pytest.mark.parametrize("beyond", ["below", "above", "nan", "text"])
 def test_a_parameter_out_of_bounds_is_refused_with_both_bounds(name, beyond):
-    low, high = PARAM_BOUNDS[name]
+    low, high = PARAMS[name].bounds
     value = {"below": low - 1.0, "above": high + 1.0, "nan": np.nan, "text": "much"}[beyond]
     message = "not a number" if beyond == "text" else f"is outside .{low:g}, {high:g}."
     with pytest.raises(InputError, match=f"{name} = .*{message}"):
@@ -104,7 +111,7 @@ def test_a_parameter_out_of_bounds_is_refused_with_both_bounds(name, beyond):
 
 @pytest.mark.parametrize("name", CableParams.names())
 def test_both_bounds_of_a_parameter_belong_to_it(name):
-    for value in PARAM_BOUNDS[name]:
+    for value in PARAMS[name].bounds:
         assert getattr(params(**{name: value}), name) == value
 
 
@@ -120,7 +127,7 @@ def test_parameters_may_differ_from_world_to_world():
     varied = params(mass=np.array([0.04, 0.05, 0.06]))
     assert varied.world_count == 3
     assert params().world_count is None
-    assert varied.to_array().shape == (3, 10)
+    assert varied.to_array().shape == (3, len(PARAMS))
     back = CableParams.from_array(varied.to_array())
     np.testing.assert_array_equal(back.to_array(), varied.to_array())
 

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Material
 from cablecast.data.dataset import StoredSettings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
@@ -18,12 +17,12 @@ from cablecast.setup import Setup
 
 SETUP = Setup()
 ENGINE = EngineWarp(segment_count=20, dt=1e-3)
-MATERIAL = Material(damping_time=0.03)
 SERVO = ServoModel(
     delay=np.full(6, 0.02), frequency=np.full(6, 60.0), damping=np.ones(6), residual=np.zeros(6)
 )
 BARE = Dynamics.of(None, SETUP)
-WHOLE = dataclasses.replace(BARE, material=MATERIAL, servo=SERVO)
+DAMPED = BARE.with_params(dataclasses.replace(BARE.params, damping_time=0.03))
+WHOLE = dataclasses.replace(DAMPED, servo=SERVO)
 MOTION = plan_trajectory(Action.from_array(np.array([-0.65, 1.40, 0.41, 2.97])), SETUP)
 
 
@@ -34,7 +33,7 @@ def landing(dynamics):
 def test_material_and_servo_each_move_a_landing():
     landings = [
         landing(BARE),
-        landing(dataclasses.replace(BARE, material=MATERIAL)),
+        landing(DAMPED),
         landing(dataclasses.replace(BARE, servo=SERVO)),
         landing(WHOLE),
     ]
@@ -47,7 +46,6 @@ def test_it_comes_back_from_plain_values_and_leaves_out_what_it_lacks():
     assert set(BARE.to_dict()) == {"params"}
     again = Dynamics.from_dict(WHOLE.to_dict() | {"seed": 0})
     assert again.params == WHOLE.params
-    assert again.material == MATERIAL
     np.testing.assert_array_equal(landing(again), landing(WHOLE))
 
 
@@ -56,7 +54,7 @@ def test_a_rig_and_the_settings_of_a_dataset_play_all_of_it():
     rig = RigEngine(ENGINE, SETUP, stored)
     rig.reset()
     np.testing.assert_allclose(rig.execute(MOTION).final_xy, landing(WHOLE), atol=1e-6)
-    assert rig.description["material"] == MATERIAL.to_dict()
+    assert rig.description["params"]["damping_time"] == 0.03
 
 
 def test_settings_without_parameters_or_of_another_version_are_refused():
@@ -68,17 +66,16 @@ def test_settings_without_parameters_or_of_another_version_are_refused():
 
 
 def test_other_parameters_and_rows_keep_the_rest():
-    many = WHOLE.with_params(SETUP.cable.params.from_array(np.ones((3, 10)) * 0.05))
+    many = WHOLE.with_params(dataclasses.replace(WHOLE.params, mass=np.full(3, 0.05)))
     assert many.rows(slice(0, 2)).params.world_count == 2
-    assert many.rows(slice(0, 2)).material is MATERIAL
+    assert many.rows(slice(0, 2)).params.damping_time == 0.03
+    assert many.rows(slice(0, 2)).servo is SERVO
     assert WHOLE.with_params(None) is WHOLE
 
 
 def test_several_dynamics_play_as_one_batch():
-    other = dataclasses.replace(
-        BARE.with_params(dataclasses.replace(BARE.params, lateral_friction=0.5)), material=MATERIAL
-    )
-    both = Dynamics.stack([BARE, other], SETUP)
+    other = BARE.with_params(dataclasses.replace(DAMPED.params, lateral_friction=0.5))
+    both = Dynamics.stack([BARE, other])
     paths = MOTION.grip_path[np.zeros(2, dtype=int)]
     landings = both.rollout(ENGINE, SETUP, paths).endpoint_xy[:, -1]
     np.testing.assert_allclose(landings, [landing(BARE), landing(other)], rtol=0, atol=1e-4)
@@ -88,7 +85,7 @@ def test_several_dynamics_play_as_one_batch():
 def test_a_straight_cable_is_its_own_mirror_image_and_a_curled_one_is_not():
     assert WHOLE.mirrored() is WHOLE.without_curl() is WHOLE
     assert BARE.mirrored() is BARE.without_curl() is BARE
-    curled = dataclasses.replace(WHOLE, material=dataclasses.replace(MATERIAL, rest_curvature=0.4))
-    assert curled.mirrored().material.rest_curvature == -0.4
-    assert curled.without_curl().material == MATERIAL
+    curled = WHOLE.with_params(dataclasses.replace(WHOLE.params, rest_curvature=0.4))
+    assert curled.mirrored().params.rest_curvature == -0.4
+    assert curled.without_curl().params == WHOLE.params
     assert curled.without_curl().servo is SERVO

@@ -95,9 +95,9 @@ def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address:
 def misses_of(tuned: Tuned, casts: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances of simulated casts from real ones [% of length]: mean, and at rest."""
     tracks = MeasuredTracks.from_dataset(casts)
-    cable = casts.cable.with_material(tuned.dynamics.material)
-    distances = TrackObjective(EngineWarp(), cable, tracks).distances(tuned.dynamics.params)
-    return 100 * distances.mean[0] / cable.length, 100 * distances.final[0] / cable.length
+    distances = TrackObjective(EngineWarp(), casts.cable, tracks).distances(tuned.params)
+    share = 100 / casts.cable.length
+    return share * distances.mean[0], share * distances.final[0]
 
 
 def compared(of_twin: np.ndarray, of_virtual: np.ndarray) -> str:

@@ -68,8 +68,7 @@ def film_hand(setup: Setup, path: GripPath, camera: VirtualCamera, rate: float) 
     """
     duration = float(path.duration[0]) + _REST
     rollout = EngineWarp().rollout(
-        setup.cable,
-        true_params(setup.cable),
+        setup.cable.with_params(true_params(setup.cable)),
         path,
         duration=duration,
         sample_dt=0.005,

@@ -84,7 +84,6 @@ class Peer(abc.ABC):
     def rollout(
         self,
         cable: Cable,
-        params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
         duration: float | None = None,
@@ -94,9 +93,7 @@ class Peer(abc.ABC):
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`. Only free ends are recorded."""
-        plan = plan_rollout(
-            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
-        )
+        plan = plan_rollout(self, cable, grip_path, initial_state, duration, sample_dt, far_path)
         count, length = plan.world_count, cable.length / self.segment_count
         poses = np.broadcast_to(grip_path.evaluate(np.zeros(1)), (count, 1, 5))[:, 0]
         nodes = np.broadcast_to(
@@ -106,7 +103,7 @@ class Peer(abc.ABC):
         nodes = np.concatenate([behind, nodes], axis=1)
         edges = np.diff(nodes, axis=1)
         edges /= np.linalg.norm(edges, axis=-1, keepdims=True)
-        self.start(cable, params, nodes, frames(edges, poses[:, None, 3]))
+        self.start(cable, cable.params, nodes, frames(edges, poses[:, None, 3]))
         track = np.full((count, plan.sample_count, 3), np.nan)
         track[:, 0] = nodes[:, -1]
         for sample in range(1, plan.sample_count):

@@ -77,7 +77,7 @@ class Scene:
             params = dataclasses.replace(params, rolling_friction=0.1, twist_stiffness=0.0)
         start = time.process_time()
         rollout = engine.rollout(
-            self.cable, params, self.paths[rows], state, self.duration, SAMPLE_DT
+            self.cable.with_params(params), self.paths[rows], state, self.duration, SAMPLE_DT
         )
         return rollout, time.process_time() - start
 

@@ -16,7 +16,7 @@ def sagging(make: MakeEngine, segment_count: int, dt: float, cable: Cable):
     """Return the nodes of level clamped cables at rest under their own weight [m], by world."""
     state = scenes.straight(segment_count, (0, 0, HEIGHT), (1, 0, 0))
     rollout = make(segment_count, dt).rollout(
-        cable, cable.params, scenes.hold((0, 0, HEIGHT), yaw=LEVEL), state, duration=4.0
+        cable, scenes.hold((0, 0, HEIGHT), yaw=LEVEL), state, duration=4.0
     )
     return rollout.final_state.positions - [0, 0, HEIGHT]
 
@@ -128,7 +128,6 @@ def vibration(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         period = 2 * np.pi / omega
         rollout = make(segment_count, dt, 0.0).rollout(
             cable,
-            cable.params,
             scenes.hold((0, 0, HEIGHT), yaw=LEVEL),
             CableState.at_rest(nodes[None]),
             duration=2.0 * period,

@@ -19,7 +19,7 @@ def slowed_spin(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         state = scenes.straight(segment_count, start, (1, 0, 0))
         state = scenes.turning(state, SPIN, (0, 0, 1), start)
         rollout = make(segment_count, dt, 0.0).rollout(
-            cable, cable.params, scenes.hold(start), state, duration=1.5, sample_dt=0.025
+            cable, scenes.hold(start), state, duration=1.5, sample_dt=0.025
         )
         x, y = rollout.endpoint_xy[0].T
         angle = np.unwrap(np.arctan2(y, x))
@@ -66,7 +66,6 @@ def string_decay(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         cable = scenes.make_cable(mass=STRING_MASS, endpoint_mass=WEIGHT, angular_damping=damping)
         rollout = make(segment_count, dt).rollout(
             cable,
-            cable.params,
             scenes.hold(start, pitch=-0.5 * np.pi),
             CableState.at_rest(nodes[None]),
             duration=0.6,

@@ -45,7 +45,6 @@ def free_flight(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     sample_dt = 0.01
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.fitted(lambda t: at(t, 0.0), FLIGHT_TIME, count=400),
         state,
         duration=FLIGHT_TIME,
@@ -113,7 +112,6 @@ def energy_balance(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     start = (0.0, 0.0, 2.0)
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.hold(start, yaw=0.5 * np.pi),
         scenes.straight(segment_count, start, (1, 0, 0)),
         duration=1.5,

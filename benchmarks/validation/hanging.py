@@ -25,7 +25,6 @@ def catenary(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     state = CableState.at_rest(scenes.planar(heading, left, "xz")[None])
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.hold(left),
         state,
         duration=8.0,
@@ -65,7 +64,6 @@ def hanging_mode(make: MakeEngine, segment_count: int, dt: float, shape, omega, 
     period = 2 * np.pi / omega
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.hold((0, 0, HEIGHT), pitch=DOWN),
         CableState.at_rest(nodes[None]),
         duration=1.2 * period,
@@ -151,7 +149,6 @@ def pendulum(make: MakeEngine, segment_count: int, dt: float, swing_deg: float) 
     sample_dt = 1e-3
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.hold((0, 0, HEIGHT), pitch=DOWN),
         scenes.straight(segment_count, (0, 0, HEIGHT), direction),
         duration=1.1 * period,

@@ -41,7 +41,9 @@ def slope(
     paths = random_casts(CAST_COUNT, SEED)
 
     def play(count, step):
-        rollout = make(count, step).rollout(cable, params, paths, duration=DURATION, sample_dt=0.1)
+        rollout = make(count, step).rollout(
+            cable.with_params(params), paths, duration=DURATION, sample_dt=0.1
+        )
         return rollout.endpoint_xy[:, 1:]
 
     rungs = [(segment_count, dt * 2**k) for k in (2, 1, 0)]

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.common import Table
 from benchmarks.validation.case import Case, Convergence, MakeEngine, Measured, Theme
 from cablecast import files
-from cablecast.cable import CableParams
+from cablecast.cable import PAPER_PARAMS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,7 +111,7 @@ def plot(result: Result) -> bytes:
 def parameter_table(themes: tuple[Theme, ...]) -> Table:
     """Return a table of the cases that each parameter decides."""
     rows = []
-    for name in CableParams.names():
+    for name in PAPER_PARAMS:
         cases = [c for theme in themes for c in theme.cases if name in c.parameters]
         links = ", ".join(f"[{case.title}](#{anchor(case.title)})" for case in cases)
         rows.append((f"`{name}`", links))

@@ -37,7 +37,6 @@ def slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         state = scenes.straight(segment_count, (0, 0, RADIUS), (0, 1, 0), (SPEED, 0, 0))
         rollout = make(segment_count, dt).rollout(
             cable,
-            cable.params,
             path,
             state,
             duration=duration,
@@ -118,7 +117,6 @@ def oblique_slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Mea
     state = scenes.straight(segment_count, (0, 0, RADIUS), (0, 1, 0), (SPEED, SPEED, 0))
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.fitted(position, 1.5 * duration),
         state,
         duration=duration,
@@ -172,7 +170,7 @@ def roll_to_stop(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         spin = np.full_like(state.roll_rate, SPEED / RADIUS)
         state = dataclasses.replace(state, roll_rate=spin)
         rollout = make(segment_count, dt).rollout(
-            cable, cable.params, path, state, duration=1.1, sample_dt=0.025, record_nodes=True
+            cable, path, state, duration=1.1, sample_dt=0.025, record_nodes=True
         )
         assert rollout.nodes is not None
         node = watched(segment_count)
@@ -229,7 +227,7 @@ def unwind(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     middles = scenes.lengthwise(segment_count)
     state = dataclasses.replace(state, roll=(UNWIND_TWIST * middles)[None])
     rollout = make(segment_count, dt).rollout(
-        cable, cable.params, scenes.hold((0, 0, RADIUS)), state, duration=30.0, sample_dt=30.0
+        cable, scenes.hold((0, 0, RADIUS)), state, duration=30.0, sample_dt=30.0
     )
     s = np.linspace(0.0, LENGTH, 200)
 

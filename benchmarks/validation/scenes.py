@@ -151,7 +151,7 @@ def rolls_after(
     rolls = []
     for duration in times:
         rollout = engine.rollout(
-            cable, cable.params, path, state, duration=duration, sample_dt=duration, **options
+            cable, path, state, duration=duration, sample_dt=duration, **options
         )
         rolls.append(rollout.final_state.roll[0])
     return np.array(rolls)

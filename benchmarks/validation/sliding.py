@@ -26,7 +26,7 @@ def slide(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     paths = [scenes.along_x(law(mu), SPEED / (mu * GRAVITY)) for mu in frictions]
     state = scenes.straight(segment_count, (0, 0, RADIUS), (0, 1, 0), (SPEED, 0, 0))
     rollout = make(segment_count, dt).rollout(
-        cable, cable.params, GripPath.stack(paths), state, duration=0.6, sample_dt=0.02
+        cable, GripPath.stack(paths), state, duration=0.6, sample_dt=0.02
     )
     outcomes, curves = [], []
     for world, (mu, (factor, surface_factor)) in enumerate(zip(frictions, FRICTIONS, strict=True)):
@@ -62,7 +62,6 @@ def tethered(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     state = scenes.turning(state, TETHER_SPEED / LENGTH, (0, 0, 1), (0, 0, 0))
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.hold((0, 0, RADIUS)),
         state,
         duration=0.5,
@@ -147,7 +146,6 @@ def turned_rod(
     path = scenes.fitted(lambda t: np.array([0, 0, RADIUS]) + 0 * t[:, None], duration, yaw)
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         path,
         state,
         duration=0.8 * duration,
@@ -213,7 +211,6 @@ def creep(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     nodes = scenes.planar(np.linspace(0.0, 0.8, segment_count), (0, 0, RADIUS), "yx")
     rollout = make(segment_count, dt).rollout(
         cable,
-        cable.params,
         scenes.hold((0, 0, RADIUS)),
         CableState.at_rest(nodes[None]),
         duration=1.0 + CREEP_TIME,
@@ -255,7 +252,7 @@ def tractrix(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     path = scenes.along_x(eased, duration)
     state = scenes.straight(segment_count, (0, 0, RADIUS), (0, 1, 0))
     rollout = make(segment_count, dt).rollout(
-        cable, cable.params, path, state, duration=duration, sample_dt=duration / 30
+        cable, path, state, duration=duration, sample_dt=duration / 30
     )
     # The angle between tether and line of the drag: tan(angle / 2) falls as exp(-distance / L).
     dragged = np.linspace(0.0, float(eased(duration)), 200)

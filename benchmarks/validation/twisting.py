@@ -98,7 +98,6 @@ def shaft(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     state = scenes.straight(segment_count, START, (0, 0, -1))
     rollout = make(segment_count, dt, 0.0).rollout(
         cable,
-        cable.params,
         turned_grip(TURN),
         state,
         duration=TURN_TIME + 2.0,
@@ -143,7 +142,6 @@ def pushed_ring(make: MakeEngine, segment_count: int, dt: float, turns, push: fl
     state.velocities[0, :, 1] = push * (1.0 - np.cos(at)) * np.cos(at)
     rollout = make(segment_count, dt, 0.0).rollout(
         cable,
-        cable.params,
         GripPath.stack([turned_grip(turn) for turn in turns]),
         state,
         duration=8.0,

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from cablecast.arm.ur import ArmUR as ArmUR
     from cablecast.cable import Cable as Cable
     from cablecast.cable import CableParams as CableParams
-    from cablecast.cable import Material as Material
     from cablecast.cable import load_cable as load_cable
     from cablecast.camera.settings import CameraSight as CameraSight
     from cablecast.cast import EndpointTrack as EndpointTrack
@@ -76,7 +75,6 @@ _HOMES = {
     "Cable": "cablecast.cable",
     "CableParams": "cablecast.cable",
     "CameraSight": "cablecast.camera.settings",
-    "Material": "cablecast.cable",
     "CablecastError": "cablecast.errors",
     "Dataset": "cablecast.data.dataset",
     "EndpointTrack": "cablecast.cast",
@@ -132,7 +130,6 @@ __all__ = [
     "Evaluation",
     "FitConfig",
     "ForwardSearchPolicy",
-    "Material",
     "MotionConfig",
     "Plan",
     "PolarCastingPolicy",

@@ -1,6 +1,9 @@
-"""Material: damping, curl, yield, drag and grain of a cable, beside the ten of the paper.
+"""Cables: geometry, physics in SI units, three presets, and YAML files.
 
-Cables: geometry, the ten tuned parameters in SI units, three presets, and YAML files.
+The physics of a cable is one record, `CableParams`: the ten parameters that the paper tunes
+(section IV-C), then the material parameters, which do nothing unless they are given. `PARAMS` holds
+what is true of each number: its unit, bounds, default, the range that a fit searches, and how
+surely it is known before any cast.
 """
 
 import dataclasses
@@ -8,6 +11,7 @@ import enum
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import yaml
@@ -24,18 +28,6 @@ from cablecast.errors import (
 )
 from cablecast.files import read_yaml, write_text
 
-MATERIAL_BOUNDS: dict[str, tuple[float, float, str]] = {
-    "damping_time": (0.0, 1.0, "s"),
-    "rest_curvature": (-50.0, 50.0, "1/m"),
-    "drag_coefficient": (0.0, 50.0, ""),
-    "friction_ratio": (0.1, 10.0, ""),
-    "attachment_arm": (0.0, 0.3, "m"),
-    "attachment_friction_ratio": (0.1, 10.0, ""),
-    "yield_curvature": (0.0, 1000.0, "1/m"),
-    "yield_time": (0.0, 100.0, "s"),
-}
-"""Allowed range of each value of a `Material`, bounds included."""
-
 ROD_ARM = 2.0 / 3.0
 """Arm of an attachment that is a uniform rod, over its length [-]."""
 
@@ -44,200 +36,123 @@ AIR_DENSITY = 1.2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Material:
-    """A cable's material and surface beside the ten parameters, which do nothing by default.
-
-    Values are numbers shared by all worlds, or arrays with one value per world, shape [world].
+class ParamInfo:
+    """Facts about one number of a cable's physics.
 
     Attributes:
-        damping_time: Time by which bending and twisting moments lead the bend: EI (curvature +
-            time x its rate), as in Kelvin's and Voigt's solid [s].
-        rest_curvature: Curvature that the cable has where nothing bends it, in the plane of the
-            table and to the left of the gripper at the start; it rolls with the cable [1/m].
-        drag_coefficient: Drag of the air on what moves across the cable: a length feels
-            1/2 `AIR_DENSITY` x drag coefficient x diameter x speed². A smooth cylinder has 1 to 1.2
-            [-].
-        friction_ratio: Coulomb coefficient along the cable over that across it, which is the
-            product of the two parameters [-].
-        attachment_arm: Two thirds of the length of an attachment that the cable's end clamps, a
-            uniform rod that goes on as the cable ends; a point mass at the cable's end where 0. A
-            rod moves like a quarter of its mass there and the rest an arm beyond [m].
-        attachment_friction_ratio: Coulomb coefficient of the attachment over that of the cable [-].
-        yield_curvature: Elastic curvature beyond which a bend stays in the cable; 0 for a cable
-            that springs back from every bend [1/m].
-        yield_time: Time in which all but 1 / e of the curvature beyond goes over into the cable's
-            shape; 0 for at once [s].
+        unit: Unit; empty for a ratio.
+        bounds: Allowed range, bounds included.
+        default: Value that does nothing, for a cable whose file leaves it out; None where a file
+            must give one.
+        logarithmic: Whether a fit searches the logarithm.
+        factor: Ratio of either end of the fit's range to the middle: the believed value, or for the
+            arm of an attachment that of a uniform rod of its length; None where `search` says.
+        search: Range of a fit; None where `factor` says, or no fit finds the number.
+        usual: Most likely value of a real cable whose file leaves it out.
+        deviation: Standard deviation of the truth about the believed value, unless a cable's file
+            gives another: a factor (1.1 is 10 % more or less) where logarithmic, else in the unit.
+        over_length: Whether `search` and `deviation` are to be divided by the cable's length.
     """
 
-    damping_time: float | NDArray[np.float64] = 0.0
-    rest_curvature: float | NDArray[np.float64] = 0.0
-    drag_coefficient: float | NDArray[np.float64] = 0.0
-    friction_ratio: float | NDArray[np.float64] = 1.0
-    attachment_arm: float | NDArray[np.float64] = 0.0
-    attachment_friction_ratio: float | NDArray[np.float64] = 1.0
-    yield_curvature: float | NDArray[np.float64] = 0.0
-    yield_time: float | NDArray[np.float64] = 0.0
-
-    def __post_init__(self):
-        for name, (low, high, unit) in MATERIAL_BOUNDS.items():
-            value = np.asarray(getattr(self, name))
-            if value.dtype.kind not in "iuf" or value.ndim > 1:
-                raise InputError(f"{name} must be a number or one for each world")
-            bad = ~(np.isfinite(value) & (value >= low) & (value <= high))
-            if np.any(bad):
-                worst = float(np.atleast_1d(value)[np.atleast_1d(bad)][0])
-                text = f"{name} = {worst:g} {unit}".strip()
-                raise InputError(f"{text} is outside [{low:g}, {high:g}]")
-
-    @property
-    def world_count(self) -> int | None:
-        """Number of worlds; None if all values are shared."""
-        for name in MATERIAL_BOUNDS:
-            if np.ndim(getattr(self, name)):
-                return len(getattr(self, name))
-        return None
-
-    @property
-    def remembers(self) -> bool:
-        """True if bends are remembered: bending is damped, or the cable is curled or yields."""
-        return any(
-            np.any(value)
-            for value in (self.damping_time, self.rest_curvature, self.yield_curvature)
-        )
-
-    @property
-    def drags(self) -> bool:
-        """True if the air resists with the square of the speed."""
-        return bool(np.any(self.drag_coefficient))
-
-    @property
-    def is_grained(self) -> bool:
-        """True if friction differs along and across the cable."""
-        return bool(np.any(np.asarray(self.friction_ratio) != 1.0))
-
-    @property
-    def is_plain(self) -> bool:
-        """True if the material does nothing."""
-        rubs = bool(np.any(np.asarray(self.attachment_friction_ratio) != 1.0))
-        has_arm = bool(np.any(self.attachment_arm))
-        return not (self.remembers or self.drags or self.is_grained or has_arm or rubs)
-
-    def to_columns(self) -> dict[str, NDArray[np.float64]]:
-        """Return the values by name, shape [1] or [world]."""
-        return {n: np.atleast_1d(np.asarray(getattr(self, n), float)) for n in MATERIAL_BOUNDS}
-
-    def rows(self, worlds: slice | NDArray[np.int_] | NDArray[np.bool_]) -> "Material":
-        """Return the values of some worlds."""
-        values = {name: getattr(self, name) for name in MATERIAL_BOUNDS}
-        return Material(**{name: v if np.ndim(v) == 0 else v[worlds] for name, v in values.items()})
-
-    @classmethod
-    def stack(cls, materials: Sequence["Material"]) -> "Material":
-        """Return the materials of several worlds as one; of a single one, that.
-
-        Raises:
-            InputError: One of several has values for each world already.
-        """
-        if len(materials) == 1:
-            return materials[0]
-        if any(material.world_count is not None for material in materials):
-            raise InputError("one of several cables has a material for each world: give it one")
-        columns = {
-            name: np.array([getattr(m, name) for m in materials]) for name in MATERIAL_BOUNDS
-        }
-        return cls(**{n: float(c[0]) if np.all(c == c[0]) else c for n, c in columns.items()})
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, float]) -> "Material":
-        """Return the material of `to_dict`; what is missing does nothing.
-
-        Raises:
-            InputError: A key is unknown, or a value is no number or out of bounds.
-        """
-        given = check_keys(values, set(MATERIAL_BOUNDS), "cable material")
-        return cls(
-            **{name: check_number(name, v, *MATERIAL_BOUNDS[name]) for name, v in given.items()}
-        )
-
-    def to_dict(self) -> dict[str, float]:
-        """Return plain values for a file.
-
-        Raises:
-            InputError: The values differ from world to world.
-        """
-        if self.world_count is not None:
-            raise InputError("only a material that all worlds share can be written to a file")
-        values = {name: float(getattr(self, name)) for name in MATERIAL_BOUNDS}
-        # Left out where they do nothing, so that casts from before there were any still belong.
-        plain = Material()
-        for name in set(MATERIAL_BOUNDS) - {"damping_time", "rest_curvature"}:
-            if values[name] == getattr(plain, name):
-                del values[name]
-        return values
+    unit: str
+    bounds: tuple[float, float]
+    default: float | None = None
+    logarithmic: bool = True
+    factor: float | None = None
+    search: tuple[float, float] | None = None
+    usual: float | None = None
+    deviation: float | None = None
+    over_length: bool = False
 
 
-class Attachment(enum.Enum):
-    """Attachment at the free end of the cable."""
+# The upper bounds are well above any rope, wire or hose of half a metre to a metre that a UR5 would
+# cast. Deviations: a kitchen scale tells masses; an attachment is a point mass that stands for an
+# extended body; stiffnesses are known to an order of magnitude; dampings and lever arms are hardly
+# known at all.
+_FRICTION = ParamInfo(
+    # The product of two such factors spans 0.02 to 2.
+    unit="",
+    bounds=(0.0, 2.0),
+    logarithmic=False,
+    search=(0.15, 1.4),
+    deviation=0.25,
+)
+# A lever arm below a micrometre has no effect; beyond the cable's radius the contact would lie
+# outside the cable, so a fit ends there.
+_LEVER_ARM = ParamInfo(unit="m", bounds=(0.0, 0.1), search=(1e-6, 0.1), deviation=10.0)
 
-    NONE = "none"
-    HOOK = "hook"
-    MAGNET = "magnet"
-
-
-# Allowed range of each parameter, bounds included. The upper bounds are well above any rope, wire
-# or hose of half a metre to a metre that a UR5 would cast.
-PARAM_BOUNDS: dict[str, tuple[float, float]] = {
-    "twist_stiffness": (0.0, 1.0),
-    "bend_stiffness": (0.0, 0.1),
-    "mass": (5e-4, 1.0),
-    "endpoint_mass": (0.0, 0.5),
-    "lateral_friction": (0.0, 2.0),
-    "worksurface_friction": (0.0, 2.0),
-    "spinning_friction": (0.0, 0.1),
-    "rolling_friction": (0.0, 0.1),
-    "linear_damping": (0.0, 5.0),
-    "angular_damping": (0.0, 200.0),
+PARAMS: dict[str, ParamInfo] = {
+    # Ropes with sliding and with sticking strands differ by more than an order of magnitude.
+    "twist_stiffness": ParamInfo(unit="N·m²", bounds=(0.0, 1.0), factor=30.0, deviation=5.0),
+    "bend_stiffness": ParamInfo(unit="N·m²", bounds=(0.0, 0.1), factor=30.0, deviation=3.0),
+    # A cable can be weighed, but the paper's search also spans 0.3 to 2.
+    "mass": ParamInfo(unit="kg", bounds=(5e-4, 1.0), factor=2.0, deviation=1.1),
+    "endpoint_mass": ParamInfo(unit="kg", bounds=(0.0, 0.5), factor=4.0, deviation=1.3),
+    "lateral_friction": _FRICTION,
+    "worksurface_friction": _FRICTION,
+    "spinning_friction": _LEVER_ARM,
+    "rolling_friction": _LEVER_ARM,
+    # A light cable in air has about 1/s; 0.01/s has no effect on a cast of 2 s.
+    "linear_damping": ParamInfo(unit="1/s", bounds=(0.0, 5.0), search=(1e-2, 5.0), deviation=10.0),
+    # It stands for all bending losses, which are unknown beforehand.
+    "angular_damping": ParamInfo(
+        unit="1/s", bounds=(0.0, 200.0), search=(0.1, 200.0), deviation=10.0
+    ),
+    # Ropes lose their energy within some hundredths of a second.
+    "damping_time": ParamInfo(
+        unit="s", bounds=(0.0, 1.0), default=0.0, search=(1e-3, 0.1), usual=8e-3, deviation=2.0
+    ),
+    # In radians by which the whole cable turns.
+    "rest_curvature": ParamInfo(
+        unit="1/m",
+        bounds=(-50.0, 50.0),
+        default=0.0,
+        logarithmic=False,
+        search=(-1.5, 1.5),
+        usual=0.0,
+        deviation=0.3,
+        over_length=True,
+    ),
+    # A smooth cylinder has 1 to 1.2.
+    "drag_coefficient": ParamInfo(
+        unit="", bounds=(0.0, 50.0), default=0.0, search=(0.2, 6.0), usual=1.1, deviation=1.3
+    ),
+    "friction_ratio": ParamInfo(
+        unit="", bounds=(0.1, 10.0), default=1.0, search=(0.5, 2.0), usual=1.0, deviation=1.15
+    ),
+    # A rope that was bent about a finger keeps the bend.
+    "yield_curvature": ParamInfo(
+        unit="1/m",
+        bounds=(0.0, 1000.0),
+        default=0.0,
+        search=(4.0, 250.0),
+        usual=40.0,
+        deviation=2.5,
+    ),
+    "attachment_arm": ParamInfo(
+        unit="m", bounds=(0.0, 0.3), default=0.0, factor=3.0, deviation=1.5
+    ),
+    "yield_time": ParamInfo(unit="s", bounds=(0.0, 100.0), default=0.0),
+    "attachment_friction_ratio": ParamInfo(unit="", bounds=(0.1, 10.0), default=1.0),
 }
+"""What is true of each number of `CableParams`, in its order."""
 
-PARAM_UNITS: dict[str, str] = {
-    "twist_stiffness": "N·m²",
-    "bend_stiffness": "N·m²",
-    "mass": "kg",
-    "endpoint_mass": "kg",
-    "lateral_friction": "-",
-    "worksurface_friction": "-",
-    "spinning_friction": "m",
-    "rolling_friction": "m",
-    "linear_damping": "1/s",
-    "angular_damping": "1/s",
-}
+PAPER_PARAMS = tuple(name for name, info in PARAMS.items() if info.default is None)
+"""The ten parameters of the paper."""
 
-DEFAULT_DEVIATIONS: dict[str, float] = {
-    "twist_stiffness": 5.0,
-    "bend_stiffness": 3.0,
-    "mass": 1.1,
-    "endpoint_mass": 1.3,
-    "lateral_friction": 0.25,
-    "worksurface_friction": 0.25,
-    "spinning_friction": 10.0,
-    "rolling_friction": 10.0,
-    "linear_damping": 10.0,
-    "angular_damping": 10.0,
-}
-"""Standard deviation of the truth about a believed value: a factor (1.1 is 10 % more or less), but
-for the two frictions a value of their own unit. A kitchen scale tells masses; an
-attachment is a point mass that stands for an extended body; stiffnesses are known to an order of
-magnitude; dampings and lever arms are hardly known at all."""
-
-_DIRECT_DEVIATIONS = ("lateral_friction", "worksurface_friction")
+FITTED_MATERIAL = tuple(
+    name for name, info in PARAMS.items() if name not in PAPER_PARAMS and info.deviation is not None
+)
+"""Material parameters that a fit can find."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CableParams:
-    """The ten parameters that tuning adjusts (paper, section IV-C), in SI units.
+    """Physics of a cable in SI units: the ten parameters of the paper, and its material.
 
     Every value is a number shared by all worlds, or an array with one value per world, shape
-    [world].
+    [world]. The values after the ten, the material, do nothing by default; `EngineWarp` alone
+    simulates them.
 
     Attributes:
         twist_stiffness: Torsional rigidity GJ [N·m²].
@@ -251,6 +166,23 @@ class CableParams:
         rolling_friction: Rolling friction as a lever arm [m].
         linear_damping: Decay rate of velocities [1/s].
         angular_damping: Decay rate of the rotation of cable segments [1/s].
+        damping_time: Time by which bending and twisting moments lead the bend: EI (curvature +
+            time x its rate), as in Kelvin's and Voigt's solid [s].
+        rest_curvature: Curvature that the cable has where nothing bends it, in the plane of the
+            table and to the left of the gripper at the start; it rolls with the cable [1/m].
+        drag_coefficient: Drag of the air on what moves across the cable: a length feels
+            1/2 `AIR_DENSITY` x drag coefficient x diameter x speed². A smooth cylinder has 1 to 1.2
+            [-].
+        friction_ratio: Coulomb coefficient along the cable over that across it, which is the
+            product of the two friction factors [-].
+        yield_curvature: Elastic curvature beyond which a bend stays in the cable; 0 for a cable
+            that springs back from every bend [1/m].
+        attachment_arm: Two thirds of the length of an attachment that the cable's end clamps, a
+            uniform rod that goes on as the cable ends; a point mass at the cable's end where 0. A
+            rod moves like a quarter of its mass there and the rest an arm beyond [m].
+        yield_time: Time in which all but 1 / e of the curvature beyond goes over into the cable's
+            shape; 0 for at once [s].
+        attachment_friction_ratio: Coulomb coefficient of the attachment over that of the cable [-].
     """
 
     twist_stiffness: float | NDArray[np.float64]
@@ -263,10 +195,18 @@ class CableParams:
     rolling_friction: float | NDArray[np.float64]
     linear_damping: float | NDArray[np.float64]
     angular_damping: float | NDArray[np.float64]
+    damping_time: float | NDArray[np.float64] = 0.0
+    rest_curvature: float | NDArray[np.float64] = 0.0
+    drag_coefficient: float | NDArray[np.float64] = 0.0
+    friction_ratio: float | NDArray[np.float64] = 1.0
+    yield_curvature: float | NDArray[np.float64] = 0.0
+    attachment_arm: float | NDArray[np.float64] = 0.0
+    yield_time: float | NDArray[np.float64] = 0.0
+    attachment_friction_ratio: float | NDArray[np.float64] = 1.0
 
     def __post_init__(self):
         shapes = set()
-        for name, (low, high) in PARAM_BOUNDS.items():
+        for name, info in PARAMS.items():
             try:
                 value = np.asarray(getattr(self, name), dtype=float)
             except (TypeError, ValueError):
@@ -274,27 +214,26 @@ class CableParams:
             if value.ndim > 1:
                 raise InputError(f"{name} has shape {value.shape}: it must be a number or [world]")
             shapes |= {value.shape} - {()}
+            low, high = info.bounds
             bad = ~(np.isfinite(value) & (value >= low) & (value <= high))
             if np.any(bad):
-                offender = float(value[bad][0]) if value.ndim else float(value)
-                raise InputError(
-                    f"{name} = {offender:g} {PARAM_UNITS[name]} is outside [{low:g}, {high:g}]"
+                check_number(
+                    name, float(np.atleast_1d(value)[np.atleast_1d(bad)][0]), low, high, info.unit
                 )
         if len(shapes) > 1:
             raise InputError(f"parameters have different numbers of worlds: {sorted(shapes)}")
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Names of the ten parameters, in the order of `to_array`."""
-        return tuple(field.name for field in dataclasses.fields(cls))
+        """Names of the values in the order of `to_array`, the ten of the paper first."""
+        return tuple(PARAMS)
 
     @property
     def world_count(self) -> int | None:
         """Number of worlds; None if all values are shared."""
-        for name in self.names():
-            value = np.asarray(getattr(self, name))
-            if value.ndim:
-                return len(value)
+        for name in PARAMS:
+            if np.ndim(getattr(self, name)):
+                return len(getattr(self, name))
         return None
 
     @property
@@ -302,37 +241,103 @@ class CableParams:
         """Coulomb coefficient between cable and table [-], lateral times worksurface friction."""
         return self.lateral_friction * self.worksurface_friction
 
+    @property
+    def remembers_bends(self) -> bool:
+        """Whether bends are remembered: bending is damped, or the cable is curled or yields."""
+        return any(
+            np.any(value)
+            for value in (self.damping_time, self.rest_curvature, self.yield_curvature)
+        )
+
+    @property
+    def has_material(self) -> bool:
+        """Whether some value beside the ten does something."""
+        other = set(PARAMS) - set(PAPER_PARAMS) - {"yield_time"}
+        return any(np.any(np.asarray(getattr(self, n)) != PARAMS[n].default) for n in other)
+
+    def without_material(self) -> "CableParams":
+        """Return the ten parameters of the paper alone."""
+        return CableParams(**{name: getattr(self, name) for name in PAPER_PARAMS})
+
     def rows(self, worlds: slice | NDArray[np.int_] | NDArray[np.bool_]) -> "CableParams":
         """Return the values of some worlds; those that all worlds share stay so."""
-        if self.world_count is None:
-            return self
-        return CableParams.from_array(self.to_array()[worlds])
+        values = {name: getattr(self, name) for name in PARAMS}
+        return CableParams(
+            **{name: v if np.ndim(v) == 0 else v[worlds] for name, v in values.items()}
+        )
+
+    @classmethod
+    def stack(cls, params: "Sequence[CableParams]") -> "CableParams":
+        """Return the parameters of several worlds as one; of a single one, those.
+
+        Raises:
+            InputError: One of several has values for each world already.
+        """
+        if len(params) == 1:
+            return params[0]
+        if any(one.world_count is not None for one in params):
+            raise InputError("one of several cables has parameters for each world: give it one set")
+        columns = {name: np.array([getattr(one, name) for one in params], float) for name in PARAMS}
+        return cls(**{n: float(c[0]) if np.all(c == c[0]) else c for n, c in columns.items()})
+
+    def to_columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return the values by name, shape [1] or [world]."""
+        return {n: np.atleast_1d(np.asarray(getattr(self, n), dtype=float)) for n in PARAMS}
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return the values as an array, shape [10] or [world, 10]."""
-        columns = [np.asarray(getattr(self, name), dtype=float) for name in self.names()]
+        """Return the values as an array in the order of `names`, shape [18] or [world, 18]."""
+        columns = [np.asarray(getattr(self, name), dtype=float) for name in PARAMS]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> "CableParams":
-        """Make parameters from an array in the order of `names`, shape [10] or [world, 10]."""
+        """Make parameters from an array in the order of `names`, shape [18] or [world, 18]."""
         values = np.asarray(values, dtype=float)
-        if values.ndim not in (1, 2) or values.shape[-1] != len(cls.names()):
+        if values.ndim not in (1, 2) or values.shape[-1] != len(PARAMS):
             raise InputError(
-                f"parameters have shape {values.shape}: it must be [10] or [world, 10]"
+                f"parameters have shape {values.shape}: it must be [{len(PARAMS)}] or [world, "
+                f"{len(PARAMS)}]"
             )
         columns = [float(c) if c.ndim == 0 else c for c in np.moveaxis(values, -1, 0)]
-        return cls(**dict(zip(cls.names(), columns, strict=True)))
+        return cls(**dict(zip(PARAMS, columns, strict=True)))
+
+    @classmethod
+    def from_dict(cls, values: Any, what: str = "params") -> "CableParams":
+        """Return the parameters of `to_dict`.
+
+        Args:
+            values: Values by name: the ten, and any of the others.
+            what: Name of the mapping in an error.
+
+        Raises:
+            InputError: A key is unknown or missing, or a value is no number or out of bounds.
+        """
+        given = check_keys(values, set(PARAMS), what, required=set(PAPER_PARAMS))
+        return cls(
+            **{
+                name: check_number(name, value, *PARAMS[name].bounds, PARAMS[name].unit)
+                for name, value in given.items()
+            }
+        )
 
     def to_dict(self) -> dict[str, float]:
-        """Return the values by name, for a config file.
+        """Return the values by name for a file, without those that do nothing.
 
         Raises:
             InputError: The parameters differ from world to world.
         """
         if self.world_count is not None:
             raise InputError("only parameters that all worlds share can be written to a file")
-        return {name: float(getattr(self, name)) for name in self.names()}
+        values = {name: float(getattr(self, name)) for name in PARAMS}
+        return {name: v for name, v in values.items() if v != PARAMS[name].default}
+
+
+class Attachment(enum.Enum):
+    """Attachment at the free end of the cable."""
+
+    NONE = "none"
+    HOOK = "hook"
+    MAGNET = "magnet"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -345,10 +350,10 @@ class Cable:
         diameter: Outer diameter [m].
         attachment: Attachment at the free end.
         attachment_length: Length of the attachment beyond the cable [m].
-        params: Believed values of the ten parameters, from which tuning starts.
-        deviations: Believed deviations of some of them, by name, as in `DEFAULT_DEVIATIONS`, which
-            holds for the others.
-        material: Damping, curl, drag and grain; `EngineWarp` alone plays them.
+        params: Physics: what is believed of it before tuning, what tuning found, or that of each
+            world of a batch.
+        deviations: Standard deviations of what is believed of some of the ten parameters, by name,
+            as `ParamInfo.deviation`, which holds for the others.
     """
 
     name: str
@@ -358,7 +363,6 @@ class Cable:
     attachment_length: float = 0.0
     params: CableParams
     deviations: Mapping[str, float] = dataclasses.field(default_factory=dict, hash=False)
-    material: Material = dataclasses.field(default_factory=Material)
 
     def __post_init__(self):
         check_name(self.name, "cable")
@@ -373,13 +377,11 @@ class Cable:
         )
         if not isinstance(self.attachment, Attachment):
             raise InputError(f"cable attachment = {self.attachment!r} is not an Attachment")
-        if not isinstance(self.material, Material):
-            raise InputError(f"cable material = {self.material!r} is not a Material")
         if not isinstance(self.params, CableParams):
             raise InputError(f"cable params must be CableParams, not {type(self.params).__name__}")
-        given = check_keys(self.deviations, set(CableParams.names()), "cable deviations")
+        given = check_keys(self.deviations, set(PAPER_PARAMS), "cable deviations")
         for name, value in given.items():
-            low, high = (1e-3, 2.0) if name in _DIRECT_DEVIATIONS else (1.001, 1e3)
+            low, high = (1.001, 1e3) if PARAMS[name].logarithmic else (1e-3, 2.0)
             check_number(f"deviation of {name}", value, low, high)
         object.__setattr__(self, "deviations", {name: float(v) for name, v in given.items()})
 
@@ -388,18 +390,21 @@ class Cable:
         """Half the diameter [m], the height of the axis of a lying cable."""
         return self.diameter / 2
 
-    def with_material(self, material: Material | None) -> "Cable":
-        """Return the cable with another material; as it is where None."""
-        return self if material is None else dataclasses.replace(self, material=material)
+    def with_params(self, params: CableParams | None = None, **values: Any) -> "Cable":
+        """Return the cable with other physics.
+
+        Args:
+            params: The physics; that of the cable where None.
+            **values: Values of `CableParams` that differ from it.
+        """
+        params = dataclasses.replace(params or self.params, **values)
+        return dataclasses.replace(self, params=params)
 
     def to_dict(self) -> dict:
         """Return plain values for a config or YAML file."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         values |= {"attachment": self.attachment.value, "params": self.params.to_dict()}
-        values["material"] = self.material.to_dict()
         # Left out where empty, so that casts of a cable without them belong together.
-        if self.material.is_plain:
-            del values["material"]
         if not self.deviations:
             del values["deviations"]
         return values
@@ -412,22 +417,15 @@ class Cable:
             InputError: A key is missing, unknown, or its value out of bounds.
         """
         known = {field.name for field in dataclasses.fields(cls)}
-        optional = {"attachment", "attachment_length", "deviations", "material"}
+        optional = {"attachment", "attachment_length", "deviations"}
         values = check_keys(values, known, "cable", required=known - optional)
-        names = set(CableParams.names())
-        params = check_keys(values.pop("params"), names, "cable params", required=names)
+        params = CableParams.from_dict(values.pop("params"), "cable params")
         try:
             attachment = Attachment(values.pop("attachment", "none"))
         except ValueError as error:
             choices = ", ".join(a.value for a in Attachment)
             raise InputError(f"{str(error)[:80]}: one of {choices}") from None
-        material = Material.from_dict(values.pop("material", {}))
-        return cls(
-            **values,
-            attachment=attachment,
-            params=CableParams(**params),
-            material=material,
-        )
+        return cls(**values, attachment=attachment, params=params)
 
 
 # Lengths, diameters and attachments are the paper's (figure 3). The paper gives no material

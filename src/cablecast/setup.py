@@ -10,7 +10,7 @@ import yaml
 
 from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
-from cablecast.cable import Cable, Material, load_cable
+from cablecast.cable import Cable, load_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import InputError, UnknownNameError, check_keys, check_ranges
 from cablecast.files import parse_yaml, read_text, read_yaml, write_text
@@ -164,10 +164,6 @@ class Setup:
         1.2
         """
         return dataclasses.replace(self, motion=dataclasses.replace(self.motion, **changes))
-
-    def with_material(self, material: Material | None) -> "Setup":
-        """Return the set-up with a cable of another material; as it is where None."""
-        return dataclasses.replace(self, cable=self.cable.with_material(material))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values by section, which `from_dict` reads."""

@@ -39,7 +39,6 @@ class StickEngine:
     def rollout(
         self,
         cable,
-        params,
         grip_path,
         initial_state=None,
         duration=None,

@@ -11,7 +11,7 @@ import pytest
 import stick_engine
 from stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
 
-from cablecast.cable import Material, load_cable
+from cablecast.cable import load_cable
 from cablecast.cast import TrialStatus
 from cablecast.data.dataset import read_dataset
 from cablecast.data.simulate import SAMPLE_DT, engine_settings
@@ -60,7 +60,7 @@ def test_rows_hold_the_action_and_where_its_motion_lands(unbroken):
 def test_the_status_says_where_the_free_end_rests_and_the_margin_where_it_was(unbroken):
     dataset = read_dataset(unbroken)
     paths = cast_grip_paths(dataset.actions, SETUP)
-    track = StickEngine().rollout(CABLE, CABLE.params, paths, sample_dt=SAMPLE_DT).endpoint_xy
+    track = StickEngine().rollout(CABLE, paths, sample_dt=SAMPLE_DT).endpoint_xy
     stayed = np.all(SETUP.workspace.on_table(track), axis=1)
     landed = SETUP.workspace.on_table(track[:, -1])
     assert 0 < stayed.sum() < landed.sum() < COUNT
@@ -273,9 +273,9 @@ def test_a_dataset_of_the_fast_engine_is_resumed_with_the_same_rows(tmp_path):
 
 
 def test_a_curled_cable_is_refused_because_planning_mirrors_casts(tmp_path):
-    curled = dataclasses.replace(CABLE, material=Material(rest_curvature=1.0))
+    curled = CABLE.with_params(rest_curvature=1.0)
     with pytest.raises(InputError, match="rest_curvature = 1 1/m"):
         simulate(tmp_path / "curled", setup=dataclasses.replace(SETUP, cable=curled))
-    found = Dynamics(params=CABLE.params, material=Material(rest_curvature=-0.5))
+    found = Dynamics(params=CABLE.with_params(rest_curvature=-0.5).params)
     with pytest.raises(InputError, match=r"rest_curvature = 0\.5 1/m"):
         simulate(tmp_path / "curled", params=found)

@@ -238,7 +238,7 @@ def simulate(
 
     `rolls` lets segments turn about their axis and roll on the table; without it they only slide.
     """
-    x = reset_state(cable, params, grip_path, segment_count).positions
+    x = reset_state(cable.with_params(params), grip_path, segment_count).positions
     segment_length = cable.length / segment_count
     mass = params.mass / segment_count
     diffusivity = params.angular_damping * (cable.length / REFERENCE_SEGMENT_COUNT) ** 2 / 12

@@ -64,7 +64,7 @@ def swept(name: str):
     """Two sweeps and a still grip, shared by the tests that only look."""
     paths = GripPath.stack([sweep(0.5), sweep(-0.3), sweep(0.0)])
     rollout = engine(name).rollout(
-        CABLE, CABLE.params, paths, duration=DURATION, sample_dt=SAMPLE_DT, record_nodes=True
+        CABLE, paths, duration=DURATION, sample_dt=SAMPLE_DT, record_nodes=True
     )
     return paths, rollout
 
@@ -90,14 +90,14 @@ def test_a_rollout_has_one_row_per_world_and_one_column_per_sample(name):
 
 def test_the_default_duration_is_the_longest_motion_and_two_seconds(name):
     path = GripPath.stack([sweep(0.0, 0.2), sweep(0.0, 0.1)])
-    rollout = engine(name).rollout(CABLE, CABLE.params, path)
+    rollout = engine(name).rollout(CABLE, path)
     assert rollout.times[-1] == pytest.approx(2.2, abs=SAMPLE_DT)
     assert rollout.nodes is None
 
 
 def test_the_reset_state_is_the_default_initial_state(name):
     paths, rollout = swept(name)
-    state = reset_state(CABLE, CABLE.params, paths, SEGMENT_COUNT)
+    state = reset_state(CABLE, paths, SEGMENT_COUNT)
     # An articulated body loses what the stretch of the given state differs from zero.
     np.testing.assert_allclose(rollout.nodes[:, 0], state.positions, atol=1e-5)
 
@@ -126,14 +126,17 @@ def test_a_sweep_throws_the_endpoint_and_a_still_grip_leaves_it(name):
 def test_shared_arguments_are_the_same_as_repeated_ones(name):
     path = sweep(0.4)
     values = np.tile(CABLE.params.to_array(), (2, 1))
-    state = reset_state(CABLE, CABLE.params, path, SEGMENT_COUNT)
+    state = reset_state(CABLE, path, SEGMENT_COUNT)
     twice = CableState(
         **{f.name: np.repeat(getattr(state, f.name), 2, axis=0) for f in dataclasses.fields(state)}
     )
     options = {"duration": 0.3, "sample_dt": SAMPLE_DT}
-    shared = engine(name).rollout(CABLE, CABLE.params, path, **options)
+    shared = engine(name).rollout(CABLE, path, **options)
     repeated = engine(name).rollout(
-        CABLE, CableParams.from_array(values), GripPath.stack([path, path]), twice, **options
+        CABLE.with_params(CableParams.from_array(values)),
+        GripPath.stack([path, path]),
+        twice,
+        **options,
     )
     assert len(shared.endpoint_xyz) == 1
     for world in range(2):
@@ -146,10 +149,10 @@ def test_parameters_of_each_world_count_for_it_alone(name):
     values[1, CableParams.names().index("bend_stiffness")] *= 2.0
     params = CableParams.from_array(values)
     path = sweep(0.4)
-    both = engine(name).rollout(CABLE, params, path, duration=0.4)
+    both = engine(name).rollout(CABLE.with_params(params), path, duration=0.4)
     for world in range(2):
         alone = engine(name).rollout(
-            CABLE, CableParams.from_array(values[world]), path, duration=0.4
+            CABLE.with_params(CableParams.from_array(values[world])), path, duration=0.4
         )
         np.testing.assert_array_equal(both.endpoint_xyz[world], alone.endpoint_xyz[0])
     assert np.linalg.norm(both.endpoint_xyz[0, -1] - both.endpoint_xyz[1, -1]) > 1e-3
@@ -157,21 +160,19 @@ def test_parameters_of_each_world_count_for_it_alone(name):
 
 def test_the_same_input_gives_the_same_output(name):
     paths, rollout = swept(name)
-    again = engine(name).rollout(CABLE, CABLE.params, paths, duration=DURATION, sample_dt=SAMPLE_DT)
+    again = engine(name).rollout(CABLE, paths, duration=DURATION, sample_dt=SAMPLE_DT)
     np.testing.assert_array_equal(again.endpoint_xyz, rollout.endpoint_xyz)
 
 
 def test_a_mirrored_motion_has_a_mirrored_outcome(name):
     paths, rollout = swept(name)
-    mirrored = engine(name).rollout(
-        CABLE, CABLE.params, paths.mirrored(), duration=DURATION, sample_dt=SAMPLE_DT
-    )
+    mirrored = engine(name).rollout(CABLE, paths.mirrored(), duration=DURATION, sample_dt=SAMPLE_DT)
     expected = rollout.endpoint_xyz * [-1.0, 1.0, 1.0]
     np.testing.assert_allclose(mirrored.endpoint_xyz, expected, atol=MIRROR_TOLERANCE[name])
 
 
 def test_the_endpoint_comes_to_rest(name):
-    rollout = engine(name).rollout(CABLE, CABLE.params, sweep(0.4), duration=1.6)
+    rollout = engine(name).rollout(CABLE, sweep(0.4), duration=1.6)
     moved = np.linalg.norm(rollout.endpoint_xyz[0, -1] - rollout.endpoint_xyz[0, -2])
     assert moved < REST_SPEED * SAMPLE_DT
     assert abs(rollout.endpoint_xyz[0, -1, 2] - CABLE.radius) < 2e-3
@@ -193,7 +194,7 @@ def test_an_initial_state_is_taken_up_with_its_velocities(name):
         CableState.at_rest(nodes), velocities=np.zeros_like(nodes) + velocity
     )
     rollout = engine(name).rollout(
-        CABLE, params, path, state, duration=0.3, sample_dt=0.1, record_nodes=True
+        CABLE.with_params(params), path, state, duration=0.3, sample_dt=0.1, record_nodes=True
     )
     moved = path.evaluate(rollout.times)[:, :, None, :3] - poses[0, :3]
     # Bullet's first step of a free fall is off by half a step, 1/480 s x 3 m/s x 1/2.
@@ -212,7 +213,7 @@ def test_a_held_far_end_follows_its_own_path(name):
     nodes = np.zeros((1, SEGMENT_COUNT + 1, 3)) + [0.0, 0.6, 0.3]
     nodes[0, :, 1] += np.linspace(0.0, CABLE.length, SEGMENT_COUNT + 1)
     rollout = engine(name).rollout(
-        CABLE, CABLE.params, path, CableState.at_rest(nodes), duration=0.3, far_path=far
+        CABLE, path, CableState.at_rest(nodes), duration=0.3, far_path=far
     )
     expected = far.evaluate(rollout.times)[..., :3]
     np.testing.assert_allclose(rollout.endpoint_xyz, expected, atol=FAR_TOLERANCE)
@@ -220,11 +221,9 @@ def test_a_held_far_end_follows_its_own_path(name):
 
 def test_a_world_that_is_not_finite_is_marked_and_spoils_no_other(name):
     paths, good = swept(name)
-    state = reset_state(CABLE, CABLE.params, paths, SEGMENT_COUNT)
+    state = reset_state(CABLE, paths, SEGMENT_COUNT)
     state.positions[1, 4] = np.nan
-    rollout = engine(name).rollout(
-        CABLE, CABLE.params, paths, state, duration=DURATION, sample_dt=SAMPLE_DT
-    )
+    rollout = engine(name).rollout(CABLE, paths, state, duration=DURATION, sample_dt=SAMPLE_DT)
     assert rollout.finite.tolist() == [True, False, True]
     assert np.isnan(rollout.endpoint_xyz[1, 1:]).all()
     np.testing.assert_array_equal(rollout.endpoint_xyz[[0, 2]], good.endpoint_xyz[[0, 2]])
@@ -234,13 +233,13 @@ def test_arguments_of_different_sizes_are_refused(name):
     values = np.tile(CABLE.params.to_array(), (2, 1))
     paths = GripPath.stack([sweep(0.1)] * 3)
     with pytest.raises(InputError, match="different numbers of worlds"):
-        engine(name).rollout(CABLE, CableParams.from_array(values), paths, duration=0.1)
+        engine(name).rollout(CABLE.with_params(CableParams.from_array(values)), paths, duration=0.1)
 
 
 def test_an_initial_state_with_other_segments_is_refused(name):
-    state = reset_state(CABLE, CABLE.params, sweep(0.1), SEGMENT_COUNT + 1)
+    state = reset_state(CABLE, sweep(0.1), SEGMENT_COUNT + 1)
     with pytest.raises(InputError, match="segments"):
-        engine(name).rollout(CABLE, CABLE.params, sweep(0.1), state, duration=0.1)
+        engine(name).rollout(CABLE, sweep(0.1), state, duration=0.1)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +249,7 @@ def test_an_initial_state_with_other_segments_is_refused(name):
 )
 def test_a_duration_or_interval_out_of_bounds_is_refused(name, options):
     with pytest.raises(InputError, match=r"(duration|sample_dt) = .* s is outside"):
-        engine(name).rollout(CABLE, CABLE.params, sweep(0.1), **options)
+        engine(name).rollout(CABLE, sweep(0.1), **options)
 
 
 @pytest.mark.parametrize("options", [{"segment_count": 1}, {"dt": 0.0}, {"dt": 1.0}])

@@ -81,7 +81,7 @@ def heavy_elastica(bend_stiffness):
 def test_a_clamped_cable_hangs_as_the_heavy_elastica(bend_stiffness):
     c = cable(bend_stiffness=bend_stiffness, linear_damping=5.0, angular_damping=50.0)
     path = GripPath.hold([0, 0, 2, 0, 0], 1.0)
-    rollout = EngineMujoco(24).rollout(c, c.params, path, straight(24, 2.0), duration=5.0)
+    rollout = EngineMujoco(24).rollout(c, path, straight(24, 2.0), duration=5.0)
     tip = rollout.endpoint_xyz[0, -1, 1:] - [0.0, 2.0]
     expected = heavy_elastica(bend_stiffness)
     assert expected[1] < -0.2  # it does hang far
@@ -97,7 +97,7 @@ def test_a_cable_sliding_sideways_stops_after_v_squared_over_2_mu_g():
     path = sideways(lambda t: speed * t - 0.5 * friction * GRAVITY * t**2, stop)
     state = straight(12, RADIUS, speed=(speed, 0, 0))
     engine = EngineMujoco(12, 2.5e-4, rolling=False)
-    rollout = engine.rollout(c, c.params, path, state, duration=0.4)
+    rollout = engine.rollout(c, path, state, duration=0.4)
     expected = speed**2 / (2 * friction * GRAVITY)
     moved = rollout.final_state.positions[0, :, 0]
     np.testing.assert_allclose(moved, expected, rtol=5e-3)
@@ -115,7 +115,7 @@ def test_a_cable_pushed_sideways_ends_up_rolling_at_two_thirds_of_its_speed():
     c = cable(lateral_friction=friction)
     state = straight(10, RADIUS, speed=(speed, 0, 0))
     rollout = EngineMujoco(10, 2.5e-4).rollout(
-        c, c.params, sideways(moved, 0.25), state, duration=0.25, sample_dt=0.05
+        c, sideways(moved, 0.25), state, duration=0.25, sample_dt=0.05
     )
     final = rollout.final_state
     # The path's spline smooths the corner at the end of slipping, which leaves 1 %. MuJoCo
@@ -137,7 +137,7 @@ def test_a_twisted_cable_swings_at_its_torsional_frequency():
     state = dataclasses.replace(state, roll=mode)
     path = GripPath.hold([0, 0, 1, 0, 0], 1.0)
     engine = EngineMujoco(segment_count, period / 2000, gravity=0.0)
-    rollout = engine.rollout(c, c.params, path, state, duration=period / 4, sample_dt=period / 4)
+    rollout = engine.rollout(c, path, state, duration=period / 4, sample_dt=period / 4)
     final = rollout.final_state
     # The implicit step takes a fraction pi^2 dt / (2 period) = 0.25 % of the swing.
     assert np.abs(final.roll).max() < 0.01 * mode.max()
@@ -151,7 +151,7 @@ def test_segments_keep_their_length_in_a_cast():
     poses[:, 0] = 0.4 * np.sin(np.pi * times / 0.5) ** 2
     poses[:, 2] = 0.02
     rollout = EngineMujoco(16).rollout(
-        c, c.params, GripPath.fit(times, poses), duration=1.0, sample_dt=0.05, record_nodes=True
+        c, GripPath.fit(times, poses), duration=1.0, sample_dt=0.05, record_nodes=True
     )
     lengths = np.linalg.norm(np.diff(rollout.nodes[0], axis=1), axis=-1)
     # An edge that turns by an angle in one step is stretched by half its square: 0.35 % measured.
@@ -168,12 +168,12 @@ def test_a_stopped_cable_can_be_taken_up_again():
     poses[:, 2] = 0.03
     engine = EngineMujoco(12)
     path = GripPath.fit(times, poses)
-    whole = engine.rollout(c, c.params, path, duration=0.6)
-    half = engine.rollout(c, c.params, path, duration=0.5)
+    whole = engine.rollout(c, path, duration=0.6)
+    half = engine.rollout(c, path, duration=0.5)
     assert np.abs(half.final_state.roll).max() > 0.05
     later = np.linspace(0.5, 1.0, 80)
     rest = GripPath.fit(later - 0.5, path.evaluate(later)[0])
-    again = engine.rollout(c, c.params, rest, half.final_state, duration=0.1)
+    again = engine.rollout(c, rest, half.final_state, duration=0.1)
     np.testing.assert_allclose(again.endpoint_xyz[0, -1], whole.endpoint_xyz[0, -1], atol=1e-4)
 
 
@@ -182,7 +182,7 @@ def test_a_world_that_blows_up_leaves_no_log_file(tmp_path, monkeypatch):
     c = cable(bend_stiffness=3e-4)
     state = straight(6, 0.1, speed=(1e9, 0.0, 1e9))
     path = GripPath.hold([0, 0, 0.1, 0, 0], 1.0)
-    rollout = EngineMujoco(6).rollout(c, c.params, path, state, duration=0.2)
+    rollout = EngineMujoco(6).rollout(c, path, state, duration=0.2)
     assert not rollout.finite[0]
     assert np.isnan(rollout.endpoint_xyz[0, -1]).all()
     assert list(tmp_path.iterdir()) == []

@@ -60,7 +60,10 @@ def test_a_cantilever_sags_as_the_heavy_elastica():
     expected = [np.trapezoid(np.cos(angle), fine), 2.0 - np.trapezoid(np.sin(angle), fine)]
     # At 1/480 s the joints of so stiff a cable would be softened.
     rollout = EnginePybullet(count, DEFAULT_DT / 2).rollout(
-        CABLE, params, GripPath.hold([0, 0, 2.0, 0, 0], 1.0), straight(count, 2.0), duration=4.0
+        CABLE.with_params(params),
+        GripPath.hold([0, 0, 2.0, 0, 0], 1.0),
+        straight(count, 2.0),
+        duration=4.0,
     )
     np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, 1:], expected, atol=ELASTICA_TOLERANCE)
     assert abs(rollout.endpoint_xyz[0, -1, 0]) < 1e-6
@@ -76,7 +79,7 @@ def test_a_sliding_cable_stops_after_v_squared_over_2_mu_g(lateral, surface):
     poses[:, 2] = CABLE.radius
     state = straight(18, CABLE.radius, (speed, 0.0, 0.0))
     rollout = EnginePybullet().rollout(
-        CABLE, params, GripPath.fit(times, poses), state, duration=times[-1] + 0.3
+        CABLE.with_params(params), GripPath.fit(times, poses), state, duration=times[-1] + 0.3
     )
     expected = speed**2 / (2.0 * friction * GRAVITY)
     moved = rollout.final_state.positions[0, :, 0]
@@ -90,8 +93,7 @@ def test_the_far_half_of_a_cable_hangs_lower_the_heavier_its_endpoint():
     values[:, names.index("linear_damping")] = 4.0
     values[1, names.index("endpoint_mass")] = 0.05
     rollout = EnginePybullet().rollout(
-        CABLE,
-        CableParams.from_array(values),
+        CABLE.with_params(CableParams.from_array(values)),
         GripPath.hold([0, 0, 2.0, 0, 0], 1.0),
         straight(18, 2.0),
         duration=3.0,
@@ -110,7 +112,9 @@ def test_the_softest_and_the_stiffest_cable_stay_finite_at_the_papers_step(stiff
     poses = np.zeros((30, 5))
     poses[:, 0], poses[:, 1] = 0.6 * np.sin(theta), 0.6 * np.cos(theta)
     poses[:, 2], poses[:, 3] = 0.02, theta
-    rollout = EnginePybullet().rollout(CABLE, params, GripPath.fit(times, poses), duration=0.8)
+    rollout = EnginePybullet().rollout(
+        CABLE.with_params(params), GripPath.fit(times, poses), duration=0.8
+    )
     assert rollout.finite.all()
     # Nothing has been torn off: the endpoint is where a cable of this length can reach.
     reach = np.linalg.norm(rollout.final_state.positions[0] - poses[-1, :3], axis=-1)

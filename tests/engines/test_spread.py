@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import CableParams, Material, load_cable
 from cablecast.engines.spread import EngineSpread
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
@@ -33,7 +32,7 @@ def handed_out(engine, world_count):
 def other_cables(count):
     space = SearchSpace.for_cable(CABLE)
     unit = np.random.default_rng(4).uniform(size=(count, space.dimension))
-    return CableParams.from_array(space.to_params(unit).to_array())
+    return CABLE.with_params(space.to_params(unit))
 
 
 def same(one, other):
@@ -48,34 +47,33 @@ def same(one, other):
 @pytest.mark.parametrize("shared", ["nothing", "parameters", "motion"])
 def test_parts_together_are_the_whole(engine, world_count, shared):
     paths = cast_grip_paths(feasible_uniform(WORLDS, SETUP, seed=3), SETUP)
-    params = other_cables(WORLDS)
-    cable = CABLE
+    cable = other_cables(WORLDS)
     if shared == "parameters":
-        params = CABLE.params
-        times = np.linspace(0.01, 0.05, WORLDS)
-        cable = dataclasses.replace(CABLE, material=Material(damping_time=times))
+        cable = CABLE.with_params(damping_time=np.linspace(0.01, 0.05, WORLDS))
     if shared == "motion":
         paths = paths[2:3]
         lengths = np.linspace(0.5, 0.7, WORLDS)
-        cable = [dataclasses.replace(CABLE, length=length) for length in lengths]
+        cable = [
+            dataclasses.replace(CABLE, length=length, params=cable.params.rows(world))
+            for world, length in enumerate(lengths)
+        ]
     # Motions end at different times: the longest says when all rollouts do.
     assert shared == "motion" or np.ptp(paths.duration) > 0.01
-    whole = engine.rollout(cable, params, paths, record_nodes=True)
-    parts = handed_out(engine, world_count).rollout(cable, params, paths, record_nodes=True)
+    whole = engine.rollout(cable, paths, record_nodes=True)
+    parts = handed_out(engine, world_count).rollout(cable, paths, record_nodes=True)
     assert same(whole, parts)
     state = whole.final_state
     later = {"initial_state": state, "duration": 0.2}
     assert same(
-        engine.rollout(cable, params, paths, **later),
-        handed_out(engine, world_count).rollout(cable, params, paths, **later),
+        engine.rollout(cable, paths, **later),
+        handed_out(engine, world_count).rollout(cable, paths, **later),
     )
 
 
 def test_bad_arguments_are_refused_before_anything_travels(engine):
     paths = cast_grip_paths(feasible_uniform(3, SETUP, seed=3), SETUP)
-    params = other_cables(2)
     with pytest.raises(InputError, match="different numbers of worlds"):
-        handed_out(engine, 1).rollout(load_cable("cable_1"), params, paths)
+        handed_out(engine, 1).rollout(other_cables(2), paths)
 
 
 def test_an_engine_that_cannot_be_made_anew_is_refused(engine):

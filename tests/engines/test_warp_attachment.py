@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Cable, CableParams, Material, load_cable
+from cablecast.cable import PAPER_PARAMS, Cable, CableParams, load_cable
 from cablecast.conventions import GRAVITY
 from cablecast.engines.base import CableState, reset_state
 from cablecast.engines.warp_ import EngineWarp
@@ -15,13 +15,13 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
 
 LENGTH, ARM = 0.3, 0.06
-BARE = {name: 0.0 for name in CableParams.names()}
+BARE = dict.fromkeys(PAPER_PARAMS, 0.0)
 
 
 def held_cable(arm, friction_ratio=1.0, **values):
-    params = CableParams(**(BARE | values))
-    material = Material(attachment_arm=arm, attachment_friction_ratio=friction_ratio)
-    return Cable(name="rod", length=LENGTH, diameter=0.002, params=params, material=material)
+    material = {"attachment_arm": arm, "attachment_friction_ratio": friction_ratio}
+    params = CableParams(**(BARE | values | material))
+    return Cable(name="rod", length=LENGTH, diameter=0.002, params=params)
 
 
 def free_engine(segment_count, dt):
@@ -49,7 +49,7 @@ def test_hanging_attachment_swings_like_a_rod_on_a_thread():
     positions[0, :, 0], positions[0, :, 2] = s * np.sin(angle), 1.0 - s * np.cos(angle)
     down = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, -np.pi / 2]), 1.0)
     rollout = free_engine(count, 5e-4).rollout(
-        cable, cable.params, down, CableState.at_rest(positions), duration=4.0, sample_dt=2e-3
+        cable, down, CableState.at_rest(positions), duration=4.0, sample_dt=2e-3
     )
     masses = np.append(np.full(count, mass / count), 0.75 * end)
     masses[-2] = 0.5 * mass / count + 0.25 * end
@@ -77,7 +77,7 @@ def test_weight_of_the_attachment_bends_a_cantilever(count):
             arm, mass=mass, endpoint_mass=end, bend_stiffness=stiffness, linear_damping=5.0
         )
         rollout = free_engine(count, 5e-4).rollout(
-            cable, cable.params, level, CableState.at_rest(positions), duration=5.0, sample_dt=0.5
+            cable, level, CableState.at_rest(positions), duration=5.0, sample_dt=0.5
         )
         sag.append(1.0 - rollout.endpoint_xyz[0, -1, 2])
     # A force F at the end, and the couple 3/4 F arm: F l^3 / (3 EI) + 3/4 F arm l^2 / (2 EI).
@@ -96,7 +96,7 @@ def test_an_undamped_swing_with_an_attachment_gains_no_height():
     positions[0, :, 1], positions[0, :, 2] = np.linspace(0.0, LENGTH, count + 1), 1.0
     level = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1.0)
     rollout = free_engine(count, 2.5e-4).rollout(
-        cable, cable.params, level, CableState.at_rest(positions), duration=5.0, sample_dt=1e-2
+        cable, level, CableState.at_rest(positions), duration=5.0, sample_dt=1e-2
     )
     assert rollout.finite.all()
     height = rollout.endpoint_xyz[0, :, 2]
@@ -110,10 +110,8 @@ def test_worlds_with_and_without_an_arm_share_a_batch():
     engine = EngineWarp(segment_count=20, dt=1e-3)
 
     def play(arms):
-        material = Material(attachment_arm=np.array(arms))
-        return engine.rollout(
-            cable.with_material(material), cable.params, actions_path, duration=0.6
-        )
+        attached = cable.with_params(attachment_arm=np.array(arms))
+        return engine.rollout(attached, actions_path, duration=0.6)
 
     both = play([0.0, 0.03, 0.02])
     for world, arm in enumerate([0.0, 0.03, 0.02]):
@@ -126,7 +124,7 @@ def test_a_held_far_end_has_no_arm():
     cable = load_cable("cable_1")
     near = GripPath.hold(np.array([0.0, 0.0, 0.3, 0.0, 0.0]), 0.1)
     far = GripPath.hold(np.array([0.0, 0.5, 0.3, 0.0, 0.0]), 0.1)
-    state = reset_state(cable, cable.params, near, 20)
+    state = reset_state(cable, near, 20)
     positions = np.array(state.positions)
     s = np.linspace(0.0, 1.0, 21)
     positions[0, :, 1], positions[0, :, 2] = 0.5 * s, 0.3 - 0.7 * s * (1.0 - s)
@@ -134,8 +132,7 @@ def test_a_held_far_end_has_no_arm():
     ends = [
         EngineWarp(segment_count=20, dt=1e-3, table=False)
         .rollout(
-            cable.with_material(Material(attachment_arm=arm)),
-            cable.params,
+            cable.with_params(attachment_arm=arm),
             near,
             state,
             duration=0.3,
@@ -173,7 +170,7 @@ def test_an_attachment_slides_to_rest_by_its_own_friction(arm, ratio):
     state = dataclasses.replace(state, velocities=velocities)
     path = GripPath.hold(np.array([0.0, 0.0, cable.radius, 0.6, 0.0]), 0.1)
     engine = EngineWarp(segment_count=count, dt=2e-4, precision="double")
-    rollout = engine.rollout(cable, cable.params, path, state, duration=1.0)
+    rollout = engine.rollout(cable, path, state, duration=1.0)
     way = rollout.endpoint_xyz[0, -1] - rollout.endpoint_xyz[0, 0]
     expected = speed**2 / (2.0 * friction * ratio * GRAVITY)
     assert way[1] == pytest.approx(expected, rel=0.02)
@@ -201,7 +198,7 @@ def test_spinning_friction_stops_a_turning_attachment():
     velocities[0, -1] = -0.75 * ARM * rate * across
     velocities[0, -2] = velocities[0, -1] - segment * rate * across
     state = dataclasses.replace(state, velocities=velocities)
-    rollout = engine.rollout(cable, cable.params, path, state, duration=0.2, sample_dt=5e-3)
+    rollout = engine.rollout(cable, path, state, duration=0.2, sample_dt=5e-3)
     way = (rollout.endpoint_xyz[0] - rollout.endpoint_xyz[0, 0]) @ across
     slowing = lever * GRAVITY / (3.0 / 16.0 * ARM**2)
     angle = rate**2 / (2.0 * slowing)
@@ -210,12 +207,10 @@ def test_spinning_friction_stops_a_turning_attachment():
 
 def test_landings_do_not_depend_on_the_segments_beside_an_attachment():
     # At 100 segments the attachment is seven times as long as they are.
-    setup = Setup(cable=load_cable("cable_1").with_material(Material(attachment_arm=0.0434)))
+    setup = Setup(cable=load_cable("cable_1").with_params(attachment_arm=0.0434))
     paths = cast_grip_paths(feasible_uniform(24, setup, seed=3), setup)
     landings = [
-        EngineWarp(segment_count=count, dt=2.5e-4)
-        .rollout(setup.cable, setup.cable.params, paths)
-        .endpoint_xy[:, -1]
+        EngineWarp(segment_count=count, dt=2.5e-4).rollout(setup.cable, paths).endpoint_xy[:, -1]
         for count in (60, 100)
     ]
     apart = np.linalg.norm(landings[1] - landings[0], axis=1) / setup.cable.length

@@ -1,12 +1,10 @@
 """EngineWarp on a CUDA device: the same cable as on the CPU. Skipped where there is none."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from wide_casts import CABLE, casts, distance_pct
 
-from cablecast.cable import CableParams, Material, load_cable
+from cablecast.cable import load_cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.features import Features
@@ -35,14 +33,13 @@ def cuda_device():
 
 
 def made_of(**material):
-    return dataclasses.replace(CABLE, material=Material(**material))
+    return CABLE.with_params(**material)
 
 
 def landings_apart(cable, paths, **options):
     """Distances between landings on the CPU and on CUDA [% of cable length], shape [world]."""
     cpu, cuda = (
-        EngineWarp(device=device, **options).rollout(cable, CABLE.params, paths)
-        for device in ("cpu", "cuda")
+        EngineWarp(device=device, **options).rollout(cable, paths) for device in ("cpu", "cuda")
     )
     np.testing.assert_array_equal(cpu.finite, cuda.finite)
     return distance_pct(cuda.endpoint_xy, cpu.endpoint_xy)
@@ -57,10 +54,10 @@ def test_cuda_gives_the_landings_of_the_cpu(name):
 
 
 def test_cuda_in_single_precision_lands_as_near_as_the_cpu_in_single_precision():
-    double = EngineWarp(precision="double").rollout(CABLE, CABLE.params, casts(256, SEED))
+    double = EngineWarp(precision="double").rollout(CABLE, casts(256, SEED))
     errors = []
     for device in ("cpu", "cuda"):
-        single = EngineWarp(device=device).rollout(CABLE, CABLE.params, casts(256, SEED))
+        single = EngineWarp(device=device).rollout(CABLE, casts(256, SEED))
         apart = distance_pct(single.endpoint_xy, double.endpoint_xy)
         errors.append(np.percentile(apart, (50, 90)))
     assert (errors[1] < 1.5 * errors[0] + 0.01).all()
@@ -68,10 +65,9 @@ def test_cuda_in_single_precision_lands_as_near_as_the_cpu_in_single_precision()
 
 def test_cables_of_different_lengths_play_in_one_batch():
     cables = [load_cable(name) for name in ("cable_1", "cable_2", "cable_3")]
-    params = CableParams.from_array(np.stack([cable.params.to_array() for cable in cables]))
     paths = casts(3, SEED)
     cpu, cuda = (
-        EngineWarp(device=device, precision="double").rollout(cables, params, paths)
+        EngineWarp(device=device, precision="double").rollout(cables, paths)
         for device in ("cpu", "cuda")
     )
     np.testing.assert_allclose(cuda.endpoint_xyz[:, :8], cpu.endpoint_xyz[:, :8], atol=1e-6)
@@ -85,7 +81,6 @@ def test_a_cable_that_is_held_at_both_ends_and_hangs_in_the_air():
     cpu, cuda = (
         EngineWarp(count - 1, device=device, precision="double", table=False).rollout(
             CABLE,
-            CABLE.params,
             path,
             CableState.at_rest(nodes[None]),
             duration=0.3,
@@ -102,9 +97,9 @@ def test_a_cable_that_is_held_at_both_ends_and_hangs_in_the_air():
 def test_a_world_depends_on_no_other_and_comes_again_to_the_bit():
     paths = casts(4000, SEED)
     engine = EngineWarp(device="cuda")
-    whole, again = (engine.rollout(CABLE, CABLE.params, paths).endpoint_xyz for _ in range(2))
+    whole, again = (engine.rollout(CABLE, paths).endpoint_xyz for _ in range(2))
     np.testing.assert_array_equal(whole, again)
-    alone = engine.rollout(CABLE, CABLE.params, paths[np.arange(33, 35)], duration=3.0)
+    alone = engine.rollout(CABLE, paths[np.arange(33, 35)], duration=3.0)
     np.testing.assert_array_equal(whole[33:35, :30], alone.endpoint_xyz[:, :30])
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import Cable, CableParams, Material
+from cablecast.cable import Cable, CableParams
 from cablecast.engines import make_engine
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
@@ -68,7 +68,7 @@ def play(cable, path, state, duration, gravity=0.0, precision="double", **option
     engine = EngineWarp(
         segment_count=SEGMENT_COUNT, gravity=gravity, precision=precision, table=False
     )
-    return engine.rollout(cable, cable.params, path, state, duration, **options)
+    return engine.rollout(cable, path, state, duration, **options)
 
 
 def test_a_cable_without_a_table_moves_as_one_high_above_it():
@@ -76,9 +76,7 @@ def test_a_cable_without_a_table_moves_as_one_high_above_it():
     low = play(CABLE, hold(yaw=0.5), CableState.at_rest(nodes), 1.0, gravity=9.81)
     above = np.array([0.0, 0.0, 3.0])
     engine = EngineWarp(segment_count=SEGMENT_COUNT, precision="double", rest_speed=0.0)
-    high = engine.rollout(
-        CABLE, CABLE.params, hold(above, yaw=0.5), CableState.at_rest(nodes + above), 1.0
-    )
+    high = engine.rollout(CABLE, hold(above, yaw=0.5), CableState.at_rest(nodes + above), 1.0)
     assert low.endpoint_xyz[0, :, 2].min() < -0.3
     # The length solve stops at a tolerance, which rounding may cross.
     np.testing.assert_allclose(low.endpoint_xyz + above, high.endpoint_xyz, atol=1e-5)
@@ -128,9 +126,7 @@ def test_a_cable_clamped_at_both_ends_swings_about_itself_as_a_shaft():
         segment_count=SEGMENT_COUNT, dt=dt, gravity=0.0, precision="double", table=False
     )
     end = round(0.5 * np.pi / omega / dt) * dt
-    rollout = engine.rollout(
-        cable, cable.params, hold(), state, end, end, far_path=hold((0.0, LENGTH, 0.0))
-    )
+    rollout = engine.rollout(cable, hold(), state, end, end, far_path=hold((0.0, LENGTH, 0.0)))
     # A quarter of a period later it is straight, and turns the fastest.
     rate = -amplitude * omega * np.sin(np.pi * MIDDLES)
     np.testing.assert_allclose(rollout.final_state.roll[0], 0.0, atol=0.02 * amplitude)
@@ -200,10 +196,7 @@ def test_the_direction_of_the_far_grip_is_that_in_which_the_cable_arrives():
 def test_a_scene_that_is_turned_to_hang_straight_down_moves_alike():
     # A curled, damped and twisted cable that nods and rolls: about the level, and about straight
     # down, through which its direction passes to and fro.
-    cable = dataclasses.replace(
-        with_params(angular_damping=5.0),
-        material=Material(rest_curvature=1.5, damping_time=0.01),
-    )
+    cable = with_params(angular_damping=5.0, rest_curvature=1.5, damping_time=0.01)
     results = []
     for pitch in (0.0, DOWN):
         turned = np.array(
@@ -252,32 +245,33 @@ def test_engines_that_let_the_far_end_turn_refuse_a_twist():
     engine = make_engine("mujoco", segment_count=SEGMENT_COUNT)
     near, far = hold((0.0, 0.0, 1.0)), hold((0.0, LENGTH, 1.0))
     with pytest.raises(InputError, match="lets the far end turn"):
-        engine.rollout(CABLE, CABLE.params, near, state, 0.1, far_path=far)
+        engine.rollout(CABLE, near, state, 0.1, far_path=far)
 
 
-def lengths_and_diameters():
+def lengths_and_diameters(cable=CABLE):
     """Return cables that differ in length and diameter."""
     return [
-        dataclasses.replace(CABLE, length=length, diameter=diameter)
+        dataclasses.replace(cable, length=length, diameter=diameter)
         for length, diameter in ((0.4, 0.01), (0.6, 0.004), (0.75, 0.02))
     ]
 
 
 def test_cantilevers_of_a_batch_sag_each_by_its_length():
-    cables = lengths_and_diameters()
+    damped = with_params(linear_damping=5.0, bend_stiffness=5e-3)
+    cables = lengths_and_diameters(damped)
     nodes = np.concatenate([straight() * (c.length / LENGTH) for c in cables])
     engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=0.1, table=False, precision="double")
-    damped = with_params(linear_damping=5.0, bend_stiffness=5e-3).params
-    rollout = engine.rollout(cables, damped, hold(), CableState.at_rest(nodes), 6.0)
+    rollout = engine.rollout(cables, hold(), CableState.at_rest(nodes), 6.0)
     lengths = np.array([c.length for c in cables])
     # Each weighs the same, so that the load q is m g / L: q L^4 / (8 EI).
-    sag = damped.mass * 0.1 * lengths**3 / (8.0 * damped.bend_stiffness)
+    sag = damped.params.mass * 0.1 * lengths**3 / (8.0 * damped.params.bend_stiffness)
     assert sag.max() < 0.06 * lengths.max()
     np.testing.assert_allclose(-rollout.final_state.positions[:, -1, 2], sag, rtol=0.01)
 
 
 def test_a_cable_of_a_batch_is_cast_as_it_is_alone():
-    cables = lengths_and_diameters()
+    limp = with_params(bend_stiffness=5e-4, rolling_friction=1e-3, spinning_friction=1e-3)
+    cables = lengths_and_diameters(limp)
     path = GripPath.fit(
         np.linspace(0.0, 0.5, 20),
         np.array(
@@ -287,11 +281,10 @@ def test_a_cable_of_a_batch_is_cast_as_it_is_alone():
             ]
         ),
     )
-    limp = with_params(bend_stiffness=5e-4, rolling_friction=1e-3, spinning_friction=1e-3).params
     engine = EngineWarp(segment_count=20, dt=1e-3)
-    together = engine.rollout(cables, limp, path)
+    together = engine.rollout(cables, path)
     for world, cable in enumerate(cables):
-        alone = engine.rollout(cable, limp, path)
+        alone = engine.rollout(cable, path)
         np.testing.assert_array_equal(together.endpoint_xyz[world], alone.endpoint_xyz[0])
         # Its own radius is the height at which it lies.
         lowest = together.final_state.positions[world, -1, 2]
@@ -305,17 +298,17 @@ def test_a_cable_of_a_batch_is_cast_as_it_is_alone():
         ([], "needs a cable"),
         (lengths_and_diameters()[:2], "different numbers of worlds"),
         (
-            [dataclasses.replace(CABLE, material=Material(damping_time=np.ones(3)))] * 3,
-            "a material for each world",
+            [CABLE.with_params(damping_time=np.ones(3))] * 3,
+            "parameters for each world",
         ),
     ],
 )
 def test_cables_that_make_no_batch_are_refused(cables, message):
     paths = GripPath.stack([hold()] * 3)
     with pytest.raises(InputError, match=message):
-        EngineWarp().rollout(cables, CABLE.params, paths)
+        EngineWarp().rollout(cables, paths)
 
 
 def test_engines_of_one_cable_refuse_several():
     with pytest.raises(InputError, match="one cable at a time, not 3"):
-        make_engine("mujoco").rollout(lengths_and_diameters(), CABLE.params, hold())
+        make_engine("mujoco").rollout(lengths_and_diameters(), hold())

@@ -21,7 +21,9 @@ def errors_by_step(params, steps):
 
     def track(dt):
         engine = EngineWarp(segment_count=20, dt=dt, precision="double", rest_speed=0)
-        return engine.rollout(CABLE, params, paths, duration=1.2, sample_dt=0.1).endpoint_xy
+        return engine.rollout(
+            CABLE.with_params(params), paths, duration=1.2, sample_dt=0.1
+        ).endpoint_xy
 
     fine = track(3.125e-5)
     return np.array([np.median(np.linalg.norm(track(dt) - fine, axis=2)) for dt in steps])
@@ -50,8 +52,8 @@ def test_friction_leaves_next_to_nothing_of_the_first_order(changes):
 
 def test_the_default_resolution_is_within_a_percent_of_a_fine_one():
     paths = casts(24, seed=1)
-    fine = EngineWarp(segment_count=100, dt=2.5e-4).rollout(CABLE, CABLE.params, paths)
-    default = EngineWarp().rollout(CABLE, CABLE.params, paths)
+    fine = EngineWarp(segment_count=100, dt=2.5e-4).rollout(CABLE, paths)
+    default = EngineWarp().rollout(CABLE, paths)
     error = distance_pct(default.endpoint_xy, fine.endpoint_xy)
     # benchmarks/convergence.py prints these figures over 100 actions; the bounds are the ones
     # that the engine promises.
@@ -61,7 +63,7 @@ def test_the_default_resolution_is_within_a_percent_of_a_fine_one():
 
 def test_segments_keep_their_length_at_every_instant():
     rollout = EngineWarp().rollout(
-        CABLE, CABLE.params, casts(16), duration=2.0, sample_dt=5e-4, record_nodes=True
+        CABLE, casts(16), duration=2.0, sample_dt=5e-4, record_nodes=True
     )
     lengths = np.linalg.norm(np.diff(rollout.nodes, axis=2), axis=3)
     error = lengths / (CABLE.length / lengths.shape[2]) - 1.0
@@ -71,16 +73,16 @@ def test_segments_keep_their_length_at_every_instant():
 def test_the_mirrored_motion_lands_at_the_mirrored_place():
     paths = casts(16)
     engine = EngineWarp(precision="double")
-    right = engine.rollout(CABLE, CABLE.params, paths).endpoint_xy
-    left = engine.rollout(CABLE, CABLE.params, paths.mirrored()).endpoint_xy
+    right = engine.rollout(CABLE, paths).endpoint_xy
+    left = engine.rollout(CABLE, paths.mirrored()).endpoint_xy
     # Every operation is symmetric in x, so only the sign of rounding may differ.
     np.testing.assert_allclose(mirror_xy(right), left, atol=1e-9)
 
 
 def test_a_world_depends_neither_on_its_neighbours_nor_on_the_threads():
     paths = casts(40)
-    whole = EngineWarp(thread_count=2).rollout(CABLE, CABLE.params, paths, duration=3.0)
-    alone = EngineWarp(thread_count=1).rollout(CABLE, CABLE.params, paths[33], duration=3.0)
+    whole = EngineWarp(thread_count=2).rollout(CABLE, paths, duration=3.0)
+    alone = EngineWarp(thread_count=1).rollout(CABLE, paths[33], duration=3.0)
     np.testing.assert_array_equal(whole.endpoint_xyz[33], alone.endpoint_xyz[0])
 
 
@@ -88,15 +90,15 @@ def test_casts_that_have_come_to_rest_do_not_creep():
     # Bent, twisted, and held by rolling friction here and by sliding friction there: friction that
     # forgets what it held in the step before lets a third of them creep by 0.1 to 3 mm/s.
     engine = EngineWarp(segment_count=20, dt=1e-3, rest_speed=0)
-    rollout = engine.rollout(CABLE, CABLE.params, casts(48), duration=66.0, sample_dt=6.0)
+    rollout = engine.rollout(CABLE, casts(48), duration=66.0, sample_dt=6.0)
     moved = np.linalg.norm(rollout.endpoint_xy[:, -1] - rollout.endpoint_xy[:, 1], axis=1)
     assert moved.max() < 1e-4
 
 
 def test_stopping_at_rest_does_not_change_the_landing():
     paths = casts(32)
-    early = EngineWarp().rollout(CABLE, CABLE.params, paths).endpoint_xy
-    late = EngineWarp(rest_speed=0).rollout(CABLE, CABLE.params, paths).endpoint_xy
+    early = EngineWarp().rollout(CABLE, paths).endpoint_xy
+    late = EngineWarp(rest_speed=0).rollout(CABLE, paths).endpoint_xy
     # A cable slower than 1 mm/s for 50 ms, that twist may still roll, has less than 0.2 mm to go.
     assert np.linalg.norm(early[:, -1] - late[:, -1], axis=1).max() < 2e-4
 
@@ -107,9 +109,9 @@ def test_parameters_per_world_give_what_each_gives_alone():
     values[2, CableParams.names().index("bend_stiffness")] *= 3.0
     engine = EngineWarp(precision="double")
     path = casts(1)
-    batch = engine.rollout(CABLE, CableParams.from_array(values), path, duration=3.0)
+    batch = engine.rollout(CABLE.with_params(CableParams.from_array(values)), path, duration=3.0)
     for world, row in enumerate(values):
-        alone = engine.rollout(CABLE, CableParams.from_array(row), path, duration=3.0)
+        alone = engine.rollout(CABLE.with_params(CableParams.from_array(row)), path, duration=3.0)
         np.testing.assert_array_equal(batch.endpoint_xyz[world], alone.endpoint_xyz[0])
     assert np.linalg.norm(np.diff(batch.endpoint_xy[:, -1], axis=0), axis=1).min() > 1e-3
 
@@ -117,12 +119,12 @@ def test_parameters_per_world_give_what_each_gives_alone():
 def test_a_world_that_breaks_is_marked_and_leaves_its_neighbours_alone():
     paths = casts(16)
     engine = EngineWarp()
-    whole = engine.rollout(CABLE, CABLE.params, paths, duration=3.0)
+    whole = engine.rollout(CABLE, paths, duration=3.0)
     coefficients = paths.coefficients.copy()
     # A gripper that jumps at the speed of a bullet: no step can follow it.
     coefficients[5, 1:, 0, 1] += 1e30
     broken = dataclasses.replace(paths, coefficients=coefficients)
-    rollout = engine.rollout(CABLE, CABLE.params, broken, duration=3.0)
+    rollout = engine.rollout(CABLE, broken, duration=3.0)
     assert not rollout.finite[5]
     assert np.isnan(rollout.endpoint_xyz[5, -1]).all()
     others = np.arange(16) != 5
@@ -136,7 +138,9 @@ def test_worlds_of_the_search_space_stay_finite():
     rng = np.random.default_rng(5)
     space = SearchSpace.for_cable(CABLE)
     params = space.to_params(rng.uniform(size=(128, space.dimension)))
-    rollout = EngineWarp().rollout(CABLE, params, casts(128, seed=6, v_max=1.8), duration=3.0)
+    rollout = EngineWarp().rollout(
+        CABLE.with_params(params), casts(128, seed=6, v_max=1.8), duration=3.0
+    )
     assert (~rollout.finite).sum() <= 1
 
 
@@ -161,9 +165,9 @@ def test_the_layout_of_cuda_gives_the_same_but_for_rounding(count, monkeypatch):
     monkeypatch.setattr(rollout, "CPU_COMPILER_FLAGS", "-march=native -ffp-contract=fast")
     paths = casts(count)
     engine = EngineWarp(precision="double")
-    usual = engine.rollout(CABLE, CABLE.params, paths, duration=3.0, record_nodes=True)
+    usual = engine.rollout(CABLE, paths, duration=3.0, record_nodes=True)
     engine._arrange(1, interleaved=True)
-    cuda_like = engine.rollout(CABLE, CABLE.params, paths, duration=3.0, record_nodes=True)
+    cuda_like = engine.rollout(CABLE, paths, duration=3.0, record_nodes=True)
     # The compiler fuses multiplications and additions differently for one lane. Where that decides
     # whether the length solve goes on for one more iteration, its tolerance shows for a moment.
     apart = np.abs(cuda_like.nodes - usual.nodes)

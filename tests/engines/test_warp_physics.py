@@ -82,7 +82,7 @@ def test_a_cable_dragged_straight_is_pulled_with_the_friction_of_its_weight():
     c = cable(lateral_friction=1.0, worksurface_friction=0.4, bend_stiffness=1e-3)
     path = drive((0, 0, RADIUS), (0.0, -0.3, 0.0), 1.0)
     state = straight(20, (0, 0, RADIUS), (0, 1, 0), velocity=(0, -0.3, 0))
-    rollout = engine(20).rollout(c, c.params, path, state, duration=1.0)
+    rollout = engine(20).rollout(c, path, state, duration=1.0)
     nodes = rollout.final_state.positions[0]
     assert np.abs(nodes[:, 0]).max() < 1e-6
     np.testing.assert_allclose(nodes[-1, 1], -0.3 + LENGTH, atol=1e-6)
@@ -100,7 +100,7 @@ def test_a_cable_sliding_sideways_stops_after_v_squared_over_2_mu_g(friction):
     poses[:, 2] = RADIUS
     c = cable(lateral_friction=friction, worksurface_friction=1.0)
     state = straight(20, (0, 0, RADIUS), (0, 1, 0), velocity=(speed, 0, 0))
-    rollout = engine(20).rollout(c, c.params, GripPath.fit(times, poses), state, duration=1.0)
+    rollout = engine(20).rollout(c, GripPath.fit(times, poses), state, duration=1.0)
     expected = speed**2 / (2 * friction * GRAVITY)
     # One step of 0.5 ms at 1 m/s is 0.5 mm; the scheme is second order, so 0.1 % remains.
     np.testing.assert_allclose(rollout.final_state.positions[0, :, 0], expected, rtol=1e-3)
@@ -114,7 +114,6 @@ def bent_cable_after_a_minute(params_of_cable, bend):
     step = LENGTH / segment_count * np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1)
     rollout = engine(segment_count).rollout(
         c,
-        c.params,
         GripPath.hold([0, 0, RADIUS, 0, 0], 1.0),
         CableState.at_rest(chain(step, (0, 0, RADIUS))[None]),
         duration=61.0,
@@ -156,7 +155,6 @@ def test_a_cable_held_at_both_ends_hangs_in_a_catenary():
     )
     rollout = engine(segment_count).rollout(
         c,
-        c.params,
         GripPath.hold([*left, 0, 0], 1.0),
         CableState.at_rest(positions[None]),
         duration=8.0,
@@ -195,7 +193,6 @@ def test_a_hanging_chain_swings_in_its_modes_with_the_periods_of_bessel(mode):
     period = 2 * np.pi / omega
     rollout = engine(segment_count).rollout(
         c,
-        c.params,
         GripPath.hold([0, 0, 1.0, 0, -np.pi / 2], 1.0),
         CableState.at_rest(positions[None]),
         duration=1.2 * period,
@@ -228,7 +225,6 @@ def test_a_weight_on_a_light_cable_swings_as_a_pendulum(swing_deg):
     exact = 4 * np.sqrt(LENGTH / GRAVITY) * ellipk(np.sin(angle / 2) ** 2)
     rollout = engine(10).rollout(
         c,
-        c.params,
         GripPath.hold([0, 0, 1.0, 0, -np.pi / 2], 1.0),
         state,
         duration=1.1 * exact,
@@ -247,7 +243,6 @@ def test_a_swinging_cable_gains_no_energy():
     dt = 5e-4
     rollout = engine(30, dt=dt).rollout(
         c,
-        c.params,
         GripPath.hold([0, 0, 2.0, np.pi / 2, 0], 1.0),
         state,
         duration=2.0,
@@ -265,7 +260,7 @@ def test_a_clamped_rod_sags_as_the_heavy_elastica():
     c = cable(bend_stiffness=stiffness, linear_damping=5.0, angular_damping=50.0)
     state = straight(40, (0, 0, 1.0), (1, 0, 0))
     rollout = engine(40).rollout(
-        c, c.params, GripPath.hold([0, 0, 1.0, np.pi / 2, 0], 1.0), state, duration=6.0
+        c, GripPath.hold([0, 0, 1.0, np.pi / 2, 0], 1.0), state, duration=6.0
     )
     weight = c.params.mass / LENGTH * GRAVITY
     from scipy.integrate import solve_bvp

@@ -26,14 +26,14 @@ def glide(start, end, duration):
 
 def run(path, state, duration, **options):
     engine = EngineWarp(precision="double", **options)
-    return engine.rollout(CABLE, CABLE.params, path, state, duration=duration)
+    return engine.rollout(CABLE, path, state, duration=duration)
 
 
 def lifted():
     """Return the cable after a lift straight up from the reset state and three seconds to hang."""
     low, high = [0, 0.6, GRIP_HEIGHT, 0, 0], [0, 0.6, 0.9, 0, -np.pi / 2]
     path = glide(low, high, 2.0)
-    state = reset_state(CABLE, CABLE.params, path, EngineWarp().segment_count)
+    state = reset_state(CABLE, path, EngineWarp().segment_count)
     return run(path, state, 2.0 + 8.0)
 
 

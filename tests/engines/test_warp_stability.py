@@ -22,7 +22,9 @@ def let_go(params, duration, segment_count, **options):
     nodes[0, :, 0] += np.linspace(0.0, CABLE.length, segment_count + 1)
     path = GripPath.hold([0.0, 0.6, HEIGHT, np.pi / 2, 0.0], 1.0)
     engine = EngineWarp(segment_count=segment_count, rest_speed=0.0)
-    return engine.rollout(CABLE, params, path, CableState.at_rest(nodes), duration, **options)
+    return engine.rollout(
+        CABLE.with_params(params), path, CableState.at_rest(nodes), duration, **options
+    )
 
 
 @pytest.mark.parametrize(
@@ -75,7 +77,7 @@ def test_a_world_whose_step_is_too_long_is_marked(monkeypatch):
 
 def test_a_cable_that_lies_still_or_is_driven_hard_is_not_marked():
     lying = EngineWarp(segment_count=20).rollout(
-        CABLE, CABLE.params, GripPath.hold([0.0, 0.6, CABLE.radius, 0.0, 0.0], 1.0), duration=5.0
+        CABLE, GripPath.hold([0.0, 0.6, CABLE.radius, 0.0, 0.0], 1.0), duration=5.0
     )
     assert lying.finite.all()
     times = np.linspace(0.0, 8.0, 400)
@@ -85,7 +87,7 @@ def test_a_cable_that_lies_still_or_is_driven_hard_is_not_marked():
     nodes = np.zeros((1, 21, 3)) + [0.0, 0.6, 1.0]
     nodes[0, :, 2] -= np.linspace(0.0, CABLE.length, 21)
     shaken = EngineWarp(segment_count=20).rollout(
-        CABLE, CABLE.params, GripPath.fit(times, poses), CableState.at_rest(nodes), duration=8.0
+        CABLE, GripPath.fit(times, poses), CableState.at_rest(nodes), duration=8.0
     )
     # The gripper puts in many times what the cable holds, and friction and damping take it.
     assert shaken.finite.all()
@@ -108,9 +110,11 @@ def test_a_world_with_substeps_depends_on_no_other_world():
     path = GripPath.hold([0.0, 0.6, 0.3, 0.0, 0.3], 0.2)
     engine = EngineWarp(segment_count=20, dt=1e-3)
     options = {"duration": 0.3, "record_nodes": True}
-    whole = engine.rollout(CABLE, params, path, **options)
+    whole = engine.rollout(CABLE.with_params(params), path, **options)
     for world in (0, 12, 19):
-        alone = engine.rollout(CABLE, CableParams.from_array(values[world]), path, **options)
+        alone = engine.rollout(
+            CABLE.with_params(CableParams.from_array(values[world])), path, **options
+        )
         np.testing.assert_array_equal(whole.nodes[world], alone.nodes[0])
         np.testing.assert_array_equal(
             whole.final_state.velocities[world], alone.final_state.velocities[0]

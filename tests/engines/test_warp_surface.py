@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from benchmarks import stability
 
-from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, CableParams, Material, load_cable
+from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, CableParams, load_cable
 from cablecast.engines import make_engine
 from cablecast.engines.base import GRAVITY, CableState
 from cablecast.engines.warp_ import EngineWarp
@@ -59,15 +59,14 @@ def moving(velocity, height=0.0, direction=ALONG):
 
 def made_of(drag=1e-9, ratio=1.0 + 1e-6):
     """Return a cable of which both differ from nothing: one kernel for all, as each takes long."""
-    material = Material(drag_coefficient=drag, friction_ratio=ratio)
-    return dataclasses.replace(CABLE, material=material)
+    return CABLE.with_params(drag_coefficient=drag, friction_ratio=ratio)
 
 
 def fly(cable, law, state, duration, gravity=0.0, **options):
     engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=gravity, rest_speed=0.0, **options)
     # The last sample may lie behind the end of the motion.
     path = follow(law, duration + 0.2, HEIGHT)
-    return engine.rollout(cable, cable.params, path, state, duration)
+    return engine.rollout(cable, path, state, duration)
 
 
 def test_a_level_cable_that_falls_reaches_its_terminal_velocity():
@@ -93,8 +92,7 @@ def test_a_cable_that_flies_across_itself_slows_down_as_one_over_the_time():
         return (np.log1p(K * speed * t) / K)[:, None] * ACROSS
 
     # Without bending, which would ask for shorter steps.
-    params = dataclasses.replace(CABLE.params, bend_stiffness=0.0)
-    limp = dataclasses.replace(made_of(DRAG), params=params)
+    limp = made_of(DRAG).with_params(bend_stiffness=0.0)
     errors = []
     for dt in (1e-2, 5e-3):
         rollout = fly(limp, law, moving(speed * ACROSS, HEIGHT), duration, dt=dt)
@@ -146,7 +144,7 @@ def slide(ratio, velocity, law, duration):
     state = moving(velocity, RADIUS)
     engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0)
     path = follow(law, duration, RADIUS)
-    return engine.rollout(cable, cable.params, path, state, duration + 0.2)
+    return engine.rollout(cable, path, state, duration + 0.2)
 
 
 @pytest.mark.parametrize(("direction", "factor"), [(ALONG, 0.5), (ALONG, 2.0), (ACROSS, 2.0)])
@@ -188,13 +186,13 @@ def test_a_cable_that_slides_askew_turns_to_where_friction_is_less():
     cable = made_of(ratio=ratio)
     engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0)
     state = moving([start[2], start[3], 0.0], RADIUS)
-    rollout = engine.rollout(cable, cable.params, follow(law, 0.2, RADIUS), state, 0.19)
+    rollout = engine.rollout(cable, follow(law, 0.2, RADIUS), state, 0.19)
     velocities = rollout.final_state.velocities[0, 1:, :2]
     expected = np.broadcast_to(solution.sol(rollout.times[-1] - 2.5e-4)[2:], velocities.shape)
     np.testing.assert_allclose(velocities, expected, atol=2e-3)
 
 
-def cast(material, count=8, **options):
+def cast(material=None, count=8, **options):
     """Return landings of some swings of a cable with a material."""
     times = np.linspace(0.0, 0.6, 30)
     share = times / 0.6
@@ -205,16 +203,15 @@ def cast(material, count=8, **options):
         poses[:, 0], poses[:, 1] = 0.6 * np.sin(angle * share), 0.6 * np.cos(angle * share)
         poses[:, 2], poses[:, 3] = 0.02, angle * share
         paths.append(GripPath.fit(times, poses))
-    cable = dataclasses.replace(CABLE, material=material)
-    params = dataclasses.replace(CABLE.params, rolling_friction=1e-3, twist_stiffness=1e-4)
+    cable = CABLE.with_params(rolling_friction=1e-3, twist_stiffness=1e-4, **(material or {}))
     engine = EngineWarp(segment_count=SEGMENT_COUNT, dt=1e-3, **options)
-    return engine.rollout(cable, params, GripPath.stack(paths))
+    return engine.rollout(cable, GripPath.stack(paths))
 
 
 def test_a_cable_with_a_grain_lands_elsewhere_and_does_not_creep():
-    plain = cast(Material()).endpoint_xy[:, -1]
+    plain = cast().endpoint_xy[:, -1]
     ratios = np.linspace(0.3, 3.0, 8)
-    grained = cast(Material(friction_ratio=ratios, drag_coefficient=1.0), rest_speed=0.0)
+    grained = cast(dict(friction_ratio=ratios, drag_coefficient=1.0), rest_speed=0.0)
     assert grained.finite.all()
     moved = np.linalg.norm(grained.endpoint_xy[:, -1] - grained.endpoint_xy[:, -6], axis=1)
     assert moved.max() < 1e-5
@@ -222,9 +219,8 @@ def test_a_cable_with_a_grain_lands_elsewhere_and_does_not_creep():
 
 
 def test_no_world_with_drag_and_a_grain_gains_energy_unmarked():
-    surface = Material(drag_coefficient=2.0, friction_ratio=0.3)
     for seed, name in enumerate(CABLE_NAMES):
-        cable = dataclasses.replace(load_cable(name), material=surface)
+        cable = load_cable(name).with_params(drag_coefficient=2.0, friction_ratio=0.3)
         marked, grown, _ = stability.scan(cable, 20, 1e-3, 48, seed)
         assert grown == 0
         # As without: a light end that whips may need a shorter step.
@@ -232,10 +228,10 @@ def test_no_world_with_drag_and_a_grain_gains_energy_unmarked():
 
 
 def test_a_material_that_does_nothing_changes_no_bit():
-    plain = cast(Material()).endpoint_xyz
-    np.testing.assert_array_equal(cast(Material(friction_ratio=1.0)).endpoint_xyz, plain)
+    plain = cast().endpoint_xyz
+    np.testing.assert_array_equal(cast(dict(friction_ratio=1.0)).endpoint_xyz, plain)
     # A world with neither in a batch with both differs by rounding alone.
-    mixed = Material(
+    mixed = dict(
         friction_ratio=np.array([1.0] * 7 + [0.5]), drag_coefficient=np.array([0.0] * 7 + [1.0])
     )
     offset = cast(mixed).endpoint_xyz[:7] - plain[:7]
@@ -252,14 +248,12 @@ def test_a_material_that_does_nothing_changes_no_bit():
 )
 def test_values_out_of_bounds_are_refused(values, words):
     with pytest.raises(InputError, match=words):
-        Material(**values)
+        CABLE.with_params(**values)
 
 
 @pytest.mark.parametrize("values", [{"drag_coefficient": 1.0}, {"friction_ratio": 0.5}])
 def test_other_engines_refuse_drag_and_grain_and_files_keep_them(values):
-    cable = dataclasses.replace(CABLE, material=Material(**values))
+    cable = CABLE.with_params(**values)
     assert Cable.from_dict(cable.to_dict()) == cable
     with pytest.raises(InputError, match="knows no material"):
-        make_engine("mujoco").rollout(
-            cable, cable.params, GripPath.hold([0.0, 0.5, 0.005, 0.0, 0.0], 0.1)
-        )
+        make_engine("mujoco").rollout(cable, GripPath.hold([0.0, 0.5, 0.005, 0.0, 0.0], 0.1))

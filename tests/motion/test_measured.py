@@ -107,7 +107,7 @@ def test_the_cable_lands_where_the_true_path_throws_it(trajectory):
     path, *_ = measured(trajectory, noise=ENCODER_NOISE)
     both = GripPath.stack([trajectory.grip_path, grip_path_from_joints(path, SETUP.arm)])
     rollout = EngineWarp(segment_count=20).rollout(
-        cable, cable.params, both, duration=float(both.duration.max()) + 3.0
+        cable, both, duration=float(both.duration.max()) + 3.0
     )
     true, fitted = rollout.endpoint_xy[:, -1]
     assert np.linalg.norm(true - rollout.endpoint_xy[0, 0]) > 0.3

@@ -153,7 +153,7 @@ def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
     xy = places(setup, 3)
     paths = GripPath.stack([polar_cast_path(p, setup) for p in xy])
     engine = EngineWarp(segment_count=30, dt=1e-3)
-    nodes = engine.rollout(whole, cable.params, paths).final_state.positions[..., :2]
+    nodes = engine.rollout(whole.with_params(cable.params), paths).final_state.positions[..., :2]
     along = nodes[:, -1] - nodes[:, -2]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     endpoint = nodes[:, -1] - cable.attachment_length * along
@@ -171,6 +171,6 @@ def test_the_free_end_keeps_clear_of_the_base_and_of_the_near_edge(name):
     setup = Setup(cable=name)
     paths = GripPath.stack([polar_cast_path(p, setup) for p in places(setup, 9)])
     engine = EngineWarp(segment_count=30, dt=1e-3)
-    xy = engine.rollout(setup.cable, setup.cable.params, paths, sample_dt=0.05).endpoint_xy
+    xy = engine.rollout(setup.cable, paths, sample_dt=0.05).endpoint_xy
     assert np.min(xy[..., 1]) - setup.workspace.y_min > CLEAR
     assert np.min(np.linalg.norm(xy, axis=-1)) > BASE

@@ -74,9 +74,9 @@ def test_a_simulated_reset_leaves_the_cable_straight_behind_the_grip(name):
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
     engine = EngineWarp(segment_count=30, dt=1e-3)
-    thrown = engine.rollout(whole, cable.params, CASTS).final_state
+    thrown = engine.rollout(whole.with_params(cable.params), CASTS).final_state
     path = GripPath.stack([reset_path(end, setup) for end in ENDS])
-    state = engine.rollout(whole, cable.params, path, thrown).final_state
+    state = engine.rollout(whole.with_params(cable.params), path, thrown).final_state
     nodes = (state.positions - state.positions[:, :1])[..., :2] / whole.length
     aside, ahead = np.abs(nodes[:, -1, 0]), nodes[:, -1, 1]
     scattered = (thrown.positions[:, -1, :2] - thrown.positions[:, 0, :2]) / whole.length
@@ -95,11 +95,11 @@ def test_without_hanging_first_the_cable_ends_less_aligned():
     setup = Setup(cable="cable_3")
     cable = setup.cable
     engine = EngineWarp(segment_count=30, dt=1e-3)
-    thrown = engine.rollout(cable, cable.params, CASTS).final_state
+    thrown = engine.rollout(cable, CASTS).final_state
     hasty = PolarCastConfig(lift_time=0.5, rise_time=0.7, arc_time=0.5, hang_time=0.1)
     aside = []
     for config in (PolarCastConfig(), hasty):
         path = GripPath.stack([reset_path(end, setup, config) for end in ENDS])
-        ends = engine.rollout(cable, cable.params, path, thrown).final_state.positions[:, -1, 0]
+        ends = engine.rollout(cable, path, thrown).final_state.positions[:, -1, 0]
         aside.append(np.sqrt(np.mean(ends**2)))
     assert aside[1] > 2 * aside[0]

@@ -18,7 +18,6 @@ from cablecast.aiming.ensemble import (
     miss_factor,
     miss_sizes,
 )
-from cablecast.cable import Material
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
@@ -83,7 +82,7 @@ def ensemble():
     members = [
         Dynamics(params=params),
         Dynamics(params=slippery),
-        Dynamics(params=params, material=Material(drag_coefficient=1.1)),
+        Dynamics(params=dataclasses.replace(params, drag_coefficient=1.1)),
     ]
     return EnsembleLandings(SETUP, members, COARSE, members[0], FINE)
 
@@ -192,8 +191,7 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
 
 
 def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
-    curl = Material(rest_curvature=0.6 / LENGTH)
-    curled = Dynamics(params=SETUP.cable.params, material=curl)
+    curled = Dynamics(params=SETUP.cable.with_params(rest_curvature=0.6 / LENGTH).params)
     ensemble = EnsembleLandings(SETUP, [curled], COARSE, curled, COARSE)
     side = np.array([1.0, -1.0, -1.0])
     seen = ensemble.tracks(ACTIONS, side)[0, :, -1]

@@ -9,7 +9,6 @@ from formula_rig import LENGTH, SETUP, make_policy
 import cablecast as cc
 from cablecast.aiming.choice import _NEAR_COUNT, AimedCast, Aimer
 from cablecast.aiming.ensemble import Judgement
-from cablecast.cable import Material
 from cablecast.cast import TrialStatus
 from cablecast.data.record import collect_dataset
 from cablecast.motion.feasibility import feasible_uniform
@@ -202,16 +201,15 @@ def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, 
 
 def test_a_model_learns_from_the_first_simulator_without_its_curl(tuned):
     first = tuned.ensemble.members[0]
-    curl = Material(damping_time=0.01, rest_curvature=0.3)
-    curled = dataclasses.replace(first, material=curl)
+    straight = dataclasses.replace(first.params, damping_time=0.01, rest_curvature=0.0)
+    curled = first.with_params(dataclasses.replace(straight, rest_curvature=0.3))
     ensemble = dataclasses.replace(
         tuned.ensemble, members=(curled, *tuned.ensemble.members[1:]), segment_count=12
     )
     casts = simulate_to_aim(SETUP, dataclasses.replace(tuned, ensemble=ensemble), count=50)
     settings = casts.info["settings"]
     assert settings["engine"]["segment_count"] == 12
-    assert settings["params"] == first.params.to_dict()
-    assert settings["material"] == Material(damping_time=0.01).to_dict()
+    assert settings["params"] == straight.to_dict()
     alone = dataclasses.replace(tuned, ensemble=None)
     casts = simulate_to_aim(SETUP, alone, count=50, segment_count=10, dt=2e-3)
     assert casts.info["settings"]["params"] == tuned.params.to_dict()

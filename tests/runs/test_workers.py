@@ -127,11 +127,11 @@ def test_a_cluster_that_loses_a_node_writes_the_same_files(tmp_path, monkeypatch
         paths = cast_grip_paths(feasible_uniform(12, SETUP, seed=3), SETUP)
         together = EngineSpread(coarse_engine(), "ray", world_count=3)
         with connected("ray"):
-            handed_out = together.rollout(SETUP.cable, SETUP.cable.params, paths)
+            handed_out = together.rollout(SETUP.cable, paths)
     finally:
         ray.shutdown()
         cluster.shutdown()
-    here = coarse_engine().rollout(SETUP.cable, SETUP.cable.params, paths)
+    here = coarse_engine().rollout(SETUP.cable, paths)
     assert np.array_equal(here.endpoint_xyz, handed_out.endpoint_xyz)
     alone = tmp_path / "alone"
     simulate_dataset(alone, SETUP, None, coarse_engine(), **options)

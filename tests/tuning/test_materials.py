@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.cable import MATERIAL_BOUNDS, Attachment, Material
+from cablecast.cable import FITTED_MATERIAL, PARAMS, Attachment
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
-from cablecast.tuning.space import FITTED, YIELD_TIME, MaterialSpace, ParamPrior, SearchSpace
+from cablecast.tuning.space import YIELD_TIME, ParamPrior, SearchSpace
 from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params, params_file, read_dynamics, write_params
 
@@ -22,13 +22,12 @@ PLAIN = FitConfig(
     materials=(),
     ensemble_iterations=0,
 )
-DAMPED = Material(damping_time=0.03)
 COARSE = {"segment_count": 10, "dt": 2e-3}
 LENGTH = Setup().cable.length
 
 
 def finding(*names):
-    """Return the settings of a fit that finds some values of the material."""
+    """Return the settings of a fit that finds some material parameters."""
     return dataclasses.replace(PLAIN, materials=names)
 
 
@@ -37,10 +36,10 @@ def sides(tracks):
     return {"right" if x > 0 else "left" for x in tracks.final_xy[:, 0]}
 
 
-def tracks_of(cable, truth, tracks, material):
+def tracks_of(cable, truth, tracks, **material):
     """Return tracks of the same casts, of a cable of another material."""
-    other = dataclasses.replace(cable, material=material)
-    xy, _ = TrackObjective(EngineWarp(**COARSE), other, tracks).tracks_of(truth)
+    params = dataclasses.replace(truth, **material)
+    xy, _ = TrackObjective(EngineWarp(**COARSE), cable, tracks).tracks_of(params)
     return dataclasses.replace(tracks, endpoint_xy=xy[0, :, :-1], final_xy=xy[0, :, -1])
 
 
@@ -51,7 +50,7 @@ def fit(cable, tracks, config):
 
 @pytest.fixture(scope="module")
 def damped(cable, truth, tracks):
-    return tracks_of(cable, truth, tracks, DAMPED)
+    return tracks_of(cable, truth, tracks, damping_time=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -60,85 +59,85 @@ def fitted(cable, damped):
 
 
 def test_the_damping_time_of_a_damped_cable_is_found(fitted, cable, damped):
-    assert 0.02 < fitted.material.damping_time < 0.045
+    assert 0.02 < fitted.params.damping_time < 0.045
     without = fit(cable, damped, PLAIN)
-    assert without.material is None
+    assert not without.params.has_material
     assert fitted.training.loss[1] < 0.8 * without.training.loss[1]
 
 
 def test_the_curl_of_a_cable_is_found_with_a_handful_of_casts_to_both_sides(cable, truth, tracks):
     few = tracks[np.arange(5)]
     assert {"left", "right"} == sides(few)
-    curled = tracks_of(cable, truth, few, Material(rest_curvature=0.4 / LENGTH))
+    curled = tracks_of(cable, truth, few, rest_curvature=0.4 / LENGTH)
     result = fit(cable, curled, finding("rest_curvature"))
     # With five casts what is believed, none, still counts.
-    assert 0.2 < result.material.rest_curvature * LENGTH < 0.5
+    assert 0.2 < result.params.rest_curvature * LENGTH < 0.5
     assert result.training.loss[1] < 0.8 * fit(cable, curled, PLAIN).training.loss[1]
 
 
 def test_bends_that_stay_in_a_cable_are_found(cable, truth, tracks):
-    bent = tracks_of(cable, truth, tracks, Material(yield_curvature=10.0, yield_time=YIELD_TIME))
+    bent = tracks_of(cable, truth, tracks, yield_curvature=10.0, yield_time=YIELD_TIME)
     result = fit(cable, bent, finding("yield_curvature"))
     # Folds magnify rounding: two builds of one engine found 12 and 15 1/m.
-    assert 6.0 < result.material.yield_curvature < 17.0
-    assert result.material.yield_time == YIELD_TIME
+    assert 6.0 < result.params.yield_curvature < 17.0
+    assert result.params.yield_time == YIELD_TIME
     assert result.training.loss[1] < 0.8 * fit(cable, bent, PLAIN).training.loss[1]
 
 
 def test_the_arm_of_an_attachment_is_found(cable, truth, tracks):
     arm = 2.0 / 3.0 * cable.attachment_length
-    body = tracks_of(cable, truth, tracks, Material(attachment_arm=arm))
+    body = tracks_of(cable, truth, tracks, attachment_arm=arm)
     result = fit(cable, body, finding("attachment_arm"))
-    assert result.material.attachment_arm == pytest.approx(arm, rel=0.3)
+    assert result.params.attachment_arm == pytest.approx(arm, rel=0.3)
     assert result.training.loss[1] < 0.8 * fit(cable, body, PLAIN).training.loss[1]
 
 
 def test_casts_of_a_cable_that_springs_back_take_no_yield(cable, tracks):
     result = fit(cable, tracks, finding("yield_curvature"))
-    assert result.material is None or result.material.yield_curvature > 40.0
+    assert not result.params.has_material or result.params.yield_curvature > 40.0
 
 
 def test_a_rod_without_a_material_is_followed_without_one(cable, tracks):
     few = tracks[np.arange(5)]
-    result, plain = (fit(cable, few, finding(*names)) for names in (FITTED, ()))
-    assert result.material is None
+    result, plain = (fit(cable, few, finding(*names)) for names in (FITTED_MATERIAL, ()))
+    assert not result.params.has_material
     np.testing.assert_array_equal(result.params.to_array(), plain.params.to_array())
     assert result.simulation_count > plain.simulation_count
 
 
 def test_values_of_the_cables_file_are_kept(cable):
-    own = Material(damping_time=0.002, drag_coefficient=0.6)
-    space = MaterialSpace(dataclasses.replace(cable, material=own), FITTED)
-    assert set(space.names) == set(FITTED) - {"damping_time", "drag_coefficient"}
-    found = space.to_material(np.full(len(space), 0.5))
+    own = cable.with_params(damping_time=0.002, drag_coefficient=0.6)
+    space = SearchSpace.for_cable(own, FITTED_MATERIAL)
+    assert set(space.names[10:]) == set(FITTED_MATERIAL) - {"damping_time", "drag_coefficient"}
+    found = space.to_params(np.full(space.dimension, 0.5))
     assert (found.damping_time, found.drag_coefficient) == (0.002, 0.6)
 
 
 def test_a_cable_without_attachment_has_no_arm(cable):
     bare = dataclasses.replace(cable, attachment=Attachment.NONE, attachment_length=0.0)
-    assert "attachment_arm" not in MaterialSpace(bare, FITTED).names
+    assert "attachment_arm" not in SearchSpace.for_cable(bare, FITTED_MATERIAL).names
 
 
 def test_the_most_likely_material_is_the_usual_one(cable):
-    space = MaterialSpace(cable, FITTED)
+    space = SearchSpace.for_cable(cable, FITTED_MATERIAL)
     ten = ParamPrior.for_cable(cable, SearchSpace.for_cable(cable))
-    prior = space.joined(ten)
+    prior = ParamPrior.for_cable(cable, space)
     np.testing.assert_array_equal(prior.mean[:10], ten.mean)
-    usual = space.to_material(prior.mean[10:])
+    usual = space.to_params(prior.mean)
     assert usual.drag_coefficient == pytest.approx(1.1)
     assert usual.rest_curvature == pytest.approx(0.0, abs=1e-12)
     assert usual.friction_ratio == pytest.approx(1.0)
-    farther = space.to_material(prior.mean[10:] + prior.deviation[10:])
+    farther = space.to_params(prior.mean + prior.deviation)
     assert farther.drag_coefficient == pytest.approx(1.1 * 1.3)
     assert farther.rest_curvature * LENGTH == pytest.approx(0.3)
 
 
 def test_a_material_keeps_within_its_bounds_anywhere_in_the_box(cable):
-    space = MaterialSpace(cable, FITTED)
-    corners = space.to_material(np.stack([np.full(len(space), -1.0), np.full(len(space), 2.0)]))
+    space = SearchSpace.for_cable(cable, FITTED_MATERIAL)
+    corners = space.to_params(np.full((2, space.dimension), [[-1.0], [2.0]]))
     assert corners.world_count == 2
-    for name in FITTED:
-        low, high, _ = MATERIAL_BOUNDS[name]
+    for name in FITTED_MATERIAL:
+        low, high = PARAMS[name].bounds
         assert np.all(getattr(corners, name) >= low)
         assert np.all(getattr(corners, name) <= high)
 
@@ -150,4 +149,4 @@ def test_unknown_values_are_refused():
 
 def test_the_material_is_kept_with_the_parameters(fitted, cable, tmp_path):
     write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
-    assert read_dynamics(tmp_path).material == fitted.material
+    assert read_dynamics(tmp_path).params == fitted.params

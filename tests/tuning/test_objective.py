@@ -41,13 +41,13 @@ def test_each_candidate_gets_its_own_distances_from_one_batch(engine, cable, tru
     batches = []
     rollout = objective.engine.rollout
 
-    def counted(cable, params, *args, **kwargs):
-        batches.append(params.world_count)
-        return rollout(cable, params, *args, **kwargs)
+    def counted(cable, *args, **kwargs):
+        batches.append(cable.params.world_count)
+        return rollout(cable, *args, **kwargs)
 
     objective.engine.rollout = counted
     stiff = dataclasses.replace(truth, bend_stiffness=5e-3)
-    both = CableParams.from_array(np.stack([stiff.to_array(), truth.to_array()]))
+    both = CableParams.stack([stiff, truth])
     distances = objective.distances(both)
     assert batches == [2 * len(good)]
     alone = objective.distances(stiff)
@@ -120,8 +120,6 @@ def test_reset_states_that_are_turned_into_place_equal_those_worked_out_there(
     path = dataclasses.replace(good.grip_path, coefficients=coefficients)
     objective = TrackObjective(engine, cable, dataclasses.replace(good, grip_path=path))
     trial = np.arange(len(good))
-    state = objective._initial_state(
-        objective.cable, truth.to_array()[None], trial, np.zeros_like(trial)
-    )
-    expected = reset_state(cable, truth, path, objective.engine.segment_count)
+    state = objective._initial_state(truth, trial, np.zeros_like(trial))
+    expected = reset_state(cable.with_params(truth), path, objective.engine.segment_count)
     np.testing.assert_allclose(state.positions, expected.positions, atol=STATE)

@@ -29,7 +29,7 @@ def actions(engine):
 
 def tracks(actions, engine):
     paths = cast_grip_paths(mirror_to_right(actions)[0], SETUP)
-    return engine.rollout(SETUP.cable, SETUP.cable.params, paths, sample_dt=0.05).endpoint_xy
+    return engine.rollout(SETUP.cable, paths, sample_dt=0.05).endpoint_xy
 
 
 def nearest(xy):
@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_actions_and_another_one_others(actions, en
 
 
 def test_a_cable_that_lands_at_one_place_cannot_be_spread():
-    def rollout(cable, params, paths, sample_dt):
+    def rollout(cable, paths, sample_dt):
         xy = np.tile([0.1, 0.9], (len(paths), 3, 1))
         return types.SimpleNamespace(endpoint_xy=xy)
 

@@ -8,7 +8,7 @@ import pytest
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.tuning.ensemble import WIDENING, ParamUpdate
 from cablecast.tuning.fit import FitConfig, TrackFit
-from cablecast.tuning.space import CorrelatedBelief, ParamPrior, SearchSpace
+from cablecast.tuning.space import Gaussian, ParamPrior, SearchSpace
 from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params
 
@@ -101,9 +101,9 @@ class _Counting:
     def __getattr__(self, name):
         return getattr(self.engine, name)
 
-    def rollout(self, cable, params, grip_path, *rest, **options):
+    def rollout(self, cable, grip_path, *rest, **options):
         self.worlds += len(grip_path)
-        return self.engine.rollout(cable, params, grip_path, *rest, **options)
+        return self.engine.rollout(cable, grip_path, *rest, **options)
 
 
 def test_a_step_towards_several_casts_is_that_of_a_fit_to_them(posterior, engine, cable, good):
@@ -112,7 +112,7 @@ def test_a_step_towards_several_casts_is_that_of_a_fit_to_them(posterior, engine
     after = updated(TrackObjective(engine, cable, three), posterior, before)
     point = posterior.space.to_unit(before)
     precision = np.linalg.inv(WIDENING**2 * posterior.covariance)
-    belief = CorrelatedBelief(mean=point, precision=precision)
+    belief = Gaussian(mean=point, precision=precision)
     fit = TrackFit(TrackObjective(engine, cable, three), posterior.space, belief)
     state = fit.first_step(point[None], posterior.misfit)
     # Casts that are simulated alone differ from those in a batch by rounding.
@@ -136,7 +136,7 @@ def test_a_cast_is_simulated_once_for_all_steps_that_it_has_a_part_in(
 
 def test_a_belief_without_correlation_is_a_prior(cable):
     prior = ParamPrior.for_cable(cable, SearchSpace.for_cable(cable))
-    same = CorrelatedBelief(mean=prior.mean, precision=np.diag(prior.deviation**-2.0))
+    same = Gaussian(mean=prior.mean, precision=np.diag(prior.deviation**-2.0))
     points = prior.draw(5, seed=2)
     np.testing.assert_allclose(same.cost(points), prior.cost(points), rtol=ROUNDING)
     for point in points:
@@ -147,7 +147,7 @@ def test_a_belief_without_correlation_is_a_prior(cable):
 def test_the_slope_of_a_correlated_belief_is_that_of_its_cost():
     rng = np.random.default_rng(1)
     root = rng.normal(size=(10, 10))
-    belief = CorrelatedBelief(mean=rng.normal(size=10), precision=root @ root.T)
+    belief = Gaussian(mean=rng.normal(size=10), precision=root @ root.T)
     point, step = rng.normal(size=10), 1e-6
     ends = point + step * np.concatenate([np.eye(10), -np.eye(10)])
     costs = belief.cost(ends)

@@ -100,7 +100,7 @@ class EnsembleLandings:
 
     Args:
         setup: Cable, workspace, arm and motion settings.
-        members: Parameters and material of each simulator whose spread tells of misses; all have
+        members: Physics of each simulator whose spread tells of misses; all have
             the servo of the first one.
         engine: Engine that simulates them.
         best: Simulator whose landings are expected.
@@ -153,7 +153,7 @@ class EnsembleLandings:
         # One batch: neighbouring worlds follow the same motion, and rest at about the same time.
         left = [member.mirrored() for member in members]
         rows = np.arange(count) + np.where(side < 0, count, 0)[:, None]
-        worlds = Dynamics.stack([*members, *left], self.setup).rows(rows.ravel())
+        worlds = Dynamics.stack([*members, *left]).rows(rows.ravel())
         paths = paths[np.repeat(np.arange(len(actions)), count)]
         rollout = worlds.rollout(engine, self.setup, paths, sample_dt=_SAMPLE_DT)
         xy = rollout.endpoint_xy
@@ -189,7 +189,7 @@ class EnsembleLandings:
         cable, posterior = self.setup.cable, self.posterior
         engines = [self.fine_engine, *(self.engine for _ in self.members)]
         return [
-            ParamUpdate(engine, cable.with_material(one.material), posterior, one.params)
+            ParamUpdate(engine, cable, posterior, one.params)
             for engine, one in zip(engines, (self.best, *self.members), strict=True)
         ]
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cablecast.cli.options import Device, argument
 
 if typing.TYPE_CHECKING:
-    from cablecast.cable import Material
+    from cablecast.cable import CableParams
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -100,38 +100,35 @@ class Tune:
         print_table(tuned.metrics, casts.cable.name)
         for line in tuned.metrics["open"]:
             print(f"note: {line}")
-        material = tuned.dynamics.material
-        searched = self.method == "least-squares" and casts.cable.material.is_plain
-        if material is not None or searched:
-            print(f"note: {material_words(material, casts.cable.length)}")
+        if self.method == "least-squares" or tuned.params.has_material:
+            print(f"note: {material_words(tuned.params, casts.cable.length)}")
         print(f"parameters  {out / PARAMS_FILE}\ntracks      {out / TRACKS_FILE}")
 
 
-def material_words(material: "Material | None", length: float) -> str:
+def material_words(params: "CableParams", length: float) -> str:
     """Return what a fitted cable has beside the ten parameters, in words.
 
     Args:
-        material: Material that was found, one value each; None where the casts are likelier
-            without one.
+        params: Parameters that were found, one value each.
         length: Length of the cable [m].
     """
     from cablecast.cable import ROD_ARM
 
-    if material is None:
+    if not params.has_material:
         return "the casts are likelier without a material beside the ten parameters"
     words = []
-    if material.drag_coefficient:
-        words.append(f"a drag coefficient of {material.drag_coefficient:.2g}")
-    if material.damping_time:
-        words.append(f"a damping time of {1e3 * material.damping_time:.2g} ms")
-    if material.rest_curvature:
-        words.append(f"a curl of {material.rest_curvature * length:.2g} rad over the cable")
-    if material.friction_ratio != 1.0:
-        words.append(f"friction along it {material.friction_ratio:.2f} times that across")
-    if material.yield_curvature:
-        words.append(f"bends that stay if they are sharper than {material.yield_curvature:.2g} 1/m")
-    if material.attachment_arm:
-        words.append(f"an attachment of {1e3 * material.attachment_arm / ROD_ARM:.0f} mm")
+    if params.drag_coefficient:
+        words.append(f"a drag coefficient of {params.drag_coefficient:.2g}")
+    if params.damping_time:
+        words.append(f"a damping time of {1e3 * params.damping_time:.2g} ms")
+    if params.rest_curvature:
+        words.append(f"a curl of {params.rest_curvature * length:.2g} rad over the cable")
+    if params.friction_ratio != 1.0:
+        words.append(f"friction along it {params.friction_ratio:.2f} times that across")
+    if params.yield_curvature:
+        words.append(f"bends that stay if they are sharper than {params.yield_curvature:.2g} 1/m")
+    if params.attachment_arm:
+        words.append(f"an attachment of {1e3 * params.attachment_arm / ROD_ARM:.0f} mm")
     return f"beside the ten parameters, the cable has {', '.join(words)}"
 
 

@@ -18,7 +18,7 @@ from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
 from cablecast.runs.folder import fingerprint
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Version of the schema; datasets of other versions are refused."""
 
 

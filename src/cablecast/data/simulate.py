@@ -90,7 +90,7 @@ def simulate_dataset(
     made = None if check_workers(workers) == LOCAL else remade(engine)
     dynamics = Dynamics.of(dynamics, setup)
     ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
-    _check_mirrored(setup, dynamics)
+    _check_mirrored(dynamics)
     actions = feasible_grid(count, setup, ranges, seed)
     settings = {
         **_settings(setup, dynamics, engine, ranges),
@@ -133,8 +133,7 @@ def _settings(
     return {
         "schema_version": SCHEMA_VERSION,
         **setup.to_settings(),
-        "params": dynamics.params.to_dict(),
-        **dynamics.beside_params(),
+        **dynamics.to_dict(),
         "engine": engine_settings(engine),
         "ranges": dataclasses.asdict(ranges),
         "sample_dt": SAMPLE_DT,
@@ -142,14 +141,13 @@ def _settings(
     }
 
 
-def _check_mirrored(setup: Setup, dynamics: Dynamics) -> None:
+def _check_mirrored(dynamics: Dynamics) -> None:
     """Check that casts to the left are mirrored casts to the right, which planning takes them for.
 
     Raises:
         InputError: The cable is curled.
     """
-    material = setup.cable.with_material(dynamics.material).material
-    curl = float(np.max(np.abs(material.rest_curvature)))
+    curl = float(np.max(np.abs(dynamics.params.rest_curvature)))
     if curl > 0.0:
         raise InputError(
             "planning takes casts to the left for mirrored ones to the right, which those of a "

@@ -1,9 +1,4 @@
-"""Cables of a batch: one that all worlds share, or one for each world.
-
-The Engine contract: many simulated cables at once, each gripped at its near end.
-
-Parts of a batch: the rows of some worlds, and one rollout from those of the parts.
-"""
+"""The Engine contract: many simulated cables at once, each gripped at its near end."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable, CableParams, Material
+from cablecast.cable import Cable, CableParams
 from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError, check_number
 from cablecast.motion.grip_path import GripPath
@@ -20,26 +15,26 @@ from cablecast.motion.grip_path import GripPath
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CableRows:
-    """Geometry and material of the cables of a batch, which have their parameters beside them.
+    """Geometry and physics of the cables of a batch.
 
     Attributes:
         cables: One cable that all worlds share, or one for each.
         length: Length from grip to endpoint [m], shape [1] or [world].
         radius: Half the diameter [m], same shape.
-        material: Material, shared or one value per world.
+        params: Physics, shared or one value per world.
     """
 
     cables: tuple[Cable, ...]
     length: NDArray[np.float64]
     radius: NDArray[np.float64]
-    material: Material
+    params: CableParams
 
     @classmethod
     def of(cls, cable: Cable | Sequence[Cable]) -> "CableRows":
         """Return the rows of a cable that all worlds share, or of one for each world.
 
         Raises:
-            InputError: There is no cable, or one of several has a material for each world.
+            InputError: There is no cable, or one of several has parameters for each world.
         """
         cables = (cable,) if isinstance(cable, Cable) else tuple(cable)
         if not cables:
@@ -48,13 +43,13 @@ class CableRows:
             cables=cables,
             length=np.array([c.length for c in cables]),
             radius=np.array([c.radius for c in cables]),
-            material=Material.stack([c.material for c in cables]),
+            params=CableParams.stack([c.params for c in cables]),
         )
 
     @property
     def world_count(self) -> int | None:
         """Number of worlds; None if they share a cable."""
-        return len(self.cables) if len(self.cables) > 1 else self.material.world_count
+        return len(self.cables) if len(self.cables) > 1 else self.params.world_count
 
     def kinds(self, world_count: int) -> NDArray[np.int_]:
         """Return for each world the number of its length and diameter, shape [world]."""
@@ -63,9 +58,9 @@ class CableRows:
         return np.broadcast_to(kinds, world_count)
 
     def cable(self, worlds: NDArray[np.int_]) -> Cable:
-        """Return the cable of some worlds that are of one kind, with a material for each."""
+        """Return the cable of some worlds of one length and diameter, with the physics of each."""
         cable = self.cables[worlds[0] if len(self.cables) > 1 else 0]
-        return cable.with_material(self.material.rows(worlds))
+        return cable.with_params(self.params.rows(worlds))
 
 
 def one_cable(cable: Cable | Sequence[Cable]) -> Cable:
@@ -189,7 +184,6 @@ class Engine(Protocol):
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
-        params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
         duration: float | None = None,
@@ -201,9 +195,8 @@ class Engine(Protocol):
         """Simulate a batch; every argument is shared (one row) or per world.
 
         Args:
-            cable: Geometry and material, shared by all worlds, or a sequence with one cable per
-                world, which `EngineWarp` alone takes. The parameters are those of `params`.
-            params: Parameters, shared or one value per world.
+            cable: Cable whose `params` are shared or one value per world, or a sequence with one
+                cable per world, which `EngineWarp` alone takes.
             grip_path: Path of the gripper, one row or one per world.
             initial_state: State at time 0, one row or one per world; by default `reset_state`.
             duration: Simulated time [s]; by default the longest motion plus `SETTLE_TIME`.
@@ -240,7 +233,7 @@ def batch_size(*counts: int | None) -> int:
 
 
 def reset_state(
-    cable: Cable | Sequence[Cable], params: CableParams, grip_path: GripPath, segment_count: int
+    cable: Cable | Sequence[Cable], grip_path: GripPath, segment_count: int
 ) -> CableState:
     """Return the cable as the paper's reset leaves it: straight, at rest, pulled to the robot.
 
@@ -250,17 +243,18 @@ def reset_state(
     has the same length.
 
     Args:
-        cable: Geometry, shared or a sequence with one per world.
-        params: Parameters, shared or per world; bend stiffness and mass shape the descent.
+        cable: Cable, shared or a sequence with one per world; its bend stiffness and mass shape the
+            descent.
         grip_path: Path whose start gives the grip pose; the cable points along its yaw.
         segment_count: Number of segments.
 
     Returns:
-        One state, or one per world where cables, grip paths or parameters differ.
+        One state, or one per world where cables or grip paths differ.
     """
     start = grip_path.evaluate(grip_path.knots[:, :1])[:, 0]
     cables = CableRows.of(cable)
-    world_count = batch_size(len(grip_path), params.world_count, len(cables.length))
+    params = cables.params
+    world_count = batch_size(len(grip_path), cables.world_count)
     start = np.broadcast_to(start, (world_count, start.shape[1]))
     segment_length = cables.length / segment_count
     height = start[:, 2] - cables.radius
@@ -320,7 +314,6 @@ def default_duration(grip_path: GripPath) -> float:
 def plan_rollout(
     engine: Engine,
     cable: Cable | Sequence[Cable],
-    params: CableParams,
     grip_path: GripPath,
     initial_state: CableState | None,
     duration: float | None,
@@ -335,7 +328,7 @@ def plan_rollout(
             another number of segments, or a duration or interval out of bounds.
     """
     cables = CableRows.of(cable)
-    if not plays_material and not cables.material.is_plain:
+    if not plays_material and cables.params.has_material:
         raise InputError("this engine knows no material beside the ten parameters: EngineWarp does")
     if not plays_material and not grip_path.is_level:
         raise InputError("the gripper of this engine keeps its side level: EngineWarp's may roll")
@@ -344,7 +337,7 @@ def plan_rollout(
     if not plays_material and far_path is not None and (twisted or rolled):
         raise InputError("this engine lets the far end turn about itself: EngineWarp may twist it")
     if initial_state is None:
-        initial_state = reset_state(cable, params, grip_path, engine.segment_count)
+        initial_state = reset_state(cable, grip_path, engine.segment_count)
     elif initial_state.segment_count != engine.segment_count:
         raise InputError(
             f"the initial state has {initial_state.segment_count} segments, the engine "
@@ -358,7 +351,6 @@ def plan_rollout(
     return RolloutPlan(
         initial_state=initial_state,
         world_count=batch_size(
-            params.world_count,
             len(grip_path),
             initial_state.world_count,
             None if far_path is None else len(far_path),
@@ -370,16 +362,14 @@ def plan_rollout(
 
 
 def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
-    """Return the rows of some worlds: of cables, parameters, a state, a path, or an array.
+    """Return the rows of some worlds: of cables, a state, a path, or an array.
 
     What all worlds share, a single row or None, is returned as it is.
     """
     if values is None or isinstance(values, (int, float)):
         return values
-    if isinstance(values, CableParams):
-        return values.rows(worlds)
     if isinstance(values, Cable):
-        return values.with_material(values.material.rows(worlds))
+        return values.with_params(values.params.rows(worlds))
     if isinstance(values, (list, tuple)):
         return values if len(values) == 1 else [values[world] for world in worlds]
     if isinstance(values, CableState):

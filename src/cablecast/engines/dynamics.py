@@ -1,4 +1,4 @@
-"""Dynamics: all that a simulated cast takes beside the set-up, as `tune` finds it."""
+"""Dynamics: physics of the cable and servo of the arm, as `tune` finds them."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams, Material
+from cablecast.cable import CableParams
 from cablecast.engines.base import Engine, Rollout
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.servo import ServoModel
@@ -16,16 +16,14 @@ from cablecast.setup import Setup
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Dynamics:
-    """Parameters and material of a cable, and servo of the arm that casts it.
+    """Physics of a cable, and servo of the arm that casts it.
 
     Attributes:
-        params: Parameters of the cable, shared by all casts or one value per cast.
-        material: Material of the cable; that of the set-up where None.
+        params: Physics of the cable, shared by all casts or one value per cast.
         servo: Servo of the arm; it follows its set points exactly where None.
     """
 
     params: CableParams
-    material: Material | None = None
     servo: ServoModel | None = None
 
     @classmethod
@@ -48,36 +46,28 @@ class Dynamics:
             KeyError: There are no parameters.
             InputError: A value is out of bounds.
         """
-        material, servo = values.get("material"), values.get("servo")
+        servo = values.get("servo")
         return cls(
-            params=CableParams(**values["params"]),
-            material=None if material is None else Material.from_dict(material),
+            params=CableParams.from_dict(values["params"]),
             servo=None if servo is None else ServoModel.from_dict(servo),
         )
 
     @classmethod
-    def stack(cls, dynamics: "Sequence[Dynamics]", setup: Setup) -> "Dynamics":
+    def stack(cls, dynamics: "Sequence[Dynamics]") -> "Dynamics":
         """Return the dynamics of some casts as one, without servo.
 
         Args:
             dynamics: Dynamics of one cable for each cast.
-            setup: Set-up to simulate.
 
         Raises:
-            InputError: One of several has a material for each cast already.
+            InputError: One of several has parameters for each cast already.
         """
-        values = np.stack([one.params.to_array() for one in dynamics])
-        materials = [one.material or setup.cable.material for one in dynamics]
-        return cls(params=CableParams.from_array(values), material=Material.stack(materials))
+        return cls(params=CableParams.stack([one.params for one in dynamics]))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, without what is None; one cable's only."""
-        return {"params": self.params.to_dict()} | self.beside_params()
-
-    def beside_params(self) -> dict[str, Any]:
-        """Return plain values of material and servo, without what is None."""
-        parts = {"material": self.material, "servo": self.servo}
-        return {name: part.to_dict() for name, part in parts.items() if part is not None}
+        """Return plain values, without a servo that is None; one cable's only."""
+        values: dict[str, Any] = {"params": self.params.to_dict()}
+        return values if self.servo is None else values | {"servo": self.servo.to_dict()}
 
     def with_params(self, params: CableParams | None) -> "Dynamics":
         """Return the dynamics with other parameters; as they are where None."""
@@ -85,10 +75,7 @@ class Dynamics:
 
     def rows(self, rows: NDArray[np.bool_] | NDArray[np.int_] | slice) -> "Dynamics":
         """Return the dynamics of some casts."""
-        material = self.material
-        if material is not None and material.world_count is not None:
-            material = material.rows(rows)
-        return dataclasses.replace(self, params=self.params.rows(rows), material=material)
+        return dataclasses.replace(self, params=self.params.rows(rows))
 
     def without_curl(self) -> "Dynamics":
         """Return the dynamics of a straight cable, whose casts to both sides are mirror images."""
@@ -100,12 +87,11 @@ class Dynamics:
 
     def _with_curl(self, factor: float) -> "Dynamics":
         """Return the dynamics of a cable whose curl is multiplied; one without a curl as it is."""
-        if self.material is None or not np.any(self.material.rest_curvature):
+        if not np.any(self.params.rest_curvature):
             return self
         # Not -0, which is another number in a file.
-        curvature = factor * self.material.rest_curvature + 0.0
-        material = dataclasses.replace(self.material, rest_curvature=curvature)
-        return dataclasses.replace(self, material=material)
+        curvature = factor * self.params.rest_curvature + 0.0
+        return self.with_params(dataclasses.replace(self.params, rest_curvature=curvature))
 
     def follow(self, commanded: GripPath, setup: Setup) -> GripPath:
         """Return the paths that the gripper takes along commanded paths."""
@@ -123,5 +109,5 @@ class Dynamics:
         Raises:
             InputError: See `Engine.rollout`.
         """
-        cable = setup.cable.with_material(self.material)
-        return engine.rollout(cable, self.params, self.follow(commanded, setup), **options)
+        cable = setup.cable.with_params(self.params)
+        return engine.rollout(cable, self.follow(commanded, setup), **options)

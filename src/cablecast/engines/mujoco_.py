@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import PARAMS, Cable, CableParams
 from cablecast.engines.base import (
     GRAVITY,
     REFERENCE_SEGMENT_COUNT,
@@ -209,7 +209,6 @@ class EngineMujoco:
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
-        params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
         duration: float | None = None,
@@ -220,11 +219,9 @@ class EngineMujoco:
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
         cable = one_cable(cable)
-        plan = plan_rollout(
-            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
-        )
+        plan = plan_rollout(self, cable, grip_path, initial_state, duration, sample_dt, far_path)
         model = self._model(cable, held=far_path is not None)
-        values = np.broadcast_to(params.to_array(), (plan.world_count, len(params.names())))
+        values = np.broadcast_to(cable.params.to_array(), (plan.world_count, len(PARAMS)))
         nodes = np.full((plan.world_count, plan.sample_count, self.segment_count + 1, 3), np.nan)
         final = CableState.at_rest(np.full_like(nodes[:, 0], np.nan))
         for start in range(0, plan.world_count, GROUP_SIZE):
@@ -290,7 +287,7 @@ class _Group:
     def _set_params(self, cable: Cable, params: CableParams) -> None:
         batch, count = self.batch, self.engine.segment_count
         held = self.model.nu > HAND_DOF_COUNT
-        column = {name: np.asarray(getattr(params, name))[:, None] for name in params.names()}
+        column = {name: values[:, None] for name, values in params.to_columns().items()}
         segment_mass = column["mass"] / count
         mass = np.repeat(segment_mass, count, axis=1)
         mass[:, -1:] = 0.5 * segment_mass + column["endpoint_mass"]

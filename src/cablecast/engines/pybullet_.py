@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import PARAMS, Cable, CableParams
 from cablecast.conventions import tangent
 from cablecast.engines.base import GRAVITY, CableState, Rollout, one_cable, plan_rollout
 from cablecast.errors import MissingExtraError, check_count, check_number
@@ -446,7 +446,6 @@ class EnginePybullet:
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
-        params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
         duration: float | None = None,
@@ -457,10 +456,8 @@ class EnginePybullet:
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
         cable = one_cable(cable)
-        plan = plan_rollout(
-            self, cable, params, grip_path, initial_state, duration, sample_dt, far_path
-        )
-        values = np.broadcast_to(params.to_array(), (plan.world_count, len(params.names())))
+        plan = plan_rollout(self, cable, grip_path, initial_state, duration, sample_dt, far_path)
+        values = np.broadcast_to(cable.params.to_array(), (plan.world_count, len(PARAMS)))
         nodes = np.full((plan.world_count, plan.sample_count, self.segment_count + 1, 3), np.nan)
         final = CableState.at_rest(np.full((plan.world_count, self.segment_count + 1, 3), np.nan))
         finite = np.zeros(plan.world_count, dtype=bool)

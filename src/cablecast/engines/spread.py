@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable
 from cablecast.engines.base import (
     CableRows,
     CableState,
@@ -22,7 +22,7 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 
 WORLD_COUNT = 128
-"""Worlds of a task: some tenths of a second on one core, beside which its journey is short."""
+"""Worlds of a task: some tenths of a second on one core, far longer than sending it takes."""
 
 
 class EngineSpread:
@@ -32,7 +32,8 @@ class EngineSpread:
     wherever it is simulated, on processors of one kind.
 
     Args:
-        engine: Engine that the workers make anew; also simulates here what is too small to share.
+        engine: Engine that each worker builds for itself; it also simulates batches that are too
+            small to share.
         workers: See `check_workers`.
         world_count: Worlds of a task; `WORLD_COUNT` where None.
 
@@ -49,7 +50,6 @@ class EngineSpread:
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
-        params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
         duration: float | None = None,
@@ -59,9 +59,8 @@ class EngineSpread:
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
-        # The engine that plays a part checks all else, and works out where its cables begin.
+        # The engine of each part checks all else, and works out where its cables start.
         world_count = batch_size(
-            params.world_count,
             len(grip_path),
             None if initial_state is None else initial_state.world_count,
             None if far_path is None else len(far_path),
@@ -72,11 +71,11 @@ class EngineSpread:
         options = {"duration": duration, "sample_dt": sample_dt, "record_nodes": record_nodes}
         if world_count <= self._world_count:
             return self._engine.rollout(
-                cable, params, grip_path, initial_state, far_path=far_path, **options
+                cable, grip_path, initial_state, far_path=far_path, **options
             )
         count = math.ceil(world_count / self._world_count)
         parts = np.array_split(np.arange(world_count), count)
-        batch = (params, grip_path, initial_state, far_path, cable)
+        batch = (cable, grip_path, initial_state, far_path)
         tasks = [
             (number, tuple(rows_of(values, worlds) for values in batch))
             for number, worlds in enumerate(parts)
@@ -96,7 +95,7 @@ def spread(engine: Engine, workers: str) -> Engine:
 
 
 def remade(engine: Engine) -> tuple[type, dict[str, Any]]:
-    """Return what a worker makes an engine of, for kernels do not travel.
+    """Return a picklable spec of an engine, its class and arguments: compiled kernels are not.
 
     Raises:
         InputError: The engine works in this process only.
@@ -108,14 +107,13 @@ def remade(engine: Engine) -> tuple[type, dict[str, Any]]:
 
 
 def _play(
-    params: CableParams,
+    cable: Cable | Sequence[Cable],
     grip_path: GripPath,
     state: CableState | None,
     far_path: GripPath | None,
-    cable: Cable | Sequence[Cable],
     made: tuple[type, dict[str, Any]],
     options: dict[str, Any],
 ) -> Rollout:
     """Simulate some worlds on a worker, with an engine made there."""
     kind, arguments = made
-    return kind(**arguments).rollout(cable, params, grip_path, state, far_path=far_path, **options)
+    return kind(**arguments).rollout(cable, grip_path, state, far_path=far_path, **options)

@@ -103,7 +103,8 @@ class CastTask:
             self.targets = self.setup.workspace.check_targets(
                 self.targets, cable_length=self.setup.cable.length
             )
-        self.space = SearchSpace.for_cable(self.setup.cable)
+        space = SearchSpace.for_cable(self.setup.cable)
+        self.space = dataclasses.replace(space, base=self.params)
         self.ranges = ActionRanges.for_setup(self.setup)
         self._unit = self.space.to_unit(self.params)
 
@@ -146,10 +147,10 @@ class CastTask:
         return rng.uniform(low, high, size=(count, len(low)))
 
     def cable_params(self, cables: Array) -> CableParams:
-        """Return the parameters of drawn cables, shape [count, 10]."""
+        """Return the parameters of drawn cables, shared where they are all the same."""
         if self.spread == 0.0:
             # The ranges of tuning need not hold the parameters that tuning found elsewhere.
-            return CableParams.from_array(np.tile(self.params.to_array(), (len(cables), 1)))
+            return self.params
         return self.space.to_params(cables)
 
     def to_actions(self, values: ArrayLike, target_xy: Array) -> Array:

@@ -177,7 +177,6 @@ def _search(
         setup=casts.setup,
         dynamics=Dynamics(
             params=result.params,
-            material=result.material,
             servo=None if servo is None else servo.model,
         ),
         ensemble=result.ensemble,
@@ -222,9 +221,9 @@ def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "Tu
     from cablecast.tuning.tracks import TrackObjective
 
     cable = casts.cable
-    fitted = cable.with_material(result.material)
-    believed, _ = TrackObjective(engine, cable, validation).tracks_of(cable.params)
-    tuned, _ = TrackObjective(engine, fitted, validation).tracks_of(result.params)
+    objective = TrackObjective(engine, cable, validation)
+    believed, _ = objective.tracks_of(cable.params)
+    tuned, _ = objective.tracks_of(result.params)
     figure = track_panels(
         validation,
         [("default parameters", believed[0, :, :-1]), ("tuned parameters", tuned[0, :, :-1])],

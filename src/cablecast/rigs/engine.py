@@ -93,8 +93,7 @@ class RigEngine(RigLifecycle):
             for path in paths
         ]
         rollout = self.engine.rollout(
-            self.setup.cable.with_material(dynamics.material),
-            dynamics.params,
+            self.setup.cable.with_params(dynamics.params),
             GripPath.stack(paths),
             duration=max(step_counts) * self.sample_dt,
             sample_dt=self.sample_dt,

@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.cable import MATERIAL_BOUNDS, Cable, CableParams, Material
+from cablecast.cable import PARAMS, Cable, CableParams
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import check_count, check_number
 from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit, run_fit
 from cablecast.tuning.space import (
-    CorrelatedBelief,
-    MaterialSpace,
+    Gaussian,
     ParamPosterior,
     ParamPrior,
     SearchSpace,
@@ -48,7 +47,7 @@ class Ensemble:
     """Simulators that follow the same casts with other physics.
 
     Attributes:
-        members: Parameters and material of each; the first one has the material that was found.
+        members: Physics of each; the first one has the material that was found.
         segment_count: Segments of the cable that they were fitted with.
         dt: Time step that they were fitted with [s].
         fine_segment_count: Segments of the cable that the parameters that were found were fitted
@@ -89,29 +88,26 @@ class Ensemble:
         }
 
 
-def other_materials(material: Material, length: float) -> tuple[Material, ...]:
-    """Return a material and some like it, shape [`MEMBER_COUNT`]; the first one is as it was.
+def other_materials(params: CableParams, length: float) -> tuple[CableParams, ...]:
+    """Return parameters with other materials, `MEMBER_COUNT` in all; the first are as they were.
 
     Args:
-        material: Material of one cable.
+        params: Parameters of one cable.
         length: Length of the cable [m].
     """
 
-    def changed(**values: float) -> Material:
-        inside = {k: float(np.clip(value, *MATERIAL_BOUNDS[k][:2])) for k, value in values.items()}
-        return dataclasses.replace(material, **inside)
+    def changed(**values: float) -> CableParams:
+        inside = {k: float(np.clip(value, *PARAMS[k].bounds)) for k, value in values.items()}
+        return dataclasses.replace(params, **inside)
 
     return (
-        material,
+        params,
         changed(
-            drag_coefficient=float(material.drag_coefficient) + _DRAG,
-            damping_time=max(float(material.damping_time), _DAMPING_TIME),
+            drag_coefficient=float(params.drag_coefficient) + _DRAG,
+            damping_time=max(float(params.damping_time), _DAMPING_TIME),
         ),
-        *(changed(friction_ratio=float(material.friction_ratio) * factor) for factor in _GRAINS),
-        *(
-            changed(rest_curvature=float(material.rest_curvature) + curl / length)
-            for curl in _CURLS
-        ),
+        *(changed(friction_ratio=float(params.friction_ratio) * factor) for factor in _GRAINS),
+        *(changed(rest_curvature=float(params.rest_curvature) + curl / length) for curl in _CURLS),
     )
 
 
@@ -124,15 +120,11 @@ def believed_ensemble(cable: Cable, fine_engine: Engine, seed: int) -> Ensemble:
         seed: Seed of the draws of parameters and material; the first simulator has the most likely
             ones.
     """
-    config, space = FitConfig(), SearchSpace.for_cable(cable)
-    materials = MaterialSpace(cable, config.materials)
-    belief = materials.joined(ParamPrior.for_cable(cable, space))
-    draws = np.split(belief.draw(MEMBER_COUNT, seed), [space.dimension], axis=1)
+    config = FitConfig()
+    space = SearchSpace.for_cable(cable, config.materials)
+    points = ParamPrior.for_cable(cable, space).draw(MEMBER_COUNT, seed)
     return Ensemble(
-        members=tuple(
-            Dynamics(params=space.to_params(params), material=materials.to_material(material))
-            for params, material in zip(*draws, strict=True)
-        ),
+        members=tuple(Dynamics(params=space.to_params(point)) for point in points),
         segment_count=config.coarse_segment_count,
         dt=config.coarse_dt,
         fine_segment_count=fine_engine.segment_count,
@@ -151,8 +143,7 @@ def fit_ensemble(
     """Fit the parameters anew with each of some materials.
 
     Args:
-        fit: Fit with the material that was found, at the resolution at which the ensemble will be
-            simulated.
+        fit: Fit of the ten parameters at the resolution at which the ensemble will be simulated.
         fine_engine: Engine that the parameters were found with.
         params: Parameters that were found, from which each fit starts.
         misfit: Scale of the model's own error that was found [cable lengths].
@@ -164,14 +155,13 @@ def fit_ensemble(
     """
     if not iterations:
         return None
-    cable = fit.objective.cable
     start = fit.space.to_unit(params)[None]
     members = []
-    for material in other_materials(cable.material, cable.length):
-        tried = fit.with_material(material)
+    for other in other_materials(params, fit.objective.cable.length):
+        space = fit.space.of_paper(other)
+        tried = TrackFit(fit.objective, space, fit.prior)
         state = run_fit(tried, tried.start(start, misfit), iterations, on_step(tried))
-        found = fit.space.to_params(np.asarray(state.best().points[0]))
-        members.append(Dynamics(params=found, material=material))
+        members.append(Dynamics(params=space.to_params(state.best().points[0])))
     engine = fit.objective.engine
     return Ensemble(
         members=tuple(members),
@@ -195,9 +185,9 @@ class ParamUpdate:
 
     Args:
         engine: Simulator.
-        cable: Cable that is cast, with its material.
+        cable: Cable that is cast.
         posterior: Uncertainty that earlier casts left. Its covariance counts, not its mean.
-        params: Parameters that follow the earlier casts; one set.
+        params: Parameters that follow the earlier casts; one set. Their material stays.
     """
 
     def __init__(
@@ -205,13 +195,10 @@ class ParamUpdate:
     ):
         self.engine = engine
         self.cable = cable
-        self.params = params
-        self._space, self._misfit = posterior.space, posterior.misfit
-        self._point = posterior.space.to_unit(params)
+        self._space, self._misfit = posterior.space.of_paper(params), posterior.misfit
+        self._point = self._space.to_unit(params)
         precision = np.linalg.inv(WIDENING**2 * posterior.covariance)
-        self._belief = CorrelatedBelief(
-            mean=self._point, precision=np.asarray(precision, dtype=float)
-        )
+        self._belief = Gaussian(mean=self._point, precision=np.asarray(precision, dtype=float))
         self._known: dict[bytes, Curvature] = {}
 
     def params_after(self, tracks: MeasuredTracks) -> CableParams:
@@ -233,9 +220,7 @@ class ParamUpdate:
             hessian=precision + np.sum([curve.hessian - precision for curve in curves], axis=0),
         )
         state = self._fit(tracks).first_step(self._point[None], self._misfit, [joined])
-        values = self._space.to_params(state.points[0]).to_array()
-        named = zip(self.params.names(), map(float, values), strict=True)
-        return dataclasses.replace(self.params, **dict(named))
+        return self._space.to_params(state.points[0])
 
     def _fit(self, tracks: MeasuredTracks) -> TrackFit:
         return TrackFit(TrackObjective(self.engine, self.cable, tracks), self._space, self._belief)

@@ -1,14 +1,14 @@
-"""Levenberg-Marquardt fit of parameters and material, with a prior: accurate from few casts on.
+"""Levenberg-Marquardt fit of a cable's parameters, with a prior: accurate from few casts on.
 
-The fit minimises, over the unit coordinates u of parameters and material,
+The fit minimises, over the unit coordinates u of the parameters,
 
     F(u) = TRACK_WEIGHT sum_k mean_i |x_ki(u) - y_ki| / b + 1/2 sum_j ((u_j - m_j) / s_j)^2.
 
 x_ki are the simulated and y_ki the measured endpoints of cast k, as in equation 4 of the paper; m_j
-and s_j are what is believed of them (`ParamPrior`, `MaterialSpace`); b is the misfit that the model
-keeps however well it is fitted, estimated from the fit itself. A sum of distances, not of squares,
-keeps one strange cast from deciding the fit: each step solves the least-squares problem in which
-sample i of cast k is weighted by the reciprocal of its distance.
+and s_j are what is believed of them (`ParamPrior`); b is the scale of the residual model error,
+estimated from the fit itself. A sum of distances, not of squares, keeps one strange cast from
+deciding the fit: each step solves the least-squares problem in which sample i of cast k is weighted
+by the reciprocal of its distance.
 
 Derivatives are finite differences. All starting points times all coordinates times all casts are
 one batch of the engine, and five damping factors per starting point are another. A step takes two
@@ -21,15 +21,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams, Material
+from cablecast.cable import FITTED_MATERIAL, PAPER_PARAMS
 from cablecast.errors import check_count, check_ranges, check_seed
-from cablecast.tuning.space import FITTED, MaterialSpace, ParamBelief, SearchSpace, check_names
+from cablecast.tuning.space import Gaussian, ParamPrior, SearchSpace, check_materials
 from cablecast.tuning.tracks import NON_FINITE_DISTANCE, TrackObjective
 
 TRACK_WEIGHT = 2.0
-"""Independent looks at the model's error that one track is worth. Its samples err together, so a
-track says far less than its sample count: a two-dimensional Laplace distribution of |x - y| with
-scale b has the mean 2 b, and a track counts as two draws from it."""
+"""Effective independent samples per track. The errors of a track's samples are correlated, so it
+says far less than its sample count: a two-dimensional Laplace distribution of |x - y| with scale b
+has the mean 2 b, and a track counts as two draws from it."""
 
 MISFIT_START = 0.025
 """Scale b of the model's own error that is expected before any cast [cable lengths]."""
@@ -44,7 +44,7 @@ _DIFFERENCE = 0.02
 _DAMPINGS = np.array([1e-2, 1e-1, 1.0, 1e1, 1e2])
 _DAMPING_MIN, _DAMPING_MAX = 1e-6, 1e6
 _LATERAL, _WORKSURFACE = (
-    CableParams.names().index(name) for name in ("lateral_friction", "worksurface_friction")
+    PAPER_PARAMS.index(name) for name in ("lateral_friction", "worksurface_friction")
 )
 # Distances below this share of the misfit are all as good as zero.
 _DISTANCE_SHARE = 0.5
@@ -62,8 +62,8 @@ class FitConfig:
         coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
             time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
-        materials: Values of the material that are fitted with the ten parameters, some of
-            `FITTED`, unless the cable's file gives them, or the casts are likelier without all.
+        materials: Material parameters that are fitted with the ten, some of `FITTED_MATERIAL`,
+            unless the cable's file gives them, or the casts are likelier without all.
         ensemble_iterations: Steps with each of some other materials, at the coarse resolution
             (`fit_ensemble`); no ensemble where 0.
         seed: Seed of the starting points.
@@ -75,12 +75,12 @@ class FitConfig:
     fine_iterations: int = 4
     coarse_segment_count: int = 28
     coarse_dt: float = 1e-3
-    materials: tuple[str, ...] = FITTED
+    materials: tuple[str, ...] = FITTED_MATERIAL
     ensemble_iterations: int = 5
     seed: int = 0
 
     def __post_init__(self):
-        check_names(self.materials)
+        check_materials(self.materials)
         for name, low, high in (
             ("start_count", 1, 1000),
             ("coarse_iterations", 0, 1000),
@@ -145,36 +145,17 @@ class TrackFit:
     Args:
         objective: Simulator and measured tracks.
         space: Ranges of the parameters.
-        prior: Prior of all coordinates.
-        materials: Values of the material, whose coordinates follow the ten; None where the material
-            is known.
+        prior: What is believed of them before these tracks.
     """
 
-    def __init__(
-        self,
-        objective: TrackObjective,
-        space: SearchSpace,
-        prior: ParamBelief,
-        materials: MaterialSpace | None = None,
-    ):
+    def __init__(self, objective: TrackObjective, space: SearchSpace, prior: ParamPrior | Gaussian):
         self.objective = objective
         self.space = space
         self.prior = prior
-        self.materials = materials
         self.simulation_count = 0
 
-    def with_material(self, material: Material) -> "TrackFit":
-        """Return the fit to the same tracks of a cable whose material is known.
-
-        Args:
-            material: Material that all points share.
-        """
-        given = self.objective
-        other = TrackObjective(given.engine, given.cable.with_material(material), given.tracks)
-        return TrackFit(other, self.space, self.prior)
-
     def start(self, points: NDArray[np.float64], misfit: float) -> FitState:
-        """Return the state of a fit that begins at some points."""
+        """Return the state of a fit that starts at some points."""
         losses = self._losses(self._offsets(points))
         return FitState(
             points=points,
@@ -245,7 +226,7 @@ class TrackFit:
         costs = self._cost(state.points, state.losses, misfit)
         return dataclasses.replace(state, costs=costs, misfit=misfit)
 
-    def unlikelihood(self, state: FitState) -> float:
+    def neg_log_posterior(self, state: FitState) -> float:
         """Return the negative log posterior density at the best point and its likeliest misfit."""
         best = state.best()
         draws = 2.0 * TRACK_WEIGHT * (MISFIT_TRACKS + self.track_count)
@@ -303,7 +284,7 @@ class TrackFit:
 
     def _friction_ratio(self, point: NDArray[np.float64]) -> float:
         """Return the effect of worksurface over that of lateral friction in unit coordinates."""
-        values = self.space.to_params(point[: self.space.dimension])
+        values = self.space.to_params(point)
         widths = self.space.high - self.space.low
         ratio = float(np.asarray(values.lateral_friction / values.worksurface_friction))
         return ratio * float(widths[_WORKSURFACE] / widths[_LATERAL])
@@ -319,11 +300,7 @@ class TrackFit:
         """
         objective = self.objective
         tracks = objective.tracks
-        dimension = self.space.dimension
-        xy, finite = objective.tracks_of(
-            self.space.to_params(points[:, :dimension]),
-            None if self.materials is None else self.materials.to_material(points[:, dimension:]),
-        )
+        xy, finite = objective.tracks_of(self.space.to_params(points))
         self.simulation_count += finite.size
         offsets = (xy[:, :, :-1] - tracks.endpoint_xy) / objective.cable.length
         broken = ~np.isfinite(offsets).all(axis=-1) | ~finite[:, :, None]

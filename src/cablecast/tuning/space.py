@@ -1,55 +1,39 @@
-"""SearchSpace: ranges of the ten parameters around the nominal values of a cable.
+"""What is believed of a cable's parameters, before any cast and after some.
 
-MaterialSpace: ranges and prior of the material that is fitted beside the ten parameters.
+A fit searches a `SearchSpace`, the unit cube over the ranges of some parameters; the others keep
+their values. It starts from a prior and leaves a `ParamPosterior`, Gaussians over the cube. The ten
+parameters of the paper are believed to be what the cable's file states. Of the material parameters,
+which a file may leave out, a fit finds those that it leaves out, each about what is usual: casts
+that say nothing of a value leave it there.
 
 Of the ten, `angular_damping` stands for all bending losses: a rate at which segments stop turning.
-A material loses energy where it bends instead (`Material.damping_time`), and a cable that was wound
-on a reel keeps a curl (`rest_curvature`), which makes casts to the left and to the right differ. A
-sharp bend that lasts stays in it (`yield_curvature`). The air drags on it, it may rub differently
-along and across itself, and its attachment acts as a body that may be longer or shorter than it is
-(`attachment_arm`). The fit searches these values together with the ten, each about what is usual:
-casts that say nothing of a value leave it there.
-
-Random cables within the ranges that `tune` searches.
-
-Beliefs about the parameters of a cable: before any cast (`ParamPrior`), and after some.
-
-ParamPosterior: what is known of a cable's parameters after some casts.
+A real cable loses energy where it bends instead (`damping_time`), and one that was wound on a reel
+keeps a curl (`rest_curvature`), which makes casts to the left and to the right differ. A sharp bend
+that lasts stays in it (`yield_curvature`). The air drags on it, it may rub differently along and
+across itself, and its attachment acts as a body that may be longer or shorter than it is
+(`attachment_arm`).
 """
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import (
-    DEFAULT_DEVIATIONS,
-    PARAM_BOUNDS,
+    FITTED_MATERIAL,
+    PAPER_PARAMS,
+    PARAMS,
     ROD_ARM,
     Attachment,
     Cable,
     CableParams,
-    Material,
 )
 from cablecast.errors import InputError
 
-STIFFNESS_FACTOR = 30.0
-"""Range factor of bend and twist stiffness, which are known to an order of magnitude at best: ropes
-with sliding and with sticking strands differ by more."""
-MASS_FACTOR = 2.0
-"""Range factor of the mass. A cable can be weighed, but the paper's search also spans 0.3 to 2."""
-ENDPOINT_FACTOR = 4.0
-"""Range factor of the endpoint mass, a point mass that stands for an extended body."""
-FRICTION_RANGE = (0.15, 1.4)
-"""Friction factors of the cable and of the table; their product spans 0.02 to 2."""
-LEVER_ARM_MIN = 1e-6
-"""Lever arm of rolling and spinning friction [m] below which neither has an effect."""
-LINEAR_DAMPING_RANGE = (1e-2, 5.0)
-"""Linear damping [1/s]. A light cable in air has about 1/s; 0.01/s has no effect on a 2 s cast."""
-ANGULAR_DAMPING_RANGE = (0.1, 200.0)
-"""Angular damping [1/s]. It stands for all bending losses, which are unknown beforehand."""
+YIELD_TIME = 0.4
+"""Time in which a bend beyond a fitted yield curvature stays in the cable [s]."""
 
 
 def from_unit(
@@ -92,322 +76,175 @@ def to_unit(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SearchSpace:
-    """Box of parameters, mapped to the unit cube for the search.
+    """Box of some parameters, mapped to the unit cube for the search.
 
     Attributes:
-        low: Lower bounds in the order of `CableParams.names`, shape [10].
-        high: Upper bounds, shape [10].
-        logarithmic: Whether each parameter is searched on a logarithmic scale, shape [10].
+        names: Names of the parameters; the ten of the paper come first.
+        low: Lower bounds, shape [name].
+        high: Upper bounds, shape [name].
+        logarithmic: Whether each parameter is searched on a logarithmic scale, shape [name].
+        base: Gives the values of all others.
     """
 
+    names: tuple[str, ...]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     logarithmic: NDArray[np.bool_]
+    base: CableParams
 
     def __post_init__(self):
-        for name, low, high, log in zip(
-            CableParams.names(), self.low, self.high, self.logarithmic, strict=True
-        ):
-            least, most = PARAM_BOUNDS[name]
+        for name, low, high, log in self._rows():
+            least, most = PARAMS[name].bounds
             if not (least <= low < high <= most) or (log and low <= 0.0):
                 raise InputError(
                     f"search range of {name} [{low:g}, {high:g}] must ascend within "
                     f"[{least:g}, {most:g}]" + (" and be positive" if log else "")
                 )
 
+    def _rows(self) -> Any:
+        return zip(self.names, self.low, self.high, self.logarithmic, strict=True)
+
     @property
     def dimension(self) -> int:
         """Number of parameters."""
-        return len(self.low)
+        return len(self.names)
 
     def to_params(self, unit: NDArray[np.float64]) -> CableParams:
-        """Return the parameters of points in the unit cube, shape [10] or [candidate, 10]."""
-        return CableParams.from_array(from_unit(unit, self.low, self.high, self.logarithmic))
+        """Return the parameters of points in the unit cube, shape [name] or [candidate, name]."""
+        values = from_unit(unit, self.low, self.high, self.logarithmic)
+        columns = [float(c) if c.ndim == 0 else c for c in np.moveaxis(values, -1, 0)]
+        return dataclasses.replace(self.base, **dict(zip(self.names, columns, strict=True)))
 
     def to_unit(self, params: CableParams) -> NDArray[np.float64]:
         """Return points of the unit cube; parameters outside the range are clipped."""
-        return to_unit(params.to_array(), self.low, self.high, self.logarithmic)
+        columns = [np.asarray(getattr(params, name), dtype=float) for name in self.names]
+        values = np.stack(np.broadcast_arrays(*columns), axis=-1)
+        return to_unit(values, self.low, self.high, self.logarithmic)
+
+    def of_paper(self, base: CableParams | None = None) -> "SearchSpace":
+        """Return the space of the ten parameters of the paper.
+
+        Args:
+            base: Gives the values of all others; those of this space where None.
+        """
+        ten = len(PAPER_PARAMS)
+        return SearchSpace(
+            names=PAPER_PARAMS,
+            low=self.low[:ten],
+            high=self.high[:ten],
+            logarithmic=self.logarithmic[:ten],
+            base=base or self.base,
+        )
 
     def to_dict(self) -> dict[str, list]:
         """Return the range and scale of each parameter by name."""
         return {
             name: [float(low), float(high), "log" if log else "linear"]
-            for name, low, high, log in zip(
-                CableParams.names(), self.low, self.high, self.logarithmic, strict=True
-            )
+            for name, low, high, log in self._rows()
         }
 
     @classmethod
-    def for_cable(cls, cable: Cable) -> "SearchSpace":
-        """Return the search ranges for a cable, from its radius and its nominal parameters.
+    def for_cable(cls, cable: Cable, materials: Sequence[str] = ()) -> "SearchSpace":
+        """Return the search ranges for a cable, from its geometry and its believed parameters.
 
-        Stiffnesses and masses span factors around the nominal values. Friction lever arms end at
-        the cable's radius, beyond which the contact would lie outside the cable. If a nominal value
-        is zero, a stiffness takes the range of the other stiffness, and the endpoint mass ranges up
-        to half of the cable's mass.
+        If a believed value is zero, a stiffness takes the range of the other stiffness, and the
+        endpoint mass ranges up to half of the cable's mass.
+
+        Args:
+            cable: Cable with its believed parameters.
+            materials: Material parameters to find beside the ten, some of `FITTED_MATERIAL`. One
+                that the cable's file gives is kept, and so is the arm of a cable without
+                attachment.
 
         Raises:
-            InputError: The cable's parameters are given per world.
+            InputError: The cable's parameters are given per world, or a name is unknown.
         """
-        believed = cable.params
-        if believed.world_count is not None:
+        check_materials(materials)
+        params = cable.params
+        if params.world_count is not None:
             raise InputError("a search starts from one set of parameters, not from one per world")
-        values = believed.to_dict()
-        ranges: dict[str, tuple[float, float, bool]] = {}
-        for name in ("twist_stiffness", "bend_stiffness"):
-            center = values[name] or values["bend_stiffness"] or values["twist_stiffness"] or 1e-4
-            ranges[name] = (center / STIFFNESS_FACTOR, center * STIFFNESS_FACTOR, True)
-        ranges["mass"] = (values["mass"] / MASS_FACTOR, values["mass"] * MASS_FACTOR, True)
-        endpoint = values["endpoint_mass"]
-        ranges["endpoint_mass"] = (
-            (endpoint / ENDPOINT_FACTOR, endpoint * ENDPOINT_FACTOR, True)
-            if endpoint > 0
-            else (0.0, 0.5 * values["mass"], False)
-        )
-        for name in ("lateral_friction", "worksurface_friction"):
-            ranges[name] = (*FRICTION_RANGE, False)
-        for name in ("spinning_friction", "rolling_friction"):
-            ranges[name] = (LEVER_ARM_MIN, cable.radius, True)
-        ranges["linear_damping"] = (*LINEAR_DAMPING_RANGE, True)
-        ranges["angular_damping"] = (*ANGULAR_DAMPING_RANGE, True)
-        low, high, log = zip(*(ranges[name] for name in CableParams.names()), strict=True)
-        least, most = np.array([PARAM_BOUNDS[name] for name in CableParams.names()]).T
+        free = (n for n in materials if getattr(params, n) == PARAMS[n].default)
+        names = (*PAPER_PARAMS, *(n for n in free if n != "attachment_arm" or _rod_arm(cable)))
+        ranges = {name: _search_range(cable, name) for name in names}
+        low, high = np.array(list(ranges.values())).T
+        least, most = np.array([bounds(cable, name) for name in names]).T
+        logarithmic = [PARAMS[n].logarithmic and ranges[n][0] > 0.0 for n in names]
+        if "yield_curvature" in names:
+            params = dataclasses.replace(params, yield_time=YIELD_TIME)
         return cls(
+            names=names,
             low=np.clip(low, least, most),
             high=np.clip(high, least, most),
-            logarithmic=np.array(log),
+            logarithmic=np.array(logarithmic),
+            base=params,
         )
 
 
-YIELD_TIME = 0.4
-"""Time in which a bend beyond the yield curvature stays in the cable [s]."""
+def bounds(cable: Cable, name: str) -> tuple[float, float]:
+    """Return the allowed range of a parameter of a cable, bounds included."""
+    low, high = PARAMS[name].bounds
+    if name in ("spinning_friction", "rolling_friction"):
+        # Beyond the cable's radius the contact would lie outside the cable.
+        high = min(high, cable.radius)
+    return low, high
 
 
-@dataclasses.dataclass(frozen=True)
-class _Belief:
-    """Range of one value, and what is believed of it.
+def _rod_arm(cable: Cable) -> float:
+    """Return the arm of the attachment if it is a uniform rod [m]; 0 without one."""
+    return 0.0 if cable.attachment is Attachment.NONE else ROD_ARM * cable.attachment_length
 
-    Attributes:
-        low: Least value.
-        high: Largest value.
-        usual: Most likely value.
-        deviation: Standard deviation; a factor where the scale is logarithmic.
-        logarithmic: True for a logarithmic scale.
+
+def _search_range(cable: Cable, name: str) -> tuple[float, float]:
+    """Return the range that a fit searches; its low end is 0 for an endpoint mass of 0."""
+    info, params = PARAMS[name], cable.params
+    if info.factor is None:
+        low, high = info.search or info.bounds
+        scale = 1.0 / cable.length
+        return (low * scale, high * scale) if info.over_length else (low, high)
+    middle = _rod_arm(cable) if name == "attachment_arm" else float(getattr(params, name))
+    if name in ("twist_stiffness", "bend_stiffness"):
+        middle = float(middle or params.bend_stiffness or params.twist_stiffness or 1e-4)
+    if middle == 0.0:
+        return 0.0, 0.5 * float(params.mass)
+    return middle / info.factor, middle * info.factor
+
+
+def check_materials(names: Sequence[str]) -> None:
+    """Raise an error for a name that is none of `FITTED_MATERIAL`.
+
+    Raises:
+        InputError: A name is unknown.
     """
-
-    low: float
-    high: float
-    usual: float
-    deviation: float
-    logarithmic: bool = True
-
-    def to_unit(self, value: float) -> float:
-        """Return the place of a value in the range, 0 at its low end and 1 at its high one."""
-        return float(to_unit(value, self.low, self.high, self.logarithmic))
-
-    def from_unit(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values at places in the range."""
-        return from_unit(unit, self.low, self.high, self.logarithmic)
-
-    @property
-    def unit_deviation(self) -> float:
-        """Standard deviation as a share of the range."""
-        if self.logarithmic:
-            return float(np.log(self.deviation) / np.log(self.high / self.low))
-        return self.deviation / (self.high - self.low)
+    if unknown := sorted(set(names) - set(FITTED_MATERIAL)):
+        raise InputError(f"materials = {unknown[0]!r} is none of {', '.join(FITTED_MATERIAL)}")
 
 
-def _beliefs(cable: Cable) -> dict[str, _Belief]:
-    """Return what is believed of the values of a material.
+def draw_cables(cable: Cable, count: int, seed: int) -> CableParams:
+    """Draw parameters uniformly from the search ranges of a cable.
 
-    Ropes lose their energy within some hundredths of a second. A smooth cylinder has a drag
-    coefficient of 1 to 1.2. A rope that was bent about a finger keeps the bend. A curl turns the
-    whole cable by so many radians.
-    """
-    curl, length = 1.0 / cable.length, ROD_ARM * cable.attachment_length
-    beliefs = {
-        "damping_time": _Belief(1e-3, 0.1, 8e-3, 2.0),
-        "rest_curvature": _Belief(-1.5 * curl, 1.5 * curl, 0.0, 0.3 * curl, False),
-        "drag_coefficient": _Belief(0.2, 6.0, 1.1, 1.3),
-        "friction_ratio": _Belief(0.5, 2.0, 1.0, 1.15),
-        "yield_curvature": _Belief(4.0, 250.0, 40.0, 2.5),
-    }
-    if cable.attachment is not Attachment.NONE and length > 0.0:
-        beliefs["attachment_arm"] = _Belief(length / 3.0, length * 3.0, length, 1.5)
-    return beliefs
-
-
-FITTED = (
-    "damping_time",
-    "rest_curvature",
-    "drag_coefficient",
-    "friction_ratio",
-    "yield_curvature",
-    "attachment_arm",
-)
-"""Names of the values of a material that a fit can find."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ParamPrior:
-    """Gaussian over the unit coordinates of a search space, one deviation per parameter.
-
-    Attributes:
-        mean: Believed values in unit coordinates, shape [10].
-        deviation: Standard deviations in unit coordinates, shape [10].
-    """
-
-    mean: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-
-    @classmethod
-    def for_cable(cls, cable: Cable, space: SearchSpace) -> "ParamPrior":
-        """Return the beliefs of a cable's file in the coordinates of a search space.
-
-        A parameter that is searched on a logarithmic scale has a factor as its deviation, another
-        one a value in its own unit; see `Cable.deviations`.
-
-        Args:
-            cable: Cable with its believed values and deviations.
-            space: Ranges of the search.
-        """
-        believed = DEFAULT_DEVIATIONS | dict(cable.deviations)
-        values = np.array([believed[name] for name in CableParams.names()])
-        low = np.where(space.logarithmic, space.low, 1.0)
-        high = np.where(space.logarithmic, space.high, np.e)
-        deviation = np.where(
-            space.logarithmic,
-            # An endpoint mass of zero is searched on a linear scale: its factor has no meaning.
-            np.log(np.maximum(values, 1.0 + 1e-6)) / np.log(high / low),
-            values / (space.high - space.low),
-        )
-        mass_free = ~space.logarithmic & (values > 1.0)
-        return cls(mean=space.to_unit(cable.params), deviation=np.where(mass_free, 0.5, deviation))
-
-    @property
-    def precision(self) -> NDArray[np.float64]:
-        """Inverse covariance, shape [10, 10]."""
-        return np.diag(self.deviation**-2.0)
-
-    def cost(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return half the squared distance of points from the mean, shape [point]."""
-        return 0.5 * (((points - self.mean) / self.deviation) ** 2).sum(axis=1)
-
-    def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient of the cost at a point, shape [10]."""
-        return self.deviation**-2.0 * (point - self.mean)
-
-    def draw(self, count: int, seed: int) -> NDArray[np.float64]:
-        """Draw points in the unit cube; the first one is the mean.
-
-        Args:
-            count: Number of points.
-            seed: Seed of the draws.
-
-        Returns:
-            Unit coordinates, shape [count, 10].
-        """
-        rng = np.random.default_rng([seed, 11])
-        points = self.mean + self.deviation * rng.normal(size=(count, len(self.mean)))
-        points[0] = self.mean
-        return np.clip(points, 0.0, 1.0)
-
-
-class MaterialSpace:
-    """Box of values of a material, mapped to the unit cube for the search.
-
-    A value that the cable's file gives is kept, and so is the arm of a cable without attachment.
+    Stiffnesses, masses, lever arms and dampings are uniform in their logarithm, the frictions in
+    their value, as in `SearchSpace`. A larger count begins with the cables of a smaller one.
 
     Args:
-        cable: Cable with its material.
-        names: Values to find, some of `FITTED`.
+        cable: Cable around whose believed values the ranges lie.
+        count: Number of cables.
+        seed: Seed of the draws.
 
-    Attributes:
-        own: Material in the cable's file.
-        names: Values that are searched; possibly none.
-
-    Raises:
-        InputError: A name is unknown.
+    Returns:
+        Parameters, one value per cable.
     """
-
-    def __init__(self, cable: Cable, names: Sequence[str]):
-        check_names(names)
-        self.own = cable.material
-        plain, beliefs = Material(), _beliefs(cable)
-        self._beliefs = {
-            name: beliefs[name]
-            for name in names
-            if name in beliefs and np.all(getattr(self.own, name) == getattr(plain, name))
-        }
-        self.names = tuple(self._beliefs)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def joined(self, prior: ParamPrior) -> ParamPrior:
-        """Return what is believed of parameters and material, in this order.
-
-        Args:
-            prior: Prior of the ten parameters.
-        """
-        usual = [belief.to_unit(belief.usual) for belief in self._beliefs.values()]
-        deviations = [belief.unit_deviation for belief in self._beliefs.values()]
-        return ParamPrior(
-            mean=np.append(prior.mean, usual), deviation=np.append(prior.deviation, deviations)
-        )
-
-    def to_material(self, unit: NDArray[np.float64]) -> Material:
-        """Return the material of points in the unit cube, one value per point.
-
-        Args:
-            unit: Unit coordinates of the values, shape [point, value] or [value].
-        """
-        columns = np.moveaxis(unit, -1, 0)
-        values = {
-            name: belief.from_unit(column)
-            for (name, belief), column in zip(self._beliefs.items(), columns, strict=True)
-        }
-        if "yield_curvature" in values:
-            values["yield_time"] = np.full_like(values["yield_curvature"], YIELD_TIME)
-        return dataclasses.replace(
-            self.own, **{name: float(v) if np.ndim(v) == 0 else v for name, v in values.items()}
-        )
-
-
-def check_names(names: Sequence[str]) -> None:
-    """Raise an error for a name that is none of `FITTED`.
-
-    Raises:
-        InputError: A name is unknown.
-    """
-    if unknown := sorted(set(names) - set(FITTED)):
-        raise InputError(f"materials = {unknown[0]!r} is none of {', '.join(FITTED)}")
-
-
-class ParamBelief(Protocol):
-    """Gaussian over the unit coordinates of a search space, as a fit needs it."""
-
-    @property
-    def precision(self) -> NDArray[np.float64]:
-        """Inverse covariance, shape [10, 10]."""
-        ...
-
-    def cost(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return half the squared distance of points from the mean, shape [point]."""
-        ...
-
-    def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient of the cost at a point, shape [10]."""
-        ...
+    space = SearchSpace.for_cable(cable)
+    unit = np.random.default_rng([seed, 21]).uniform(size=(count, space.dimension))
+    return space.to_params(unit)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class CorrelatedBelief:
-    """Gaussian whose parameters depend on each other, as some casts leave them.
+class Gaussian:
+    """Gaussian over the unit coordinates of a search space whose parameters are correlated.
 
     Attributes:
-        mean: Most likely point in unit coordinates, shape [10].
-        precision: Inverse covariance about it, shape [10, 10].
+        mean: Most likely point, shape [name].
+        precision: Inverse covariance about it, shape [name, name].
     """
 
     mean: NDArray[np.float64]
@@ -419,8 +256,81 @@ class CorrelatedBelief:
         return 0.5 * np.einsum("pi,ij,pj->p", offset, self.precision, offset)
 
     def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradient of the cost at a point, shape [10]."""
+        """Return the gradient of the cost at a point, shape [name]."""
         return self.precision @ (point - self.mean)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class ParamPrior:
+    """Gaussian over the unit coordinates of a search space, one deviation per parameter.
+
+    Attributes:
+        mean: Believed values in unit coordinates, shape [name].
+        deviation: Standard deviations in unit coordinates, shape [name].
+    """
+
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+    @property
+    def precision(self) -> NDArray[np.float64]:
+        """Inverse covariance, shape [name, name]."""
+        return np.diag(self.deviation**-2.0)
+
+    def cost(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return half the squared distance of points from the mean, shape [point]."""
+        return 0.5 * (((points - self.mean) / self.deviation) ** 2).sum(axis=1)
+
+    def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the gradient of the cost at a point, shape [name]."""
+        return self.deviation**-2.0 * (point - self.mean)
+
+    @classmethod
+    def for_cable(cls, cable: Cable, space: SearchSpace) -> "ParamPrior":
+        """Return what is believed of a cable before any cast, in the coordinates of a space.
+
+        Args:
+            cable: Cable with its believed values and deviations.
+            space: Ranges of the search.
+        """
+        usual, deviation = {}, []
+        for name in space.names:
+            info = PARAMS[name]
+            if name == "attachment_arm":
+                usual[name] = _rod_arm(cable)
+            elif info.usual is not None:
+                usual[name] = info.usual
+            given = cable.deviations.get(name, info.deviation or 1.0)
+            deviation.append(given * (1.0 / cable.length) if info.over_length else given)
+        values = np.array(deviation, dtype=float)
+        low = np.where(space.logarithmic, space.low, 1.0)
+        high = np.where(space.logarithmic, space.high, np.e)
+        unit = np.where(
+            space.logarithmic,
+            np.log(np.maximum(values, 1.0 + 1e-6)) / np.log(high / low),
+            values / (space.high - space.low),
+        )
+        # An endpoint mass of zero is searched on a linear scale: its factor has no meaning.
+        free = ~space.logarithmic & [PARAMS[name].logarithmic for name in space.names]
+        return cls(
+            mean=space.to_unit(dataclasses.replace(cable.params, **usual)),
+            deviation=np.where(free, 0.5, unit),
+        )
+
+    def draw(self, count: int, seed: int) -> NDArray[np.float64]:
+        """Draw points in the unit cube; the first one is the mean.
+
+        Args:
+            count: Number of points.
+            seed: Seed of the draws.
+
+        Returns:
+            Unit coordinates, shape [count, name].
+        """
+        rng = np.random.default_rng([seed, 11])
+        points = self.mean + self.deviation * rng.normal(size=(count, len(self.mean)))
+        points[0] = self.mean
+        return np.clip(points, 0.0, 1.0)
 
 
 UNDETERMINED_SHARE = 0.7
@@ -437,10 +347,10 @@ somewhat more than theirs, so that landings lie in the stated regions about as o
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ParamPosterior:
-    """Gaussian over the unit coordinates of a search space, cut off at its faces.
+    """Gaussian over the ten parameters in unit coordinates, cut off at the faces of the cube.
 
     Attributes:
-        space: Ranges of the parameters.
+        space: Ranges of the ten parameters; its base gives the material.
         prior: What was believed before the casts.
         mean: Best point, shape [10].
         covariance: Covariance about it, shape [10, 10].
@@ -507,15 +417,13 @@ class ParamPosterior:
     def at_bound(self) -> tuple[str, ...]:
         """Names of the parameters that ended at a face of the search space."""
         at = (self.mean < BOUND_DISTANCE) | (self.mean > 1.0 - BOUND_DISTANCE)
-        return tuple(name for name, is_at in zip(CableParams.names(), at, strict=True) if is_at)
+        return tuple(name for name, is_at in zip(self.space.names, at, strict=True) if is_at)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Names of the parameters that are hardly better known than before the casts."""
         left = self.deviation > UNDETERMINED_SHARE * self.prior.deviation
-        return tuple(
-            name for name, is_left in zip(CableParams.names(), left, strict=True) if is_left
-        )
+        return tuple(name for name, is_left in zip(self.space.names, left, strict=True) if is_left)
 
     def sentences(self) -> list[str]:
         """Return what the casts leave open, in words."""
@@ -543,11 +451,10 @@ class ParamPosterior:
 
     def _product_deviation(self) -> float:
         """Return the deviation of the frictions' product over that before the casts."""
-        names = CableParams.names()
-        rows = [names.index(name) for name in ("lateral_friction", "worksurface_friction")]
-        values = self.space.to_params(self.mean).to_array()[rows]
+        rows = [self.space.names.index(n) for n in ("lateral_friction", "worksurface_friction")]
+        params = self.params
         # d(a b) = b da + a db, and both ranges are equally wide.
-        weights = values[::-1]
+        weights = np.array([params.worksurface_friction, params.lateral_friction])
         after = weights @ self.covariance[np.ix_(rows, rows)] @ weights
         before = weights**2 @ self.prior.deviation[rows] ** 2
         return float(np.sqrt(after / before))
@@ -568,20 +475,23 @@ class ParamPosterior:
 
     @classmethod
     def from_dict(
-        cls, values: Mapping[str, Any], search_range: Mapping[str, Any]
+        cls, values: Mapping[str, Any], search_range: Mapping[str, Any], params: CableParams
     ) -> "ParamPosterior":
         """Return the posterior that `to_dict` described.
 
         Args:
             values: What `to_dict` returned.
             search_range: What the `to_dict` of its space returned.
+            params: Parameters that were found, which give the material.
 
         Raises:
             InputError: A value is missing, or of another kind or shape.
         """
         try:
-            rows = [search_range[name] for name in CableParams.names()]
+            rows = [search_range[name] for name in PAPER_PARAMS]
             space = SearchSpace(
+                names=PAPER_PARAMS,
+                base=params,
                 low=np.array([float(row[0]) for row in rows]),
                 high=np.array([float(row[1]) for row in rows]),
                 logarithmic=np.array([row[2] == "log" for row in rows]),

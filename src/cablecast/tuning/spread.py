@@ -55,7 +55,7 @@ def spread_actions(
     pool = feasible_uniform(max(_POOL_COUNT, 10 * count), setup, ranges, check_seed(seed))
     actions, _ = mirror_to_right(pool)
     paths = cast_grip_paths(actions, setup)
-    xy = engine.rollout(setup.cable, setup.cable.params, paths, sample_dt=_SAMPLE_DT).endpoint_xy
+    xy = engine.rollout(setup.cable, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     safe = np.isfinite(xy).all(axis=(1, 2)) & (setup.workspace.edge_distance(xy).min(axis=1) > EDGE)
     actions, landing_xy = actions[safe], xy[safe, -1]
     _, first = np.unique(np.round(landing_xy / _CELL), axis=0, return_index=True)

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams, Material
+from cablecast.cable import Cable, CableParams
 from cablecast.cast import TrialStatus
 from cablecast.data.dataset import Dataset
 from cablecast.engines.base import CableState, Engine, reset_state
@@ -253,32 +253,25 @@ class TrackObjective:
     def __len__(self) -> int:
         return len(self.tracks)
 
-    def tracks_of(
-        self, params: CableParams, material: Material | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def tracks_of(self, params: CableParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return simulated endpoints at the measured times.
 
         Args:
             params: One value per candidate, or shared for one candidate.
-            material: Material of the candidates, shared or one value each; that of the cable where
-                None.
 
         Returns:
             Endpoints [m], shape [candidate, trial, sample, 2]; the last sample is the end of the
             simulation. Whether each world stayed finite, shape [candidate, trial].
         """
-        values = np.atleast_2d(params.to_array())
-        candidate_count, trial_count = len(values), len(self.tracks)
+        candidate_count, trial_count = params.world_count or 1, len(self.tracks)
         # Candidates vary fastest: worlds that share a lane group then follow the same motion, pass
         # its knots together and come to rest at about the same time.
         trial = np.repeat(np.arange(trial_count), candidate_count)
         candidate = np.tile(np.arange(candidate_count), trial_count)
-        cable = self.cable.with_material(material)
         rollout = self.engine.rollout(
-            cable.with_material(cable.material.rows(candidate)),
-            CableParams.from_array(values[candidate]),
+            self.cable.with_params(params.rows(candidate)),
             self.tracks.grip_path[trial],
-            self._initial_state(cable, values, trial, candidate),
+            self._initial_state(params, trial, candidate),
             duration=self._duration,
             sample_dt=self._sample_dt,
         )
@@ -310,11 +303,7 @@ class TrackObjective:
         )
 
     def _initial_state(
-        self,
-        cable: Cable,
-        values: NDArray[np.float64],
-        trial: NDArray[np.intp],
-        candidate: NDArray[np.intp],
+        self, params: CableParams, trial: NDArray[np.intp], candidate: NDArray[np.intp]
     ) -> CableState:
         """Return the reset state of each world.
 
@@ -325,9 +314,8 @@ class TrackObjective:
         paths = self.tracks.grip_path
         starts = paths.evaluate(paths.knots[:, :1])[:, 0]
         first = GripPath.hold(starts[0], 1.0)
-        shape = reset_state(
-            cable, CableParams.from_array(values), first, self.engine.segment_count
-        ).positions[candidate]
+        reset = reset_state(self.cable.with_params(params), first, self.engine.segment_count)
+        shape = reset.positions[candidate]
         turn = starts[trial, 3] - starts[0, 3]
         c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
         x, y = (shape[..., axis] - starts[0, axis] for axis in (0, 1))

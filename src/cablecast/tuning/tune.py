@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import PARAM_BOUNDS, PARAM_UNITS, Cable, CableParams, Material
+from cablecast.cable import PAPER_PARAMS, Cable, CableParams
 from cablecast.conventions import finite_or_none
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
@@ -25,9 +25,7 @@ from cablecast.errors import (
     DamagedFileError,
     InputError,
     check_count,
-    check_keys,
     check_name,
-    check_number,
     check_ranges,
     check_seed,
 )
@@ -40,10 +38,10 @@ from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit, ru
 from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, Checkpoint, SearchDE
 from cablecast.tuning.space import (
     BOUND_DISTANCE,
-    MaterialSpace,
     ParamPosterior,
     ParamPrior,
     SearchSpace,
+    bounds,
 )
 from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
 
@@ -169,7 +167,6 @@ class TuneResult:
         seconds: Duration of the search, summed over interrupted runs [s].
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
         posterior: What is known of the parameters; None for a search, which does not tell.
-        material: Material that was fitted; None for that of the cable.
         ensemble: Simulators with other physics that follow the same tracks; None for a search.
     """
 
@@ -186,7 +183,6 @@ class TuneResult:
     seconds: float
     history: list[tuple[str, float, float]]
     posterior: ParamPosterior | None = None
-    material: Material | None = None
     ensemble: Ensemble | None = None
 
 
@@ -268,7 +264,7 @@ def tune_params(
         run.report(search.losses)
 
     params = space.to_params(search.population[np.argmin(search.losses)])
-    both = CableParams.from_array(np.stack([cable.params.to_array(), params.to_array()]))
+    both = CableParams.stack([cable.params, params])
     return TuneResult(
         params=params,
         population=space.to_params(search.population),
@@ -401,7 +397,6 @@ def params_file(
         "derived": {name: float(value(result.params)) for name, value in _DERIVED.items()},
         "spread": _spread(result.population),
         "servo": None if servo is None else servo.to_dict(),
-        "material": None if result.material is None else result.material.to_dict(),
         "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
         "posterior": None if result.posterior is None else result.posterior.to_dict(),
         "open": [] if result.posterior is None else result.posterior.sentences(),
@@ -453,8 +448,8 @@ def _reduced(
 
 
 def _spread(population: CableParams) -> dict[str, list[float]]:
-    """Return minimum, median and maximum of each value in the final population, by name."""
-    values = {name: getattr(population, name) for name in CableParams.names()}
+    """Return minimum, median and maximum of the ten in the final population, by name."""
+    values = {name: getattr(population, name) for name in PAPER_PARAMS}
     values |= {name: value(population) for name, value in _DERIVED.items()}
     return {
         name: [float(np.quantile(column, q)) for q in (0.0, 0.5, 1.0)]
@@ -530,31 +525,25 @@ class ParamsFile:
         Args:
             cable: Cable that they must belong to; not checked if None.
         """
-        names = CableParams.names()
         stored = self.values.get("cable")
         try:
             if stored is not None:
                 check_name(stored, "cable")
-            params = check_keys(self.values["params"], set(names), "params", required=set(names))
-            numbers = {
-                name: check_number(name, params[name], *PARAM_BOUNDS[name], PARAM_UNITS[name])
-                for name in names
-            }
+            params = CableParams.from_dict(self.values["params"])
         except (InputError, OverflowError) as error:
             raise _refusal(self.file, error) from None
         if cable is not None and stored not in (None, cable.name):
             raise InputError(f"{self.file} holds parameters of {stored}, not of {cable.name}")
-        return CableParams(**numbers)
+        return params
 
     def dynamics(self, cable: Cable | None = None) -> Dynamics:
-        """Return parameters, material and servo; a person may have written parameters alone.
+        """Return parameters and servo; a person may have written parameters alone.
 
         Args:
             cable: Cable that they must belong to; not checked if None.
         """
         return Dynamics(
             params=self.params(cable),
-            material=self._part("material", Material.from_dict),
             servo=self._part("servo", ServoModel.from_dict),
         )
 
@@ -566,7 +555,9 @@ class ParamsFile:
         """Return what the fit knows of the parameters; None for the result of a search."""
         return self._part(
             "posterior",
-            lambda stored: ParamPosterior.from_dict(stored, self.values["search_range"]),
+            lambda stored: ParamPosterior.from_dict(
+                stored, self.values["search_range"], self.params()
+            ),
         )
 
     def casts_fingerprint(self) -> str:
@@ -655,33 +646,33 @@ def fit_params(
     fine = TrackObjective(engine, cable, training)
     coarse = TrackObjective(coarse_engine, cable, training)
     report = _Report(cable, progress, began)
-    found, none = (MaterialSpace(cable, names) for names in (config.materials, ()))
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
     # it: what is usual of a real cable is wrong for it, and parameters make up for that.
-    tried = [found, none] if len(found) else [none]
-    report.extend(len(tried) * (config.coarse_iterations + config.fine_iterations))
-    fits = [_fit_with(materials, coarse, fine, config, report) for materials in tried]
-    likeliest = min(fits, key=lambda one: one.unlikelihood)
-    state, posterior, material = likeliest.state, likeliest.posterior, likeliest.material
-    space, fitted = posterior.space, cable.with_material(material)
+    spaces = [SearchSpace.for_cable(cable, names) for names in (config.materials, ())]
+    if spaces[0].names == spaces[1].names:
+        del spaces[0]
+    report.extend(len(spaces) * (config.coarse_iterations + config.fine_iterations))
+    fits = [_fit_in(space, coarse, fine, config, report) for space in spaces]
+    likeliest = min(fits, key=lambda fit: fit.neg_log_posterior)
+    state, posterior = likeliest.state, likeliest.posterior
     best = state.best(len(state.points))
     params = posterior.params
     steps = functools.partial(report.step, ENSEMBLE, extra=config.ensemble_iterations)
-    fit = TrackFit(TrackObjective(coarse_engine, fitted, training), space, posterior.prior)
+    fit = TrackFit(coarse, posterior.space, posterior.prior)
     ensemble = fit_ensemble(fit, engine, params, state.misfit, config.ensemble_iterations, steps)
 
     def distances(tracks: MeasuredTracks) -> TrackDistances:
-        believed = TrackObjective(engine, cable, tracks).distances(cable.params)
-        return believed.beside(TrackObjective(engine, fitted, tracks).distances(params))
+        objective = TrackObjective(engine, cable, tracks)
+        # Not one batch: worlds with and without material run in kernels of their own.
+        return objective.distances(cable.params).beside(objective.distances(params))
 
     on_training = distances(training)
     return TuneResult(
         params=params,
-        material=material,
         ensemble=ensemble,
-        population=space.to_params(best.points[:, : space.dimension]),
+        population=likeliest.space.to_params(best.points),
         population_losses=best.losses * cable.length,
-        space=space,
+        space=posterior.space,
         training=on_training,
         validation=on_training if validation is None else distances(validation),
         training_status=training.status,
@@ -696,79 +687,71 @@ def fit_params(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """Result of the fit with some values of the material.
+    """Result of the fit in one space.
 
     Attributes:
-        unlikelihood: Negative log posterior density of its best point.
-        state: Points of parameters and material.
-        material: Material of the best point; None for the ten parameters alone.
-        posterior: Uncertainty of the parameters, the material given.
+        neg_log_posterior: Negative log posterior density of its best point.
+        space: Ranges of the parameters, widened where need be.
+        state: Points of the fit.
+        posterior: Uncertainty of the ten parameters, the material given.
     """
 
-    unlikelihood: float
+    neg_log_posterior: float
+    space: SearchSpace
     state: FitState
-    material: Material | None
     posterior: ParamPosterior
 
 
-def _fit_with(
-    materials: MaterialSpace,
+def _fit_in(
+    space: SearchSpace,
     coarse: TrackObjective,
     fine: TrackObjective,
     config: FitConfig,
     report: "_Report",
 ) -> _Fit:
-    """Fit the ten parameters and some values of the material.
+    """Fit the parameters of a space, wider than given where the casts push against a bound.
 
     Args:
-        materials: Values of the material, possibly none.
+        space: Ranges of the ten parameters, and of material parameters to find.
         coarse: Objective of the first steps.
         fine: Objective of the last steps.
         config: Settings of the fit.
-        report: Told of every step.
+        report: Records every step.
     """
     cable = fine.cable
-    space = SearchSpace.for_cable(cable)
     prior = ParamPrior.for_cable(cable, space)
-    ten = space.dimension
-    joined = materials.joined(prior)
-    fit = TrackFit(coarse, space, joined, materials)
-    state = fit.start(joined.draw(config.start_count, config.seed), MISFIT_START)
+    fit = TrackFit(coarse, space, prior)
+    state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
     state = run_fit(fit, state, config.coarse_iterations, report.step(COARSE, fit))
     points = state.best(config.fine_start_count).points
     for attempt in range(WIDEN_MAX + 1):
-        fit = TrackFit(fine, space, materials.joined(prior), materials)
+        fit = TrackFit(fine, space, ParamPrior.for_cable(cable, space))
         state = fit.start(points, state.misfit)
         state = run_fit(fit, state, config.fine_iterations, report.step(FINE, fit))
-        material = materials.to_material(state.best().points[0, ten:])
-        fitted = cable.with_material(material)
-        known = TrackFit(TrackObjective(fine.engine, fitted, fine.tracks), space, prior)
-        posterior = _posterior(known, prior, state)
-        wider = None if attempt == WIDEN_MAX else _widened(posterior, cable)
+        posterior = _posterior(fit, state)
+        wider = None if attempt == WIDEN_MAX else _widened(posterior, space, cable)
         if wider is None:
             break
         points = state.best(config.fine_start_count).points.copy()
-        points[:, :ten] = wider.to_unit(space.to_params(points[:, :ten]))
-        space, prior = wider, ParamPrior.for_cable(cable, wider)
+        ten = len(PAPER_PARAMS)
+        points[:, :ten] = wider.to_unit(space.to_params(points))[:, :ten]
+        space = wider
         report.extend(config.fine_iterations)
     return _Fit(
-        unlikelihood=fit.unlikelihood(state),
+        neg_log_posterior=fit.neg_log_posterior(state),
+        space=space,
         state=state,
-        material=material if len(materials) else None,
         posterior=posterior,
     )
 
 
-def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPosterior:
-    """Return the Gaussian whose curvature is that of F at the best point, its material given.
-
-    Args:
-        fit: Fit with the material of the best point.
-        prior: Prior of the ten parameters.
-        state: Points of the fit of parameters and material.
-    """
+def _posterior(fit: TrackFit, state: FitState) -> ParamPosterior:
+    """Return the Gaussian whose curvature is that of F at the best point, its material given."""
     best = state.best()
-    point = best.points[:, : fit.space.dimension]
+    space = fit.space.of_paper(fit.space.to_params(best.points[0]))
+    prior = ParamPrior.for_cable(fit.objective.cable, space)
+    fit = TrackFit(fit.objective, space, prior)
+    point = best.points[:, : space.dimension]
     curve = fit.curvatures(point, best.misfit, expected=True)[0]
     covariance = np.linalg.inv(curve.hessian)
     return ParamPosterior(
@@ -782,20 +765,16 @@ def _posterior(fit: TrackFit, prior: ParamPrior, state: FitState) -> ParamPoster
     )
 
 
-def _widened(posterior: ParamPosterior, cable: Cable) -> SearchSpace | None:
-    """Return a space that is wider where the casts push a parameter against its bound.
+def _widened(posterior: ParamPosterior, space: SearchSpace, cable: Cable) -> SearchSpace | None:
+    """Return a space that is wider where the casts push one of the ten against its bound.
 
     Returns:
         The wider space; None if no bound is in the way, or none can be moved.
     """
-    space = posterior.space
     known = posterior.deviation < _KNOWN * posterior.prior.deviation
     low, high = space.low.copy(), space.high.copy()
-    for row, name in enumerate(CableParams.names()):
-        least, most = PARAM_BOUNDS[name]
-        if name in ("spinning_friction", "rolling_friction"):
-            # Beyond the cable's radius the contact would lie outside the cable.
-            most = min(most, cable.radius)
+    for row, name in enumerate(PAPER_PARAMS):
+        least, most = bounds(cable, name)
         ratio = np.sqrt(high[row] / low[row]) if space.logarithmic[row] else 0.0
         width = 0.5 * (high[row] - low[row])
         if known[row] and posterior.mean[row] < BOUND_DISTANCE:
@@ -829,7 +808,7 @@ class _Report:
         self.total += steps
 
     def step(self, stage: str, fit: TrackFit, extra: int = 0) -> Callable[[FitState], None]:
-        """Return the callback of a fit that begins now, with steps that were not announced."""
+        """Return the callback of a fit that starts now, with steps that were not announced."""
         before, fine_before = self.count, self.fine_count
         self.extend(extra)
 

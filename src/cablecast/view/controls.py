@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_NAMES
-from cablecast.cable import PARAM_BOUNDS, CableParams, Material
+from cablecast.cable import PARAMS, CableParams
 from cablecast.cast import TrialStatus
 from cablecast.conventions import xy_to_polar
 from cablecast.engines.base import Engine
@@ -507,9 +507,9 @@ def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
     """
     changes = {}
     for name, exponent in exponents.items():
-        if name not in PARAM_BOUNDS or not abs(exponent) <= np.log10(FACTOR_MAX) + 1e-9:
+        if name not in PARAMS or not abs(exponent) <= np.log10(FACTOR_MAX) + 1e-9:
             raise InputError(f"slider {name} = {exponent:g} is outside [-1, 1]")
-        low, high = PARAM_BOUNDS[name]
+        low, high = PARAMS[name].bounds
         value = float(np.asarray(getattr(base, name))) * 10.0**exponent
         changes[name] = float(np.clip(value, low, high))
     return dataclasses.replace(base, **changes)
@@ -636,7 +636,8 @@ class LookControls:
         engine: Engine = EngineMujoco()
         collection = self._need()
         # MuJoCo's cable has no material beside the ten parameters.
-        plain = dataclasses.replace(collection.tuned or collection.believed, material=Material())
+        found = collection.tuned or collection.believed
+        plain = found.with_params(found.params.without_material())
         self._shown["MuJoCo"] = collection.simulated(self._index, engine, plain)
         self._play()
 

@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams, Material
+from cablecast.cable import CableParams
 from cablecast.engines.base import CableState
 
 TIP_SHARE = 0.75
@@ -40,17 +40,14 @@ class EndSegment:
     tip_mass: NDArray[np.float64]
 
     @classmethod
-    def of(
-        cls, segment_length: NDArray[np.float64] | float, material: Material, params: CableParams
-    ) -> "EndSegment":
+    def of(cls, segment_length: NDArray[np.float64] | float, params: CableParams) -> "EndSegment":
         """Return the attachments of some worlds; one that is no body has an endless arm.
 
         Args:
             segment_length: Length of the other segments [m], one or shape [world].
-            material: Material with the arms.
-            params: Parameters with the masses.
+            params: Physics with the arms and the masses.
         """
-        arm = np.atleast_1d(np.asarray(material.attachment_arm, dtype=float))
+        arm = np.atleast_1d(np.asarray(params.attachment_arm, dtype=float))
         arm = np.where(arm > 0.0, arm, np.inf)
         mass = np.atleast_1d(np.asarray(params.endpoint_mass, dtype=float))
         return cls(
@@ -82,9 +79,9 @@ class EndSegment:
         )
 
 
-def has_end(material: Material, params: CableParams) -> NDArray[np.bool_]:
+def has_end(params: CableParams) -> NDArray[np.bool_]:
     """Return whether the attachment is a body, one or shape [world]: it has an arm and a mass."""
-    arm = np.atleast_1d(np.asarray(material.attachment_arm, dtype=float))
+    arm = np.atleast_1d(np.asarray(params.attachment_arm, dtype=float))
     return (arm > 0.0) & (np.atleast_1d(np.asarray(params.endpoint_mass, dtype=float)) > 0.0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable
 from cablecast.engines.base import CableState, Rollout
 from cablecast.engines.warp_.attachment import JOINT_CELLS, EndSegment
 from cablecast.engines.warp_.constants import model_constants
@@ -106,9 +106,7 @@ class Batch:
             return stored.transpose((len(shape) - 1, *range(len(shape) - 1)))
         return wp.zeros(shape, dtype=dtype, device=device)
 
-    def model(
-        self, cable: Cable, params: CableParams, dt: float, gravity: float, far_is_held: bool
-    ):
+    def model(self, cable: Cable, dt: float, gravity: float, far_is_held: bool):
         """Pack the constants: step [s] and acceleration of free fall [m/s²] among them."""
         model = self.build.Model()
         model.node_count = self.node_count
@@ -119,9 +117,7 @@ class Batch:
         model.segment_length = cable.length / self.cable_segment_count
         model.radius = cable.radius
         model.gravity = gravity
-        constants = model_constants(
-            cable, params, self.cable_segment_count, dt, far_is_held, self.end
-        )
+        constants = model_constants(cable, self.cable_segment_count, dt, far_is_held, self.end)
         for name, values in constants.items():
             lanes = self.to_lanes(values.reshape(len(values), -1))
             packed = lanes[:, 0] if values.ndim == 1 else lanes

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import AIR_DENSITY, Cable, CableParams
+from cablecast.cable import AIR_DENSITY, Cable
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT
 from cablecast.engines.warp_.attachment import JOINT_CELLS, EndSegment
 from cablecast.engines.warp_.bending import filter_factors
@@ -20,7 +20,6 @@ more would let short segments ring. The default resolution stays far below it.""
 
 def model_constants(
     cable: Cable,
-    params: CableParams,
     segment_count: int,
     dt: float,
     far_is_held: bool,
@@ -29,8 +28,7 @@ def model_constants(
     """Return the lane values of `Model` (world.py), with units as there.
 
     Args:
-        cable: Geometry.
-        params: Shared, or one value per world.
+        cable: Geometry and physics, shared or one value per world.
         segment_count: Number of segments.
         dt: Step [s].
         far_is_held: Whether a second gripper holds the far end.
@@ -39,17 +37,13 @@ def model_constants(
     Returns:
         Values by attribute of `Model`, shape [world], [world, node] or [world, segment].
     """
-    values = dict(zip(params.names(), np.atleast_2d(params.to_array()).T, strict=True))
-    material = cable.material.to_columns()
-    world_count = max(len(values["mass"]), *(len(column) for column in material.values()))
+    values = cable.params.to_columns()
+    world_count = max(len(column) for column in values.values())
     last_ratio = np.ones(world_count) if end is None else np.broadcast_to(end.ratio, world_count)
-    values, material = (
-        {name: np.broadcast_to(column, world_count) for name, column in columns.items()}
-        for columns in (values, material)
-    )
-    damping_time = material["damping_time"]
-    yields = material["yield_curvature"] > 0.0
-    yield_curvature = np.where(yields, material["yield_curvature"], NEVER_CURVED)
+    values = {name: np.broadcast_to(column, world_count) for name, column in values.items()}
+    damping_time = values["damping_time"]
+    yields = values["yield_curvature"] > 0.0
+    yield_curvature = np.where(yields, values["yield_curvature"], NEVER_CURVED)
     segment_length = cable.length / segment_count
     segment_mass = values["mass"] / segment_count
     mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
@@ -90,7 +84,7 @@ def model_constants(
         near_ratio = 2.0 * end.joint_mass / segment_mass
         mass_ratio[:, -1] = 2.0 * end.tip_mass / segment_mass
     # Where the attachment lies on a node together with the cable, each part rubs as it does.
-    rubs_more = material["attachment_friction_ratio"] - 1.0
+    rubs_more = values["attachment_friction_ratio"] - 1.0
     joint_friction = np.ones(world_count)
     if end is None:
         attached = values["endpoint_mass"] / (values["endpoint_mass"] + 0.5 * segment_mass)
@@ -120,7 +114,7 @@ def model_constants(
         "lag_ratio": lag_ratio,
         "lag_kept": np.exp(-dt / lag_time),
         "yield_bend": yield_curvature * segment_length**2,
-        "yield_share": dt / (dt + material["yield_time"]),
+        "yield_share": dt / (dt + values["yield_time"]),
         "shape_torsion": np.minimum(torsion, most_torsion),
         "friction": values["lateral_friction"] * values["worksurface_friction"],
         "last_friction": last_friction,
@@ -133,8 +127,8 @@ def model_constants(
             cable, segment_length, segment_mass, values["angular_damping"], dt
         ),
         "lateral_mass": 1.0 / (1.0 + response * cable.radius),
-        "drag": AIR_DENSITY * material["drag_coefficient"] * cable.radius * segment_length,
-        "friction_ratio": material["friction_ratio"],
+        "drag": AIR_DENSITY * values["drag_coefficient"] * cable.radius * segment_length,
+        "friction_ratio": values["friction_ratio"],
         "mass_ratio": mass_ratio,
         "near_ratio": near_ratio,
         "spin_response": spin_response,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable
 from cablecast.engines.base import (
     GRAVITY,
     CableRows,
@@ -131,7 +131,6 @@ class EngineWarp:
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
-        params: CableParams,
         grip_path: GripPath,
         initial_state: CableState | None = None,
         duration: float | None = None,
@@ -144,7 +143,6 @@ class EngineWarp:
         plan = plan_rollout(
             self,
             cable,
-            params,
             grip_path,
             initial_state,
             duration,
@@ -153,20 +151,22 @@ class EngineWarp:
             plays_material=True,
         )
         cables = CableRows.of(cable)
-        material = cables.material
+        params = cables.params
+        remembers = params.remembers_bends
+        has_grain = self.table and bool(np.any(np.asarray(params.friction_ratio) != 1.0))
         features = Features(
             table=self.table,
-            remembers=material.remembers,
-            surface=material.remembers or material.drags or (material.is_grained and self.table),
+            remembers=remembers,
+            surface=remembers or has_grain or bool(np.any(params.drag_coefficient)),
         )
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
-        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(material.damping_time)))
+        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(params.damping_time)))
         segment_length = cables.length / self.segment_count
         fastest = fastest_wave(stiffness, segment_mass, segment_length)
-        ends = has_end(material, params) & (far_path is None)
+        ends = has_end(params) & (far_path is None)
         if ends.any():
-            end = EndSegment.of(segment_length, material, params)
+            end = EndSegment.of(segment_length, params)
             at_end = fastest_at_end(stiffness, segment_mass, segment_length, end)
             fastest = np.maximum(fastest, np.where(ends, at_end, 0.0))
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
@@ -179,7 +179,6 @@ class EngineWarp:
             played = self._play(
                 features,
                 cables.cable(worlds),
-                rows_of(params, worlds),
                 rows_of(grip_path, worlds),
                 rows_of(far_path, worlds),
                 dataclasses.replace(
@@ -206,7 +205,6 @@ class EngineWarp:
         self,
         features: Features,
         cable: Cable,
-        params: CableParams,
         grip_path: GripPath,
         far_path: GripPath | None,
         plan: RolloutPlan,
@@ -221,7 +219,7 @@ class EngineWarp:
         layout = self._layout(features)
         end = None
         if with_end:
-            end = EndSegment.of(cable.length / self.segment_count, cable.material, params)
+            end = EndSegment.of(cable.length / self.segment_count, cable.params)
             plan = dataclasses.replace(plan, initial_state=end.appended(plan.initial_state))
         batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration, end)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
@@ -240,7 +238,7 @@ class EngineWarp:
             self.rest_speed,
             REST_DURATION if self.rest_speed > 0 and self.table else np.inf,
             batch.array(motion_end, build.lane),
-            batch.model(cable, params, dt, self.gravity, far_is_held=far_path is not None),
+            batch.model(cable, dt, self.gravity, far_is_held=far_path is not None),
             batch.path(grip_path),
             batch.path(far_path if far_path is not None else _NO_PATH),
             state,
@@ -255,7 +253,7 @@ class EngineWarp:
     ) -> NDArray[np.float64]:
         """Return the bend at which nodes feel no moment [m], shape [world, node, 3]."""
         initial = plan.initial_state
-        curvature = np.atleast_1d(np.asarray(cable.material.rest_curvature, dtype=float))
+        curvature = np.atleast_1d(np.asarray(cable.params.rest_curvature, dtype=float))
         worlds = max(len(grip_path), initial.world_count, len(curvature))
         return rest_bends(
             np.broadcast_to(initial.positions, (worlds, *initial.positions.shape[1:])),
