@@ -49,11 +49,9 @@ def simulate() -> tuple[GripPath, np.ndarray, np.ndarray]:
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
     cast = cast_grip_paths(ACTION.to_array()[None], setup)
-    thrown = engine.rollout(whole.with_params(cable.params), cast).final_state
+    thrown = engine.rollout(whole, cast).final_state
     path = reset_path(cast.evaluate(cast.duration[:, None])[0, 0], setup)
-    rollout = engine.rollout(
-        whole.with_params(cable.params), path, thrown, sample_dt=SAMPLE_DT, record_nodes=True
-    )
+    rollout = engine.rollout(whole, path, thrown, sample_dt=SAMPLE_DT, record_nodes=True)
     if rollout.nodes is None:
         raise SystemExit("the engine records no shapes")
     return path, rollout.times, rollout.nodes[0]

@@ -153,7 +153,7 @@ def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
     xy = places(setup, 3)
     paths = GripPath.stack([polar_cast_path(p, setup) for p in xy])
     engine = EngineWarp(segment_count=30, dt=1e-3)
-    nodes = engine.rollout(whole.with_params(cable.params), paths).final_state.positions[..., :2]
+    nodes = engine.rollout(whole, paths).final_state.positions[..., :2]
     along = nodes[:, -1] - nodes[:, -2]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     endpoint = nodes[:, -1] - cable.attachment_length * along

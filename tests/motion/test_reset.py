@@ -74,9 +74,9 @@ def test_a_simulated_reset_leaves_the_cable_straight_behind_the_grip(name):
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
     engine = EngineWarp(segment_count=30, dt=1e-3)
-    thrown = engine.rollout(whole.with_params(cable.params), CASTS).final_state
+    thrown = engine.rollout(whole, CASTS).final_state
     path = GripPath.stack([reset_path(end, setup) for end in ENDS])
-    state = engine.rollout(whole.with_params(cable.params), path, thrown).final_state
+    state = engine.rollout(whole, path, thrown).final_state
     nodes = (state.positions - state.positions[:, :1])[..., :2] / whole.length
     aside, ahead = np.abs(nodes[:, -1, 0]), nodes[:, -1, 1]
     scattered = (thrown.positions[:, -1, :2] - thrown.positions[:, 0, :2]) / whole.length
