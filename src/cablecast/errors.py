@@ -1,12 +1,8 @@
-"""Errors: every error that cablecast raises on purpose derives from CablecastError.
+"""Errors, and checks of input values: numbers, counts, seeds, names and keys.
 
-Each also derives from the matching built-in, so that `except ValueError` works too. A message is
-one line that names the offending value and the bound. The command line prints it without a
-traceback and exits with status 2.
-
-Checks of input values: ranges, counts, seeds and names.
-
-Every check raises InputError with one line that names the value and its bound.
+Every error that cablecast raises on purpose derives from CablecastError and from the matching
+built-in, so that `except ValueError` works too. A message is one line that names the offending
+value and the bound. The command line prints it without a traceback and exits with status 2.
 """
 
 import math

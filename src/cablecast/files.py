@@ -1,11 +1,7 @@
-"""Atomic file writes: a reader finds the old file or the new one, never half of one.
-
-Facts about the machine and the installed libraries.
-
-Readers of text, YAML, JSON and CSV files, with bounds on their size.
+"""Files: bounded readers of text, YAML, CSV and JSON, and writes that are whole or not at all.
 
 A file that cannot be read (missing, no permission, a failing disk) is told apart from a file with
-wrong content: only the second is damaged.
+wrong content: only the second is damaged. At the end stand the cores and libraries of the machine.
 """
 
 import csv
@@ -28,124 +24,6 @@ import yaml
 
 from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
 
-
-def temporary_prefix(path: pathlib.Path) -> str:
-    """Return how the temporary name of a file or folder begins; it names the process."""
-    return f".{path.name}.{os.getpid()}-"
-
-
-def remove_leftovers(path: pathlib.Path) -> None:
-    """Remove what processes that were killed left of a file or folder, under temporary names.
-
-    Args:
-        path: Path of the whole file or folder.
-    """
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*-*.tmp"):
-        process = left.name.removeprefix(f".{path.name}.").partition("-")[0]
-        if process.isdecimal() and not _is_alive(int(process)):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                left.unlink(missing_ok=True)
-
-
-def _is_alive(process: int) -> bool:
-    if os.name == "nt":
-        # There, signal 0 is no question.
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        # It belongs to somebody else.
-        return True
-    return True
-
-
-def write_bytes(path: pathlib.Path, content: bytes) -> None:
-    """Write a file under a temporary name, flush it to the disk, and rename it.
-
-    Args:
-        path: Path of the file; its folder is created.
-        content: Whole content of the file.
-    """
-    temporary = ""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(
-            prefix=temporary_prefix(path), suffix=".tmp", dir=path.parent
-        )
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read; results are for sharing.
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException as error:
-        if temporary:
-            pathlib.Path(temporary).unlink(missing_ok=True)
-        # A person knows the file, not its temporary name; writing itself names none at all.
-        if isinstance(error, OSError) and error.errno is not None:
-            error.filename, error.filename2 = str(path), None
-        raise
-
-
-def write_text(path: pathlib.Path, text: str) -> None:
-    """Write text in UTF-8; see `write_bytes`."""
-    write_bytes(path, text.encode())
-
-
-def write_json(path: pathlib.Path, values: Any) -> None:
-    """Write plain values as indented JSON, which has no NaN; see `write_bytes`."""
-    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
-    write_text(path, text + "\n")
-
-
-DISTRIBUTIONS = (
-    "cablecast",
-    "numpy",
-    "scipy",
-    "warp-lang",
-    "mujoco",
-    "ruckig",
-    "torch",
-    "pyarrow",
-    "matplotlib",
-)
-"""Distributions whose versions affect the results."""
-
-
-def core_count() -> int:
-    """Return the number of processor cores that this process may use, at least 1."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def library_versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries that affect the results.
-
-    The libraries are not imported.
-    """
-    return dict(_library_versions())
-
-
-@functools.cache
-def _library_versions() -> dict[str, str]:
-    """Look the versions up once per process: what it has imported no longer changes."""
-    versions = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in DISTRIBUTIONS:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            versions[name] = "not installed"
-    return versions
-
-
 SIZE_MAX = 2**20
 """Largest size of a file written by a person [byte]."""
 
@@ -153,26 +31,6 @@ JSON_SIZE_MAX = 2**28
 """Largest size of a JSON file of a run [byte]."""
 
 CHECKSUM_KEY = "sha256"
-
-
-def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
-    """Return the text of a file, in UTF-8 with or without a byte-order mark.
-
-    Args:
-        path: File to read.
-        size_max: Largest allowed size [byte].
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        UnreadableFileError: The system refuses to read it.
-        InputError: The file is too large, or not UTF-8.
-    """
-    path = pathlib.Path(path)
-    content = read_bytes(path, size_max)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not text in UTF-8 (byte {error.start})") from None
 
 
 def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes:
@@ -198,6 +56,26 @@ def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes
     if len(content) > size_max:
         raise InputError(f"{path} has more than {size_max} bytes")
     return content
+
+
+def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
+    """Return the text of a file, in UTF-8 with or without a byte-order mark.
+
+    Args:
+        path: File to read.
+        size_max: Largest allowed size [byte].
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        UnreadableFileError: The system refuses to read it.
+        InputError: The file is too large, or not UTF-8.
+    """
+    path = pathlib.Path(path)
+    content = read_bytes(path, size_max)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not text in UTF-8 (byte {error.start})") from None
 
 
 class _Loader(yaml.SafeLoader):
@@ -312,6 +190,101 @@ def write_csv(path: pathlib.Path, columns: Sequence[str], rows: Iterable[Sequenc
     write_text(path, text.getvalue())
 
 
+def read_json(path: str | pathlib.Path) -> dict[str, Any]:
+    """Return the mapping that a JSON file holds.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        UnreadableFileError: The system refuses to read it.
+        DamagedFileError: It is not JSON, or no mapping.
+    """
+    path = pathlib.Path(path)
+    try:
+        values = json.loads(read_text(path, JSON_SIZE_MAX))
+    except (ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise DamagedFileError(f"{path} is damaged: {' '.join(reason.split())[:200]}") from None
+    if not isinstance(values, dict):
+        raise DamagedFileError(f"{path} is damaged: it must hold a mapping of names to values")
+    return values
+
+
+def temporary_prefix(path: pathlib.Path) -> str:
+    """Return how the temporary name of a file or folder begins; it names the process."""
+    return f".{path.name}.{os.getpid()}-"
+
+
+def remove_leftovers(path: pathlib.Path) -> None:
+    """Remove what processes that were killed left of a file or folder, under temporary names.
+
+    Args:
+        path: Path of the whole file or folder.
+    """
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*-*.tmp"):
+        process = left.name.removeprefix(f".{path.name}.").partition("-")[0]
+        if process.isdecimal() and not _is_alive(int(process)):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    if os.name == "nt":
+        # There, signal 0 is no question.
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        # It belongs to somebody else.
+        return True
+    return True
+
+
+def write_bytes(path: pathlib.Path, content: bytes) -> None:
+    """Write a file under a temporary name, flush it to the disk, and rename it.
+
+    Args:
+        path: Path of the file; its folder is created.
+        content: Whole content of the file.
+    """
+    temporary = ""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(
+            prefix=temporary_prefix(path), suffix=".tmp", dir=path.parent
+        )
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files that only their owner may read; results are for sharing.
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException as error:
+        if temporary:
+            pathlib.Path(temporary).unlink(missing_ok=True)
+        # A person knows the file, not its temporary name; writing itself names none at all.
+        if isinstance(error, OSError) and error.errno is not None:
+            error.filename, error.filename2 = str(path), None
+        raise
+
+
+def write_text(path: pathlib.Path, text: str) -> None:
+    """Write text in UTF-8; see `write_bytes`."""
+    write_bytes(path, text.encode())
+
+
+def write_json(path: pathlib.Path, values: Any) -> None:
+    """Write plain values as indented JSON, which has no NaN; see `write_bytes`."""
+    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
+    write_text(path, text + "\n")
+
+
 def seal(values: dict[str, Any]) -> dict[str, Any]:
     """Return plain values with their checksum added."""
     plain = json.loads(json.dumps(values, allow_nan=False))
@@ -337,25 +310,42 @@ def read_sealed(path: str | pathlib.Path) -> dict[str, Any]:
     return values
 
 
-def read_json(path: str | pathlib.Path) -> dict[str, Any]:
-    """Return the mapping that a JSON file holds.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        UnreadableFileError: The system refuses to read it.
-        DamagedFileError: It is not JSON, or no mapping.
-    """
-    path = pathlib.Path(path)
-    try:
-        values = json.loads(read_text(path, JSON_SIZE_MAX))
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise DamagedFileError(f"{path} is damaged: {' '.join(reason.split())[:200]}") from None
-    if not isinstance(values, dict):
-        raise DamagedFileError(f"{path} is damaged: it must hold a mapping of names to values")
-    return values
-
-
 def _checksum(values: dict[str, Any]) -> str:
     text = json.dumps(values, sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:16]
+
+
+DISTRIBUTIONS = (
+    "cablecast",
+    "numpy",
+    "scipy",
+    "warp-lang",
+    "mujoco",
+    "ruckig",
+    "torch",
+    "pyarrow",
+    "matplotlib",
+)
+"""Distributions whose versions affect the results."""
+
+
+def core_count() -> int:
+    """Return the number of processor cores that this process may use, at least 1."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@functools.cache
+def library_versions() -> dict[str, str]:
+    """Return the versions of Python and of the libraries that affect the results.
+
+    The libraries are not imported; what the process has imported no longer changes.
+    """
+    versions = {"python": platform.python_version(), "platform": platform.platform()}
+    for name in DISTRIBUTIONS:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions

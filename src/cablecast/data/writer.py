@@ -31,7 +31,7 @@ from cablecast.data.schema import (
 )
 from cablecast.errors import CablecastError, DatasetError
 from cablecast.files import write_bytes, write_json, write_text
-from cablecast.runs.folder import Claim, fingerprint, flat_settings, plain_settings
+from cablecast.runs.folder import Claim, fingerprint, flat_settings, hold_folder, plain_settings
 from cablecast.setup import SECTIONS, Setup
 
 _TITLES = {
@@ -177,7 +177,7 @@ class DatasetWriter:
             DatasetError: The folder holds something else, or another process writes to it.
         """
         stored = self._check_stored()
-        self._hold.enter_context(self._claim.held())
+        self._hold.enter_context(hold_folder(self.path, DatasetError, "work"))
         try:
             if stored is None:
                 self._claim.write(self._info(complete=False))

@@ -1,21 +1,10 @@
-"""Settings of a run as plain values: comparison and fingerprint.
+"""Folder of one run: its lock, settings (config.json), finished parts and results (metrics.json).
 
-Facts about a run for the record: versions, commit, machine, time. They are never compared.
-
-Claiming a folder for one run: no foreign files, the same settings, one process at a time.
-
-Run folders and datasets both claim their folder here. A description file (config.json or
+Run folders and datasets both claim their folder here. The description of the work (config.json or
 meta/info.json) is written first and records the settings. Parts of the work follow, each a file
 that exists whole or not at all. The same command resumes interrupted work: it keeps the parts that
-exist and makes those that are missing.
-
-Parts of a run: JSON files with a checksum, which exist whole or not at all.
-
-The folder of one run: its settings (config.json) and its results (metrics.json).
-
-config.json is written when the run begins, metrics.json when it is done. A folder without
-metrics.json holds an interrupted run, which the same command resumes. A folder with a run of other
-settings is refused, and nothing in it is touched.
+exist and makes those that are missing. A folder with work of other settings is refused, and nothing
+in it is touched.
 """
 
 import contextlib
@@ -32,8 +21,6 @@ from typing import Any
 
 from cablecast.errors import CablecastError, DamagedFileError, InputError
 from cablecast.files import library_versions, read_sealed, seal, write_json
-
-ABSENT = "(absent)"
 
 
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,7 +50,7 @@ def settings_differences(
     """
     phrases = []
     for key in (*stored, *(key for key in wanted if key not in stored)):
-        there, here = stored.get(key, ABSENT), wanted.get(key, ABSENT)
+        there, here = stored.get(key, "(absent)"), wanted.get(key, "(absent)")
         if isinstance(there, Mapping) and isinstance(here, Mapping):
             phrases += settings_differences(there, here, f"{prefix}{key}.")
         elif there != here:
@@ -140,90 +127,9 @@ def source_commit() -> str | None:
         return None
 
 
+# Folders that this process has locked, and for which purposes.
 _HELD: dict[str, set[str]] = {}
 _HELD_LOCK = threading.Lock()
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Claim:
-    """Folder that one kind of work may fill.
-
-    Attributes:
-        path: Folder.
-        file: Path of the description within the folder.
-        noun: Kind of work, for errors: "run" or "dataset".
-        error: Class of the errors that refuse the folder.
-    """
-
-    path: pathlib.Path
-    file: str
-    noun: str
-    error: type[CablecastError]
-
-    def read(self) -> dict[str, Any] | None:
-        """Return the description; None where there is none.
-
-        Raises:
-            DamagedFileError: It is not what was written.
-            UnreadableFileError: The system refuses to read it.
-        """
-        try:
-            return read_sealed(self.path / self.file)
-        except FileNotFoundError:
-            return None
-        except DamagedFileError as error:
-            raise DamagedFileError(
-                f"{error}. Without it the {self.noun} cannot be resumed: restore the file, or give "
-                "another folder"
-            ) from None
-
-    def write(self, description: Mapping[str, Any]) -> None:
-        """Write the description with its checksum."""
-        write_json(self.path / self.file, seal(dict(description)))
-
-    def refuse_differences(self, stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-        """Refuse a folder whose work has other settings.
-
-        Raises:
-            CablecastError: A setting differs; an instance of `error` that names both values.
-        """
-        if differences := settings_differences(stored, wanted):
-            raise self.error(
-                f"{self.path} holds a {self.noun} of other settings: {'; '.join(differences)}. "
-                "Give the same settings, or another folder"
-            )
-
-    def refuse_foreign_files(self) -> None:
-        """Refuse a path that is neither new nor an empty folder.
-
-        Raises:
-            CablecastError: A file is in the way; an instance of `error` that names it.
-        """
-        if self.path.exists() and not self.path.is_dir():
-            raise self.error(f"{self.path} is a file: a {self.noun} needs a folder")
-        if names := visible_files(self.path):
-            raise self.error(
-                f"{self.path} holds {names[0]} but no {self.noun} of cablecast: give a new or "
-                "empty folder"
-            )
-
-    @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Lock the folder against other processes, and delete the leftovers of killed writes.
-
-        Raises:
-            CablecastError: Another process holds the lock; an instance of `error`.
-        """
-        with hold_folder(self.path, self.error, "work"):
-            yield
-
-
-def visible_files(path: pathlib.Path) -> list[str]:
-    """Return the files in a folder and below it, without hidden ones, relative and sorted."""
-    if not path.is_dir():
-        return []
-    files = (file.relative_to(path) for file in path.rglob("*") if not file.is_dir())
-    return sorted(str(file) for file in files if not file.name.startswith("."))
 
 
 @contextlib.contextmanager
@@ -232,8 +138,8 @@ def hold_folder(
 ) -> Iterator[None]:
     """Lock a folder against other processes, and delete the leftovers of killed writes.
 
-    The system releases the lock when the process dies, however it dies. Windows has no such lock;
-    one process at a time is assumed there.
+    The lock lies on the folder itself and leaves no file behind; the system releases it when the
+    process dies, however it dies. Windows has no such lock; one process at a time is assumed there.
 
     Args:
         path: Folder; it is created if it does not exist.
@@ -285,12 +191,74 @@ def _lock(path: pathlib.Path, error: type[CablecastError]) -> int | None:
     return handle
 
 
-OWNER_KEY = "run"
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Claim:
+    """Folder that one kind of work may fill.
+
+    Attributes:
+        path: Folder.
+        file: Path of the description within the folder.
+        noun: Kind of work, for errors: "run" or "dataset".
+        error: Class of the errors that refuse the folder.
+    """
+
+    path: pathlib.Path
+    file: str
+    noun: str
+    error: type[CablecastError]
+
+    def read(self) -> dict[str, Any] | None:
+        """Return the description; None where there is none.
+
+        Raises:
+            DamagedFileError: It is not what was written.
+            UnreadableFileError: The system refuses to read it.
+        """
+        try:
+            return read_sealed(self.path / self.file)
+        except FileNotFoundError:
+            return None
+        except DamagedFileError as error:
+            raise DamagedFileError(
+                f"{error}. Without it the {self.noun} cannot be resumed: restore the file, or give "
+                "another folder"
+            ) from None
+
+    def write(self, description: Mapping[str, Any]) -> None:
+        """Write the description with its checksum."""
+        write_json(self.path / self.file, seal(dict(description)))
+
+    def refuse_differences(self, stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+        """Refuse a folder whose work has other settings, with both values of each."""
+        if differences := settings_differences(stored, wanted):
+            raise self.error(
+                f"{self.path} holds a {self.noun} of other settings: {'; '.join(differences)}. "
+                "Give the same settings, or another folder"
+            )
+
+    def refuse_foreign_files(self) -> None:
+        """Refuse a path that is neither new nor an empty folder, with the file in the way."""
+        if self.path.exists() and not self.path.is_dir():
+            raise self.error(f"{self.path} is a file: a {self.noun} needs a folder")
+        if names := _visible_files(self.path):
+            raise self.error(
+                f"{self.path} holds {names[0]} but no {self.noun} of cablecast: give a new or "
+                "empty folder"
+            )
+
+
+def _visible_files(path: pathlib.Path) -> list[str]:
+    """Return the files in a folder and below it, without hidden ones, relative and sorted."""
+    files = (file.relative_to(path) for file in path.rglob("*") if not file.is_dir())
+    return sorted(str(file) for file in files if not file.name.startswith("."))
+
+
+_OWNER_KEY = "run"
 
 
 @dataclasses.dataclass(frozen=True)
 class Parts:
-    """Folder of finished parts.
+    """Folder of finished parts, JSON files with a checksum.
 
     Attributes:
         folder: Folder; it is created when the first part is stored.
@@ -317,13 +285,13 @@ class Parts:
             return None
         except DamagedFileError as error:
             raise DamagedFileError(f"{error}. {self.remedy}") from None
-        if values.pop(OWNER_KEY, self.owner) != self.owner:
+        if values.pop(_OWNER_KEY, self.owner) != self.owner:
             raise DamagedFileError(f"{file} belongs to a run of other settings. {self.remedy}")
         return values
 
     def put(self, name: str, values: dict[str, Any]) -> None:
         """Store a part; it exists whole or not at all."""
-        owner = {OWNER_KEY: self.owner} if self.owner else {}
+        owner = {_OWNER_KEY: self.owner} if self.owner else {}
         write_json(self.file(name), seal({**values, **owner}))
 
     def get_or_make(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -345,7 +313,7 @@ METRICS_FILE = "metrics.json"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RunFolder:
-    """A folder that a run may write to.
+    """A folder that a run may write to; without metrics.json, the run is not done.
 
     Attributes:
         path: Folder.
@@ -380,7 +348,7 @@ class RunFolder:
             if there == wanted:
                 return cls(path=claim.path, config=stored)
             # A run that was interrupted before its first result has nothing worth keeping.
-            if visible_files(claim.path) != [CONFIG_FILE]:
+            if _visible_files(claim.path) != [CONFIG_FILE]:
                 claim.refuse_differences(there, wanted)
         return cls(
             path=claim.path, config={"command": command, "settings": settings, **run_facts()}
@@ -394,7 +362,7 @@ class RunFolder:
             InputError: Another process has locked the folder.
         """
         claim = _claim(self.path)
-        with claim.held():
+        with hold_folder(self.path, InputError, "work"):
             if claim.read() != self.config:
                 claim.write(self.config)
             yield self
