@@ -16,7 +16,7 @@ pytest.importorskip("torch")
 pytestmark = pytest.mark.usefixtures("one_core")
 
 COUNT = 600
-SMALL = GaussianProcessConfig(likelihood_count=200, inducing_count=200)
+SMALL = GaussianProcessConfig(likelihood_count=200, inducing_count=540)
 
 # A smooth map of four variables over 540 casts is interpolated to 0.15 to 0.3 % of the cable's
 # length, depending on the casts.
@@ -41,7 +41,6 @@ def test_the_process_learns_a_smooth_map(model):
     error = np.linalg.norm(model.predict(actions) - smooth_map(actions), axis=1)
     assert np.median(error) / CABLE.length * 100 < LEARNED_PCT
     assert model.metrics["held_out_median_pct"] < LEARNED_PCT
-    assert model.metrics["relative_residual"] <= SMALL.tolerance
 
 
 def test_kernel_and_noise_are_those_that_the_casts_were_drawn_from():
@@ -75,10 +74,9 @@ def test_the_noise_of_the_casts_is_not_interpolated():
 
 
 def test_held_out_casts_are_measured_and_not_learned_from(dataset, model):
-    # The rows that the model keeps are those that it learned from.
-    learned = model.normalize(dataset.actions) / model.length_scales
-    learned = learned.astype(np.float32)
-    kept = (learned[:, None] == model.inputs[None]).all(axis=2).any(axis=1)
+    # All training rows are inducing ones.
+    points = model.normalize(dataset.actions).astype(float) / model.length_scales
+    kept = (points[:, None] == model.inputs[None]).all(axis=2).any(axis=1)
     assert kept.sum() == model.metrics["training_count"] == 540
     held_out = ~kept
     error = np.linalg.norm(
@@ -112,7 +110,7 @@ def test_too_few_casts_are_refused():
         train_gaussian_process(smooth_dataset(count=49))
 
 
-@pytest.mark.parametrize("name", ["likelihood_count", "tolerance", "held_out_fraction"])
+@pytest.mark.parametrize("name", ["likelihood_count", "inducing_count", "held_out_fraction"])
 def test_options_out_of_bounds_are_refused(name):
     with pytest.raises(InputError, match=f"{name} = -1 is outside"):
         GaussianProcessConfig(**{name: -1})

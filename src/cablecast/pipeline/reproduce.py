@@ -289,8 +289,10 @@ class _Work:
             for method in methods:
                 if method == "polar":
                     continue
-                # The process fits a matrix of all pairs of casts, a network some hundred epochs.
-                seconds = {"gaussian-process": 300.0 * share**2, "real": 15.0}.get(method, training)
+                # The posterior of the process is linear in the casts.
+                seconds = {"gaussian-process": 30.0 + 60.0 * share, "real": 15.0}.get(
+                    method, training
+                )
                 seconds = 30.0 if is_first and method == BEST_METHOD else seconds
                 add(cable, f"model-{method}", f"learn ({method})", seconds, self._train, method)
             for method in methods:
