@@ -9,7 +9,7 @@ from cablecast.cast import TrialStatus
 from cablecast.data.recordings import read_recordings
 from cablecast.rigs.engine import status_of
 from cablecast.setup import Setup
-from cablecast.vision.tracker import judge_status
+from cablecast.vision.tracker import trial_status
 
 SETUP = Setup()
 EDGE = SETUP.workspace.half_width
@@ -33,7 +33,7 @@ PATHS = {
 @pytest.mark.parametrize(("path", "status"), PATHS.values(), ids=PATHS)
 def test_camera_simulator_and_recordings_judge_a_cast_alike(path, status, tmp_path):
     assert status_of(path, SETUP.workspace) is status
-    assert judge_status(TIMES, path, path, SETUP.workspace) is status
+    assert trial_status(TIMES, path, path, SETUP.workspace) is status
     file = tmp_path / "casts.csv"
     with file.open("w", newline="", encoding="utf-8") as opened:
         writer = csv.writer(opened)
@@ -48,4 +48,4 @@ def test_camera_simulator_and_recordings_judge_a_cast_alike(path, status, tmp_pa
 def test_a_cast_that_is_not_seen_again_after_it_left_is_off_the_table():
     path = swept(1.2 * EDGE, 1.1 * EDGE)
     path[TIMES > 0.75] = np.nan
-    assert judge_status(TIMES, path, path, SETUP.workspace) is TrialStatus.OFF_TABLE
+    assert trial_status(TIMES, path, path, SETUP.workspace) is TrialStatus.OFF_TABLE

@@ -19,10 +19,10 @@ from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.tracker import (
     EndpointTracker,
     TrackerConfig,
-    judge_status,
     sample_path,
     sight_of,
     track_samples,
+    trial_status,
 )
 from cablecast.workspace import Workspace
 
@@ -265,7 +265,7 @@ def test_a_lost_endpoint_is_off_the_table_only_if_it_was_leaving(last_seen, velo
     xy = np.full((13, 2), np.nan)
     xy[:6] = np.asarray(last_seen) + (times[:6] - times[5])[:, None] * np.asarray(velocity)
     samples = sample_path(times, xy, np.array([0.0, 0.1, 0.2]))
-    assert judge_status(times, xy, samples, Workspace()) is status
+    assert trial_status(times, xy, samples, Workspace()) is status
 
 
 def test_an_endpoint_that_swept_past_the_edge_and_came_back_has_landed():
@@ -273,8 +273,8 @@ def test_an_endpoint_that_swept_past_the_edge_and_came_back_has_landed():
     x = 1.30 + 0.15 * np.sin(np.pi * np.arange(31) / 30)
     xy = np.stack([x, np.full(31, 0.8)], axis=1)
     samples = sample_path(times, xy, np.arange(6) * 0.1)
-    assert judge_status(times, xy, samples, Workspace()) is TrialStatus.OK
-    assert judge_status(times[:16], xy[:16], samples[:3], Workspace()) is TrialStatus.OFF_TABLE
+    assert trial_status(times, xy, samples, Workspace()) is TrialStatus.OK
+    assert trial_status(times[:16], xy[:16], samples[:3], Workspace()) is TrialStatus.OFF_TABLE
 
 
 RESTING = np.full((31, 2), [0.4, 0.9])
@@ -319,7 +319,7 @@ def test_the_camera_knows_the_green_things_that_lie_on_the_table(virtual_camera,
 
 
 def test_settings_out_of_bounds_are_named():
-    with pytest.raises(InputError, match="search_period = 0"):
-        TrackerConfig(search_period=0)
-    with pytest.raises(InputError, match="share_min"):
-        dataclasses.replace(TrackerConfig().marker, share_min=2.0)
+    with pytest.raises(InputError, match="row_time = 1"):
+        TrackerConfig(row_time=1.0)
+    with pytest.raises(InputError, match="marker length"):
+        dataclasses.replace(TrackerConfig().marker, length=0.0)

@@ -13,7 +13,7 @@ from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.live import Brightness, CameraFacts, Frame, FrameWatch
 from cablecast.vision.tags import detect_tags, load_cv2
-from cablecast.vision.tracker import MarkerConfig, green_mask, green_places
+from cablecast.vision.tracker import green_mask, green_places
 from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
 from cablecast.workspace import Workspace
 
@@ -238,11 +238,10 @@ class CameraCheck:
             refused = str(error)
         if calibration is not None:
             ids = (*calibration.tag_ids, *calibration.rejected_ids)
-            workspace, (length, width) = self._setup.workspace, self._settings.marker
+            workspace, (length, _) = self._setup.workspace, self._settings.marker
             centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
             px_per_m = calibration.view.pixels_per_metre(centre)
-            mask = green_mask(image, MarkerConfig(length=length, width=width)) > 0
-            green = green_places(mask, calibration.view, workspace)
+            green = green_places(green_mask(image) > 0, calibration.view, workspace)
             green = green[green[:, 2] > length]
         told = self._facts.exposure
         return CameraReport(

@@ -1,18 +1,10 @@
-"""Green patches of an image, one of which may be the marker.
+"""The endpoint's track: the marker in every frame, near where it is expected or anywhere.
 
-A patch is found by thresholds in HSV. It is judged and located by its greenness, 2 G - R - B, in
-which a motion blur over grey or white ground changes nothing but the spread: the sum over the patch
-stays, and so does the centroid, which is the marker's place in the middle of the exposure.
-
-From positions in the frames of a trial to the samples of its track, and to how it ended.
-
-The endpoint's track: the marker in every frame, near where it is expected or anywhere.
-
-Nothing is made up: a frame in which the marker is not seen, or not enough of it, gives NaN.
-
-Blind places: where the tracker cannot tell the marker from other green things.
-
-TrialCamera: what a rig asks of the camera that watches its trials.
+A green patch is found by thresholds in HSV. It is recognised and located by its greenness,
+2 G - R - B, in which a motion blur over grey or white ground changes nothing but the spread: the
+sum over the patch stays, and so does the centroid, which is the marker's place in the middle of the
+exposure. Nothing is made up: a frame in which the marker is not seen, or not enough of it, gives
+NaN.
 """
 
 import dataclasses
@@ -24,57 +16,62 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.camera.lens import CameraView
 from cablecast.camera.settings import BLIND_COUNT_MAX, CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import InputError, check_count, check_ranges
+from cablecast.errors import InputError, check_ranges
 from cablecast.vision.tags import load_cv2
 from cablecast.workspace import Workspace
+
+Window = tuple[int, int, int, int]
+"""A piece of a frame: left, top, right, bottom [px], the last two excluded."""
+Grab = Callable[[Window], NDArray[np.uint8]]
+"""Function that returns a piece of the current frame, BGR."""
+
+_HUE_DEG, _HUE_TOLERANCE_DEG = 122.0, 32.0
+"""Hue of the marker, where green is 120, and its largest change by the light [deg]."""
+_SATURATION_MIN, _VALUE_MIN = 38, 35
+"""Least saturation and brightness of the marker's pixels, of 255; low enough for a blurred one."""
+_GREENNESS_MIN = 26.0
+"""Smallest 2 G - R - B of the marker's pixels."""
+_SHARE_MIN, _SHARE_MAX = 0.75, 1.6
+"""Greenness of a patch that may be the marker, as a multiple of the marker's own; with less of it
+in sight its centroid is not its middle."""
+_AREA_MIN = 0.88
+"""Share of the marker's area that must be seen while it hardly moves."""
+_GRID = 1.0
+"""Change of the marker's seen width by the grid of pixels and the compression of colours [px]: its
+area in compressed frames changed by up to 13, 11 and 4 % where it was 6, 8 and 12 px wide."""
+_BLUR_SMALL = 4.0
+"""Length of a trace below which the marker looks as it does at rest [px]."""
+_SPEED_MAX, _ACCELERATION_MAX = 15.0, 400.0
+"""Largest speed [m/s] and acceleration [m/s²] of the endpoint."""
+_SEARCH_PERIOD = 3
+"""Frames between searches of the whole image while the marker is lost; between them it is searched
+where it was expected."""
+_SAMPLE_DT = 0.1
+"""Time between samples of the track [s], as in the paper's camera analysis."""
+_EDGE_TOLERANCE = 0.005
+"""Distance beyond the table's edge at which an endpoint is off the table [m]."""
+_REST_TIME, _REST_DISTANCE, _REST_FRAMES = 0.15, 0.005, 3
+"""An endpoint that was seen in so many of the last frames [s], all this near to each other [m],
+rests there, whether or not the very last one shows it."""
+_BRINK = 0.03
+"""Distance from the table's left, right or far edge within which what vanishes fell over it [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MarkerConfig:
-    """Looks of the marker.
+    """Size of the marker.
 
     Attributes:
         length: Length of the marker along the cable [m].
         width: Width of the marker across the cable [m].
-        hue_deg: Hue on the colour wheel; green is 120 [deg].
-        hue_tolerance_deg: Largest change of the hue by the light [deg].
-        saturation_min: Smallest saturation of its pixels, of 255; low enough for a blurred one.
-        value_min: Smallest brightness of its pixels, of 255.
-        greenness_min: Smallest 2 G - R - B of its pixels.
-        share_min: Share of the marker's greenness that must be seen; with less of it in sight its
-            centroid is not its middle.
-        area_min: Share of its area that must be seen while it hardly moves.
-        share_max: Largest greenness of a patch that may be the marker, as a multiple of its own.
     """
 
     length: float = 0.038
     width: float = 0.016
-    hue_deg: float = 122.0
-    hue_tolerance_deg: float = 32.0
-    saturation_min: int = 38
-    value_min: int = 35
-    greenness_min: float = 26.0
-    share_min: float = 0.75
-    area_min: float = 0.88
-    share_max: float = 1.6
 
     def __post_init__(self):
-        check_ranges(
-            self,
-            {
-                "length": (0.002, 0.5, "m"),
-                "width": (0.002, 0.5, "m"),
-                "hue_deg": (0.0, 360.0, "deg"),
-                "hue_tolerance_deg": (1.0, 90.0, "deg"),
-                "saturation_min": (0, 255, ""),
-                "value_min": (0, 255, ""),
-                "greenness_min": (1.0, 500.0, ""),
-                "share_min": (0.05, 1.0, ""),
-                "area_min": (0.05, 1.0, ""),
-                "share_max": (1.0, 20.0, ""),
-            },
-            "marker",
-        )
+        ranges = {"length": (0.002, 0.5, "m"), "width": (0.002, 0.5, "m")}
+        check_ranges(self, ranges, "marker")
 
     @property
     def area(self) -> float:
@@ -84,7 +81,7 @@ class MarkerConfig:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Patch:
+class _Patch:
     """A green patch of an image.
 
     Attributes:
@@ -107,14 +104,14 @@ class Patch:
     touches_edge: bool
 
 
-def green_mask(image: NDArray[np.uint8], config: MarkerConfig) -> NDArray[np.uint8]:
+def green_mask(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return 255 at pixels of the marker's colour and next to them, else 0, shape [v, u]."""
     cv2 = load_cv2()
     hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
     # OpenCV halves hues, so that 360 degrees fit into a byte.
-    low = max(round((config.hue_deg - config.hue_tolerance_deg) / 2), 0)
-    high = min(round((config.hue_deg + config.hue_tolerance_deg) / 2), 179)
-    mask = cv2.inRange(hsv, (low, config.saturation_min, config.value_min), (high, 255, 255))
+    low = max(round((_HUE_DEG - _HUE_TOLERANCE_DEG) / 2), 0)
+    high = min(round((_HUE_DEG + _HUE_TOLERANCE_DEG) / 2), 179)
+    mask = cv2.inRange(hsv, (low, _SATURATION_MIN, _VALUE_MIN), (high, 255, 255))
     if not mask.any():
         return mask
     # Noise makes single green pixels on dark ground; a blurred marker has holes.
@@ -122,20 +119,17 @@ def green_mask(image: NDArray[np.uint8], config: MarkerConfig) -> NDArray[np.uin
     return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
 
-def find_patches(
-    image: NDArray[np.uint8], config: MarkerConfig, corner: tuple[int, int] = (0, 0)
-) -> list[Patch]:
-    """Return all patches of the marker's colour.
+def _find_patches(image: NDArray[np.uint8], corner: tuple[int, int]) -> list[_Patch]:
+    """Return all patches of the marker's colour in a piece of a frame.
 
     Args:
         image: Piece of a frame, BGR, shape [v, u, 3].
-        config: Looks of the marker.
         corner: Place of the piece's upper left pixel in the frame, u and v [px].
     """
     cv2 = load_cv2()
     if image.size == 0:
         return []
-    mask = green_mask(image, config)
+    mask = green_mask(image)
     if not mask.any():
         return []
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
@@ -149,24 +143,22 @@ def find_patches(
         piece = image[window].astype(np.float32)
         inside = labels[window] == label
         greenness = 2.0 * piece[..., 1] - piece[..., 0] - piece[..., 2]
-        greenness = np.where(inside & (greenness > config.greenness_min), greenness, 0.0)
+        greenness = np.where(inside & (greenness > _GREENNESS_MIN), greenness, 0.0)
         total = float(greenness.sum())
         if total <= 0:
             continue
         v, u = np.mgrid[top : top + h, left : left + w]
         mean_u, mean_v = float((greenness * u).sum() / total), float((greenness * v).sum() / total)
         du, dv = u - mean_u, v - mean_v
+        mixed = (greenness * du * dv).sum()
         spread = np.array(
-            [
-                [(greenness * du * du).sum(), (greenness * du * dv).sum()],
-                [(greenness * du * dv).sum(), (greenness * dv * dv).sum()],
-            ]
+            [[(greenness * du * du).sum(), mixed], [mixed, (greenness * dv * dv).sum()]]
         )
         small, large = np.sqrt(np.maximum(np.linalg.eigvalsh(spread / total), 0.0))
         vivid = float(np.quantile(greenness[greenness > 0], 0.85))
         mean_colour = (piece * greenness[..., None]).sum(axis=(0, 1)) / total
         patches.append(
-            Patch(
+            _Patch(
                 pixel=np.array([mean_u + corner[0], mean_v + corner[1]]),
                 greenness=total,
                 area=total / vivid,
@@ -184,13 +176,6 @@ def _hue_deg(bgr: NDArray[np.floating]) -> float:
     blue, green, red = (float(value) for value in bgr)
     span = max(green - min(red, blue), 1e-6)
     return 120.0 + 60.0 * (blue - red) / span
-
-
-_REST_TIME, _REST_DISTANCE, _REST_FRAMES = 0.15, 0.005, 3
-"""An endpoint that was seen in so many of the last frames [s], all this near to each other [m],
-rests there, whether or not the very last one shows it."""
-_BRINK = 0.03
-"""Distance from the table's left, right or far edge within which what vanishes fell over it [m]."""
 
 
 def sample_path(
@@ -232,7 +217,6 @@ def track_samples(
     xy: NDArray[np.float64],
     sample_times: NDArray[np.float64],
     workspace: Workspace,
-    edge_tolerance: float = 0.005,
 ) -> tuple[NDArray[np.float64], TrialStatus]:
     """Return the samples of a track, and how its trial ended.
 
@@ -244,7 +228,6 @@ def track_samples(
         xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
         sample_times: Times of the samples, rising [s], shape [sample].
         workspace: Gives the table's edges.
-        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
 
     Returns:
         Samples [m], shape [sample, 2], and the status.
@@ -252,7 +235,7 @@ def track_samples(
     samples = sample_path(times, xy, sample_times)
     if len(samples) and np.isnan(samples[-1]).any():
         samples[-1] = _resting_place(times, xy, float(sample_times[-1]))
-    return samples, judge_status(times, xy, samples, workspace, edge_tolerance)
+    return samples, trial_status(times, xy, samples, workspace)
 
 
 def _resting_place(
@@ -265,12 +248,11 @@ def _resting_place(
     return np.median(xy[late], axis=0)
 
 
-def judge_status(
+def trial_status(
     times: NDArray[np.float64],
     xy: NDArray[np.float64],
     endpoint_xy: NDArray[np.float64],
     workspace: Workspace,
-    edge_tolerance: float = 0.005,
 ) -> TrialStatus:
     """Return how a trial ended, judged by what was seen.
 
@@ -283,7 +265,6 @@ def judge_status(
         xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
         endpoint_xy: Samples of the track [m], shape [sample, 2].
         workspace: Gives the table's edges.
-        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
     """
     seen = np.flatnonzero(np.isfinite(xy).all(axis=1))
     if not len(seen):
@@ -291,7 +272,7 @@ def judge_status(
     last = xy[seen[-1]]
     # A point pulled towards the table by the tolerance must lie on it.
     centre = np.array([0.0, (workspace.y_min + workspace.y_max) / 2])
-    if not workspace.on_table(last - np.clip(last - centre, -edge_tolerance, edge_tolerance)):
+    if not workspace.on_table(last - np.clip(last - centre, -_EDGE_TOLERANCE, _EDGE_TOLERANCE)):
         return TrialStatus.OFF_TABLE
     if np.isfinite(endpoint_xy[-1]).all():
         return TrialStatus.OK
@@ -309,59 +290,32 @@ def judge_status(
     return TrialStatus.OCCLUDED
 
 
-_GRID = 1.0
-"""Change of the marker's seen width by the grid of pixels and the compression of colours [px]: its
-area in compressed frames changed by up to 13, 11 and 4 % where it was 6, 8 and 12 px wide."""
-Window = tuple[int, int, int, int]
-"""A piece of a frame: left, top, right, bottom [px], the last two excluded."""
-_BLUR_SMALL = 4.0
-"""Length of a trace below which the marker looks as it does at rest [px]."""
-Grab = Callable[[Window], NDArray[np.uint8]]
-"""Function that returns a piece of the current frame, BGR."""
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrackerConfig:
     """Settings of the tracker.
 
     Attributes:
-        marker: Looks of the marker.
+        marker: Size of the marker.
         marker_z: Height of the marker's middle above the table while it lies there [m].
-        sample_dt: Time between samples of the track [s]; the paper's camera analysis takes 100 ms.
         exposure_max: Longest exposure of a frame that is expected, which bounds the blur [s].
-        speed_max: Largest speed of the endpoint [m/s].
-        acceleration_max: Largest acceleration of the endpoint [m/s²].
-        search_period: Frames between searches of the whole image while the marker is lost; between
-            them it is searched where it was expected.
         start_radius: Largest distance of the first endpoint from where it is expected [m].
-        edge_tolerance: Distance beyond the edge at which an endpoint is off the table [m].
         row_time: Time by which each row is exposed later than the one above it [s]; 0 for a global
             shutter.
     """
 
     marker: MarkerConfig = dataclasses.field(default_factory=MarkerConfig)
     marker_z: float = 0.005
-    sample_dt: float = 0.1
     exposure_max: float = 1 / 120
-    speed_max: float = 15.0
-    acceleration_max: float = 400.0
-    search_period: int = 3
     start_radius: float = 0.15
-    edge_tolerance: float = 0.005
     row_time: float = 0.0
 
     def __post_init__(self):
-        check_count("tracker search_period", self.search_period, 1, 1000)
         check_ranges(
             self,
             {
                 "marker_z": (-0.1, 0.5, "m"),
-                "sample_dt": (0.005, 10.0, "s"),
                 "exposure_max": (0.0, 0.1, "s"),
-                "speed_max": (0.1, 100.0, "m/s"),
-                "acceleration_max": (1.0, 1e5, "m/s²"),
                 "start_radius": (0.01, 5.0, "m"),
-                "edge_tolerance": (0.0, 0.2, "m"),
                 "row_time": (0.0, 1e-3, "s"),
             },
             "tracker",
@@ -413,7 +367,7 @@ class EndpointTracker:
         self._px_per_m = view.pixels_per_metre(centre, self.config.marker_z)
         marker = self.config.marker
         # Where a small marker lies on the grid of pixels changes its area by a pixel of its width.
-        self._area_min = min(marker.area_min, 1.0 - _GRID / (marker.width * self._px_per_m))
+        self._area_min = min(_AREA_MIN, 1.0 - _GRID / (marker.width * self._px_per_m))
 
     def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
         """Look at the next frame, and return the endpoint in it.
@@ -430,11 +384,11 @@ class EndpointTracker:
         frame, self._frame_time = len(self._times), time
         patch = None
         if not self._seen:
-            patch = self._first(grab) if frame % self.config.search_period == 0 else None
+            patch = self._first(grab) if frame % _SEARCH_PERIOD == 0 else None
         else:
             lost_count = frame - 1 - self._seen[-1].frame
             patch = self._near(time, lost_count, grab)
-            if patch is None and lost_count % self.config.search_period == 0:
+            if patch is None and lost_count % _SEARCH_PERIOD == 0:
                 patch = self._anywhere(time, grab)
         if patch is None:
             return self._add(time, np.full(2, np.nan))
@@ -453,7 +407,7 @@ class EndpointTracker:
         self._xy.append(xy)
         return xy
 
-    def _learn(self, patch: Patch) -> None:
+    def _learn(self, patch: _Patch) -> None:
         """Learn how green and how large the marker is here and now."""
         if self._greenness is None:
             self._greenness, self._area = patch.greenness, patch.area
@@ -474,7 +428,7 @@ class EndpointTracker:
         return speed * self.config.exposure_max
 
     def track(self, duration: float | None = None, begin: float = 0.0) -> EndpointTrack:
-        """Return the track so far, one sample every `sample_dt` since the motion began.
+        """Return the track so far, one sample every 100 ms since the motion began.
 
         Args:
             duration: Time of the last sample [s]; by default that of the last frame.
@@ -487,12 +441,10 @@ class EndpointTracker:
         times = times - begin
         if not len(times) or times[-1] < 0:
             raise InputError("there is no frame at or after the beginning of the motion")
-        dt = self.config.sample_dt
+        dt = _SAMPLE_DT
         end = times[-1] if duration is None else duration
         sample_times = np.arange(int(np.floor(end / dt + 1e-6)) + 1, dtype=np.float64) * dt
-        endpoint_xy, status = track_samples(
-            times, xy, sample_times, self.workspace, self.config.edge_tolerance
-        )
+        endpoint_xy, status = track_samples(times, xy, sample_times, self.workspace)
         return EndpointTrack(times=sample_times, endpoint_xy=endpoint_xy, status=status)
 
     @property
@@ -508,13 +460,12 @@ class EndpointTracker:
         """
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
-    def _first(self, grab: Grab) -> Patch | None:
+    def _first(self, grab: Grab) -> _Patch | None:
         """Return the marker in the first frame that shows it.
 
         Whatever else is green then lies still, and is no marker later either.
         """
-        config = self.config.marker
-        expected = config.area * self._px_per_m**2
+        expected = self.config.marker.area * self._px_per_m**2
         candidates = []
         for patch in self._patches(self._frame, grab):
             # Between a pale and a vivid green; the marker's own is known after this.
@@ -538,7 +489,7 @@ class EndpointTracker:
                 misfit = misfit[keep]
             candidates = [candidates[i] for i in np.argsort(misfit)]
         if self._still_green is None:
-            mask = green_mask(grab(self._frame), config) > 0
+            mask = green_mask(grab(self._frame)) > 0
             if candidates:
                 left, top, right, bottom = candidates[0].box
                 mask[top:bottom, left:right] = False
@@ -553,14 +504,14 @@ class EndpointTracker:
             before = self._seen[-2]
             velocity = (last.pixel - before.pixel) / (last.time - before.time)
         dt = time - last.time
-        radius = 0.5 * self.config.acceleration_max * self._px_per_m * dt * dt
+        radius = 0.5 * _ACCELERATION_MAX * self._px_per_m * dt * dt
         return (
             last.pixel + velocity * dt,
             velocity,
             radius + 0.35 * float(np.linalg.norm(velocity)) * dt,
         )
 
-    def _near(self, time: float, lost_count: int, grab: Grab) -> Patch | None:
+    def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
         """Return the marker where it is expected, if it is there."""
         # A long time after it was seen, it is where it was or anywhere.
         if lost_count <= 3:
@@ -584,27 +535,27 @@ class EndpointTracker:
             return None
         return self._choose(self._patches(window, grab), centre, half, window, blur_px)
 
-    def _anywhere(self, time: float, grab: Grab) -> Patch | None:
+    def _anywhere(self, time: float, grab: Grab) -> _Patch | None:
         """Return the marker from anywhere that it could have reached since it was seen."""
         last = self._seen[-1]
-        reach = self.config.speed_max * (time - last.time) * self._px_per_m + 40.0
+        reach = _SPEED_MAX * (time - last.time) * self._px_per_m + 40.0
         patches = self._patches(self._frame, grab)
         return self._choose(patches, last.pixel, reach, self._frame, self._blur_max)
 
     @property
     def _blur_max(self) -> float:
         """Longest trace of the marker in a frame [px]."""
-        return self.config.speed_max * self.config.exposure_max * self._px_per_m
+        return _SPEED_MAX * self.config.exposure_max * self._px_per_m
 
-    def _patches(self, window: Window, grab: Grab) -> list[Patch]:
+    def _patches(self, window: Window, grab: Grab) -> list[_Patch]:
         """Return the green patches of a piece of the frame that do not lie on other green."""
-        patches = find_patches(grab(window), self.config.marker, (window[0], window[1]))
+        patches = _find_patches(grab(window), (window[0], window[1]))
         still = self._still_green
         if still is None:
             return patches
         u_max, v_max = self._frame[2] - 1, self._frame[3] - 1
 
-        def lies_on_green(patch: Patch) -> bool:
+        def lies_on_green(patch: _Patch) -> bool:
             u, v = np.round(patch.pixel).astype(int)
             return bool(still[min(max(v, 0), v_max), min(max(u, 0), u_max)])
 
@@ -612,18 +563,17 @@ class EndpointTracker:
 
     def _choose(
         self,
-        patches: list[Patch],
+        patches: list[_Patch],
         centre: NDArray[np.float64],
         radius: float,
         window: Window,
         blur_px: float,
-    ) -> Patch | None:
+    ) -> _Patch | None:
         """Return the patch that looks most like the marker, if any does."""
-        config = self.config.marker
         best, best_score = None, np.inf
         for patch in patches:
             share = patch.greenness / (self._greenness or patch.greenness)
-            if not config.share_min <= share <= config.share_max:
+            if not _SHARE_MIN <= share <= _SHARE_MAX:
                 continue
             # The share tells little of a marker that is slowly covered: it changes with the light.
             moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
@@ -639,19 +589,19 @@ class EndpointTracker:
             if distance > radius:
                 continue
             score = abs(np.log(share)) + distance / (radius + 1.0)
-            score += abs(patch.hue_deg - config.hue_deg) / config.hue_tolerance_deg
+            score += abs(patch.hue_deg - _HUE_DEG) / _HUE_TOLERANCE_DEG
             if score < best_score:
                 best, best_score = patch, score
         return best
 
-    def _shaped(self, patch: Patch, blur_px: float) -> bool:
+    def _shaped(self, patch: _Patch, blur_px: float) -> bool:
         """Return whether a patch is as large as the marker can look."""
-        config = self.config.marker
-        if abs(patch.hue_deg - config.hue_deg) > config.hue_tolerance_deg:
+        if abs(patch.hue_deg - _HUE_DEG) > _HUE_TOLERANCE_DEG:
             return False
         # Deviation of an even bar is its length over the root of 12; a pixel more for the lens.
-        longest = (config.length * self._px_per_m + blur_px) / np.sqrt(12.0) * 1.3 + 1.0
-        widest = (config.length * self._px_per_m) / np.sqrt(12.0) * 1.15 + 1.0
+        length = self.config.marker.length * self._px_per_m
+        longest = (length + blur_px) / np.sqrt(12.0) * 1.3 + 1.0
+        widest = length / np.sqrt(12.0) * 1.15 + 1.0
         return patch.extent[0] <= longest and patch.extent[1] <= widest
 
 
