@@ -28,10 +28,6 @@ EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 USER_RIG = "05_your_own_rig:make_rig"
 TWIN_FILE = pathlib.Path(__file__).parents[2] / "examples" / "twin.yaml"
 
-# ur-rtde knows no other port than 30004, so that each twin gets an address of its own. All of
-# 127.0.0.0/8 is this computer on Linux.
-_numbers = itertools.count(1)
-
 TwinMaker = Callable[..., tuple[TwinProcess, Setup]]
 
 
@@ -82,13 +78,20 @@ def wild() -> Trajectory:
     return Trajectory(action=None, grip_path=GripPath.fit(times, poses), joint_path=None)
 
 
+@pytest.fixture(scope="session")
+def twin_address() -> Callable[[], str]:
+    """Return a function that gives each twin an address of its own, as ports are fixed."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("several loopback addresses need Linux")
+    process, numbers = os.getpid(), itertools.count(1)
+    return lambda: f"127.{process // 250 % 250 + 1}.{process % 250 + 1}.{next(numbers)}"
+
+
 @pytest.fixture(scope="module")
-def make_twin() -> Iterator[TwinMaker]:
+def make_twin(twin_address) -> Iterator[TwinMaker]:
     """Make twins that stop at the end of a file's tests; each comes with the set-up to reach it."""
     pytest.importorskip("rtde_receive")
     pytest.importorskip("mujoco")
-    if not sys.platform.startswith("linux"):
-        pytest.skip("several loopback addresses need Linux")
     twins = []
 
     def make(
@@ -98,8 +101,7 @@ def make_twin() -> Iterator[TwinMaker]:
         lab: dict | None = None,
         **config,
     ):
-        process = os.getpid()
-        address = f"127.{process // 250 % 250 + 1}.{process % 250 + 1}.{next(_numbers)}"
+        address = twin_address()
         values = parse_yaml(TWIN_FILE.read_text(), "lab file")
         for section, changes in {**(lab or {}), "arm": {"model": model}}.items():
             values[section] = {**values.get(section, {}), **(lab or {}).get(section, {}), **changes}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
+from cablecast.errors import InputError, check_keys, check_number, check_ranges
 
 Point = tuple[float, float, float]
 
@@ -63,8 +63,6 @@ class RobotConfig:
             as lost [s]. A twin that draws for its camera may need longer.
         lag_max: Largest distance of a joint from its set point, before the cast is aborted [rad].
         settle_time: Time from the end of a cast to the end of its trial [s].
-        dashboard_port: Port of the dashboard server.
-        program_port: Port that takes programs, the secondary client interface.
     """
 
     address: str
@@ -83,8 +81,6 @@ class RobotConfig:
     silence_max: float = 1.0
     lag_max: float = 0.6
     settle_time: float = 2.5
-    dashboard_port: int = 29999
-    program_port: int = 30002
 
     def __post_init__(self):
         if not isinstance(self.address, str) or not _HOST_NAME.fullmatch(self.address):
@@ -109,8 +105,6 @@ class RobotConfig:
             },
             "robot",
         )
-        for name in ("dashboard_port", "program_port"):
-            check_count(f"robot {name}", getattr(self, name), 1, 65535)
         if np.any(np.asarray(self.box_low) >= np.asarray(self.box_high)):
             raise InputError(
                 f"robot box_low = {list(self.box_low)} must be below box_high = "

@@ -15,6 +15,9 @@ import threading
 import time
 from typing import Any, TextIO
 
+RTDE_PORT, DASHBOARD_PORT, PROGRAM_PORT = 30004, 29999, 30002
+"""Ports of every UR controller; programs go to the secondary client interface."""
+
 BEAT_REGISTER = 18
 """Input: a number that this computer changes as long as all is well."""
 STOP_REGISTER = 19
@@ -40,11 +43,10 @@ class Agent:
     Args:
         out: Stream of answers.
         address: Name or address of the controller.
-        dashboard_port: Port of its dashboard server.
         beat_period: Time between two heartbeats [s].
     """
 
-    def __init__(self, out: TextIO, address: str, dashboard_port: int, beat_period: float):
+    def __init__(self, out: TextIO, address: str, beat_period: float):
         import dashboard_client
         import rtde_io
         import rtde_receive
@@ -56,7 +58,7 @@ class Agent:
         self._alive_until = 0.0
         self._beat = 0
         self._beat_at = 0.0
-        self._dashboard: Any = dashboard_client.DashboardClient(address, dashboard_port)
+        self._dashboard: Any = dashboard_client.DashboardClient(address, DASHBOARD_PORT)
         self._dashboard.connect(_CONNECT_TIME_MAX_MS)
         self._receive: Any = rtde_receive.RTDEReceiveInterface(address)
         self._io: Any = rtde_io.RTDEIOInterface(address)
@@ -77,10 +79,9 @@ class Agent:
         elif do == "rest":
             self._alive_until = 0.0
         elif do == "write":
+            # One that is not written is a connection that broke: the owner notices the silence.
             with self._write_lock:
-                written = self._io.setInputIntRegister(command["register"], command["value"])
-            if not written:
-                self.say(error=f"register {command['register']} was not written")
+                self._io.setInputIntRegister(command["register"], command["value"])
         elif do == "ask":
             try:
                 self.say(answer=str(getattr(self._dashboard, command["question"])()))

@@ -18,10 +18,14 @@ from numpy.typing import NDArray
 
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import MissingExtraError, RigError
-from cablecast.rigs.ur.agent import PHASE_REGISTER, STOP_REGISTER
+from cablecast.rigs.ur.agent import (
+    DASHBOARD_PORT,
+    PHASE_REGISTER,
+    PROGRAM_PORT,
+    RTDE_PORT,
+    STOP_REGISTER,
+)
 
-RTDE_PORT = 30004
-"""Port of RTDE; ur-rtde knows no other."""
 _CONNECT_TIME_MAX = 3.0
 _AGENT_TIME_MAX = 20.0
 _ANSWER_TIME_MAX = 5.0
@@ -101,9 +105,9 @@ class UrLink:
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._alive_said = 0.0
         for name, port in (
-            ("dashboard", robot.dashboard_port),
+            ("dashboard", DASHBOARD_PORT),
             ("RTDE", RTDE_PORT),
-            ("program", robot.program_port),
+            ("program", PROGRAM_PORT),
         ):
             _probe(robot.address, port, name)
         self._process = subprocess.Popen(
@@ -126,11 +130,7 @@ class UrLink:
 
     def _connect(self) -> None:
         robot = self.robot
-        self._tell(
-            address=robot.address,
-            dashboard_port=robot.dashboard_port,
-            beat_period=robot.watchdog / _BEATS_PER_WATCHDOG,
-        )
+        self._tell(address=robot.address, beat_period=robot.watchdog / _BEATS_PER_WATCHDOG)
         answer = self._answer(_AGENT_TIME_MAX)
         if "missing" in answer:
             raise MissingExtraError("ur-rtde", "ur", "--rig ur")
@@ -213,9 +213,8 @@ class UrLink:
             RigError: The controller does not take it.
         """
         try:
-            with socket.create_connection(
-                (self.robot.address, self.robot.program_port), _CONNECT_TIME_MAX
-            ) as connection:
+            place = (self.robot.address, PROGRAM_PORT)
+            with socket.create_connection(place, _CONNECT_TIME_MAX) as connection:
                 connection.sendall(text.encode())
         except OSError as error:
             raise RigError(
@@ -228,6 +227,9 @@ class UrLink:
         Raises:
             RigError: The dashboard does not answer.
         """
+        # An answer that came too late belongs to an earlier question.
+        while not self._answers.empty():
+            self._answers.get_nowait()
         self._tell(do="ask", question=question)
         answer = self._answer(_ANSWER_TIME_MAX)
         if answer.get("answer") is None:

@@ -14,20 +14,14 @@ from cablecast.rigs.ur.twin.laboratory import (
 )
 from cablecast.rigs.ur.twin.servers import DATA_PACKAGE, SETUP_INPUTS, frame
 
-# Nobody connects: any free port will do.
-PORTS = {
-    "rtde_port": 0,
-    "dashboard_port": 0,
-    "program_port": 0,
-    "admin_port": 0,
-}
-
 
 @pytest.mark.parametrize("patience", [0.0, 60.0])
 def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller_does_not(
-    twin_setup, patience
+    twin_setup, twin_address, patience
 ):
-    config = TwinConfig(has_cable=False, has_camera=False, rate=10.0, patience=patience, **PORTS)
+    config = TwinConfig(
+        address=twin_address(), has_cable=False, has_camera=False, rate=10.0, patience=patience
+    )
     laboratory = TwinLaboratory(twin_setup, config)
     controller = laboratory.controller
     try:
@@ -50,8 +44,9 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
         laboratory.close()
 
 
-def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup):
-    laboratory = TwinLaboratory(twin_setup, TwinConfig(has_cable=False, has_camera=False, **PORTS))
+def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup, twin_address):
+    config = TwinConfig(address=twin_address(), has_cable=False, has_camera=False)
+    laboratory = TwinLaboratory(twin_setup, config)
     controller, server = laboratory.controller, laboratory.rtde
     sent: list[bytes] = []
     client = SimpleNamespace(kind="rtde", state={}, send=sent.append, open=True)

@@ -19,7 +19,13 @@ from cablecast.errors import (
     check_seed,
 )
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.ur.agent import PHASE_REGISTER, STATE_REGISTER
+from cablecast.rigs.ur.agent import (
+    DASHBOARD_PORT,
+    PHASE_REGISTER,
+    PROGRAM_PORT,
+    RTDE_PORT,
+    STATE_REGISTER,
+)
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import ProgramState
 from cablecast.rigs.ur.twin.controller import MODE_POWER_OFF, Controller
@@ -46,8 +52,10 @@ _LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
 _CROOKED = np.radians(15.0)
 _PROGRAM_IDLE_TIME = 0.05
 _STICK_NODE_COUNT = 12
-_ROBOT_SERVERS = ("rtde", "dashboard", "program")
-"""Servers of the controller itself, which fall silent with it; not that of the laboratory."""
+_ROBOT_SERVERS = {"rtde": RTDE_PORT, "dashboard": DASHBOARD_PORT, "program": PROGRAM_PORT}
+"""Ports of the controller's own servers, which fall silent with it."""
+ADMIN_PORT = 30101
+"""Port that takes faults, and tells the truth to tests."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,11 +65,7 @@ class TwinConfig:
     Attributes:
         address: Loopback address. ur-rtde has fixed ports, so that two twins at a time need two
             addresses: on Linux, 127.0.0.1 to 127.255.255.254 are all of this computer.
-        rtde_port: Port of the Real-Time Data Exchange.
-        dashboard_port: Port of the dashboard server.
-        program_port: Port that takes programs, the secondary client interface.
-        camera_port: Port of the camera's stream, on 127.0.0.1.
-        admin_port: Port that takes faults, and tells the truth to tests.
+        camera_port: Port of the camera's stream, on 127.0.0.1; 0 for any free one.
         rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
             runs slower where the simulation cannot keep up, and no faster than the world where no
             client of RTDE is connected.
@@ -76,11 +80,7 @@ class TwinConfig:
     """
 
     address: str = "127.0.0.1"
-    rtde_port: int = 30004
-    dashboard_port: int = 29999
-    program_port: int = 30002
     camera_port: int = 30100
-    admin_port: int = 30101
     rate: float = 1.0
     patience: float = 0.0
     seed: int = 0
@@ -90,24 +90,12 @@ class TwinConfig:
     has_camera: bool = True
 
     def __post_init__(self):
-        for field in dataclasses.fields(self):
-            if field.name.endswith("_port"):
-                check_count(f"twin {field.name}", getattr(self, field.name), 0, 65535)
+        check_count("twin camera_port", self.camera_port, 0, 65535)
         check_number("twin rate", self.rate, 0.01, 100.0)
         check_number("twin patience", self.patience, 0.0, 60.0)
         check_seed(self.seed)
         check_seed(self.lab_seed)
         check_count("twin segment_count", self.segment_count, 4, 200)
-
-    @property
-    def ports(self) -> dict[str, int]:
-        """Port of each server."""
-        return {
-            "rtde": self.rtde_port,
-            "dashboard": self.dashboard_port,
-            "program": self.program_port,
-            "admin": self.admin_port,
-        }
 
 
 FAULTS: dict[str, str] = {
@@ -189,7 +177,7 @@ class TwinLaboratory:
             self.controller, config.seed, heard=lambda: self._said.add(self.phase)
         )
         self.faults: list[Fault] = []
-        self.servers = Servers(config.address, config.ports)
+        self.servers = Servers(config.address, {**_ROBOT_SERVERS, "admin": ADMIN_PORT})
         self._phase = ("idle", self.controller.time)
         self._held: list[tuple[Client, bytes]] = []
         self._senders: list[Client] = []

@@ -14,7 +14,7 @@ import socket
 from typing import Any, Self
 
 from cablecast.errors import CablecastError, InputError, RigError
-from cablecast.rigs.ur.twin.laboratory import TwinConfig, TwinLaboratory
+from cablecast.rigs.ur.twin.laboratory import ADMIN_PORT, TwinConfig, TwinLaboratory
 from cablecast.setup import Setup
 
 _START_TIME_MAX = 180.0
@@ -58,7 +58,7 @@ class TwinProcess:
             self._process.join(_STOP_TIME_MAX)
             raise InputError(answer["error"])
         self.camera_url: str | None = answer["camera"]
-        self.admin = TwinClient(config.address, answer["port"])
+        self.admin = TwinClient(config.address)
         atexit.register(self.close)
 
     def __enter__(self) -> Self:
@@ -88,18 +88,18 @@ class TwinClient:
 
     Args:
         address: Address of the twin.
-        port: Its admin port.
 
     Raises:
         RigError: No twin answers.
     """
 
-    def __init__(self, address: str = "127.0.0.1", port: int = TwinConfig.admin_port):
+    def __init__(self, address: str = "127.0.0.1"):
         try:
-            self._socket = socket.create_connection((address, port), timeout=_ANSWER_TIME_MAX)
+            self._socket = socket.create_connection((address, ADMIN_PORT), _ANSWER_TIME_MAX)
         except OSError as error:
             raise RigError(
-                f"no twin answers at {address}:{port} ({error.strerror}): start `cablecast twin`"
+                f"no twin answers at {address}:{ADMIN_PORT} ({error.strerror}): "
+                "start `cablecast twin`"
             ) from None
         self._buffer = b""
 
@@ -162,7 +162,7 @@ def _serve(setup: Setup, config: TwinConfig, there: multiprocessing.connection.C
     ended: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
     url = None if laboratory.camera is None else laboratory.camera.url
-    there.send({"port": laboratory.servers.ports["admin"], "camera": url})
+    there.send({"camera": url})
     there.close()
     parent = os.getppid()
     try:

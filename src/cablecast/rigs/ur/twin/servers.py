@@ -73,7 +73,7 @@ class Servers:
 
     Args:
         address: Loopback address.
-        ports: Port by the name of the server; 0 for any free one.
+        ports: Port by the name of the server.
 
     Raises:
         InputError: The address is not of this computer, or a port is taken.
@@ -81,7 +81,7 @@ class Servers:
 
     def __init__(self, address: str, ports: dict[str, int]):
         self.address = _check_loopback(address)
-        self.ports = dict(ports)
+        self._ports = ports
         self.clients: list[Client] = []
         self._selector = selectors.DefaultSelector()
         self._listening: dict[str, socket.socket] = {}
@@ -97,14 +97,13 @@ class Servers:
         server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            server.bind((self.address, self.ports[name]))
+            server.bind((self.address, self._ports[name]))
         except OSError as error:
             server.close()
             raise InputError(
-                f"port {self.ports[name]} of {self.address} is not free ({error.strerror}): is "
+                f"port {self._ports[name]} of {self.address} is not free ({error.strerror}): is "
                 "another twin running?"
             ) from None
-        self.ports[name] = server.getsockname()[1]
         server.listen()
         server.setblocking(False)
         self._listening[name] = server
