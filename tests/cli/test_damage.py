@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from tools.attack_inputs import damaged_bytes, damaged_json
+from tools.attack import damaged_bytes, damaged_json
 from tools.small_results import SMALL, digests
 
 from cablecast.cable import load_cable

@@ -7,7 +7,7 @@ import shutil
 import pytest
 import stick_engine
 import stick_rig
-from tools.attack_inputs import damaged_bytes, damaged_json
+from tools.attack import damaged_bytes, damaged_json
 
 from cablecast.data.dataset import read_dataset
 from cablecast.data.schema import INFO_PATH
