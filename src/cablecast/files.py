@@ -210,7 +210,7 @@ def read_json(path: str | pathlib.Path) -> dict[str, Any]:
 
 
 def temporary_prefix(path: pathlib.Path) -> str:
-    """Return how the temporary name of a file or folder begins; it names the process."""
+    """Return the prefix of a file's temporary names, which holds the number of the process."""
     return f".{path.name}.{os.getpid()}-"
 
 
@@ -238,7 +238,7 @@ def _is_alive(process: int) -> bool:
     except ProcessLookupError:
         return False
     except OSError:
-        # It belongs to somebody else.
+        # It belongs to another user.
         return True
     return True
 

@@ -182,8 +182,8 @@ class Setup:
     def to_settings(self) -> dict[str, Any]:
         """Return the plain values that affect results.
 
-        These are all but `measured` of the arm and the sections of `INSTRUMENTS`: a dataset goes on
-        after the camera was given another exposure.
+        These are all but `measured` of the arm and the sections of `INSTRUMENTS`: a dataset
+        resumes after a change of the camera's exposure.
         """
         values = self.to_dict()
         del values["arm"]["measured"]

@@ -28,7 +28,7 @@ def write_repeatability(folder, scatters_pct, cable="cable_1"):
         }
         for (v_max, with_psi), scatter_pct in scatters_pct.items()
     ]
-    with RunFolder.open(folder, "repeat", Setup(cable=cable).to_settings()).begun() as run:
+    with RunFolder.open(folder, "repeat", Setup(cable=cable).to_settings()).locked() as run:
         run.finish({"combinations": combinations})
 
 

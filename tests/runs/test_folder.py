@@ -14,7 +14,7 @@ SETTINGS = {"seed": 0, "training": {"epochs": 5}, "grid": (1, 2)}
 
 def begun(path, settings=SETTINGS, metrics=None):
     run = RunFolder.open(path, "train", settings)
-    with run.begun():
+    with run.locked():
         if metrics is not None:
             run.finish(metrics)
     return run
@@ -91,7 +91,7 @@ def test_another_process_is_kept_out_of_a_folder_while_a_run_is_in_it(tmp_path):
         command = [sys.executable, "-c", script, str(tmp_path)]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
-    with RunFolder.open(tmp_path, "train", SETTINGS).begun():
+    with RunFolder.open(tmp_path, "train", SETTINGS).locked():
         assert other_process() == f"another process is writing to {tmp_path}"
     assert other_process() == "held"
 

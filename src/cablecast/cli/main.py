@@ -35,7 +35,7 @@ from cablecast.errors import CablecastError
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
-EXIT_NOBODY_READS = 141
+EXIT_READER_CLOSED = 141
 
 _STOP_SIGNALS = ("SIGTERM", "SIGHUP")
 
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Returns:
         0 if all went well, 2 for bad input, 3 for a result that falls short, 128 and the
-        number of the signal where it was stopped (130 for Ctrl-C, 141 where nobody reads on).
+        number of the signal where it was stopped (130 for Ctrl-C, 141 where the reader has closed).
     """
     _stop_on_signals()
     prepare_streams()
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader, `head` for example, has seen enough.
         drain(sys.stdout)
         drain(sys.stderr)
-        return EXIT_NOBODY_READS
+        return EXIT_READER_CLOSED
     except OSError as error:
         # A folder that cannot be written, a full disk: nothing that a traceback would explain.
         drain(sys.stdout)

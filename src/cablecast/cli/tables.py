@@ -30,7 +30,7 @@ def print_table(table: "Table", *notes: str) -> None:
     """
     from rich.console import Console
 
-    # Names of cables and rigs are anybody's: brackets in them are no markup.
+    # Brackets in the names of cables and rigs are no markup.
     console = Console(markup=False, emoji=False, highlight=False)
     wide = console.options.update(max_width=1000)
     console.width = max(console.width, console.measure(table, options=wide).maximum)

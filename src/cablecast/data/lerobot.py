@@ -246,7 +246,7 @@ def lerobot_card(dataset: Dataset, info: Mapping[str, Any]) -> str:
         f"exported by cablecast from a dataset of kind `{source['kind']}` (fingerprint "
         f"`{source['fingerprint']}`, rig `{rig}`), at {info['fps']} frames/s.",
         "",
-        "No licence is stated: whoever recorded the casts decides it.",
+        "No licence is stated: it is up to the owner of the recordings.",
         "",
         "| feature | unit | meaning |",
         "|---|---|---|",

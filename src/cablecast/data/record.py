@@ -1,7 +1,7 @@
 """The loop that makes trials on a rig and stores them: D_tune, D_real, repeats, evaluations.
 
 A trial on a robot takes about 20 s, so no finished trial may be lost: each becomes a file of its
-own before the next one begins, and disk space for it is reserved beforehand.
+own before the next one starts, and disk space for it is reserved beforehand.
 
 Collection of D_tune and D_real: choice of actions, and casts on a rig (section V-C).
 """
@@ -108,7 +108,7 @@ def record_trials(
 ) -> Dataset:
     """Make trials on a rig, or resume an earlier run of the same settings.
 
-    Each trial begins with a reset. A trial in which the rig raises, or which it reports as aborted,
+    Each trial starts with a reset. A trial in which the rig raises, or which it reports as aborted,
     is repeated. The rig is not closed.
 
     Args:
@@ -116,7 +116,7 @@ def record_trials(
         rig: Rig that makes the trials; its description is one of the settings.
         plan: Trials to make.
         settings: Further plain values that decide the trials.
-        progress: Told the number of trials done, at the start and after each.
+        progress: Receives the number of trials done, at the start and after each.
 
     Returns:
         The finished dataset.
@@ -126,7 +126,7 @@ def record_trials(
         DatasetError: The folder holds another dataset or other files, a shard is damaged, or the
             disk is full. Trials that are finished are kept.
     """
-    # Whoever made the rig, its answers are checked before they are stored.
+    # The answers of any rig are checked before they are stored.
     rig = rig if isinstance(rig, CheckedRig) else CheckedRig(rig, plan.setup)
     writer = DatasetWriter(
         pathlib.Path(path),
@@ -371,7 +371,7 @@ def collect_dataset(
         seed: Seed of the actions and of their order.
         ranges: Ranges of the actions; those that suit the set-up where None.
         attempts: Number of attempts at a cast before the collection stops.
-        progress: Told the number of casts done, at the start and after each.
+        progress: Receives the number of casts done, at the start and after each.
 
     Returns:
         The finished dataset.

@@ -72,7 +72,7 @@ def simulate_dataset(
         shard_rows: Rows of each shard; what takes the engine's device a few seconds where None.
         workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
             rows are equal to the bit on processors of one kind.
-        progress: Told the number of casts done, at the start and after every shard.
+        progress: Receives the number of casts done, at the start and after every shard.
 
     Returns:
         The finished dataset.

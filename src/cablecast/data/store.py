@@ -100,7 +100,7 @@ class CastStore:
             InputError: Another process has added casts meanwhile.
         """
         if self._run is not None:
-            with self._run.begun():
+            with self._run.locked():
                 if self._parts.file(self._name()).exists():
                     raise InputError(
                         f"another process has added casts to {self._run.path}: open the store again"

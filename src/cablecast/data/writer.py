@@ -45,7 +45,7 @@ _TITLES = {
 _SIMULATED = (
     "The simulated plane has no edge: a row whose free end rests beyond that of the table has the "
     "status `off_table` and keeps its resting point on the plane; the columns of the path's extent "
-    "tell of those that left the table on their way. A row of status `non_finite` has no resting "
+    "show those that left the table on their way. A row of status `non_finite` has no resting "
     "point."
 )
 _ON_A_RIG = (
@@ -302,7 +302,7 @@ class DatasetWriter:
 def with_later_keys(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return stored settings with the keys that later versions added to the set-up, at defaults.
 
-    A collection on a robot that was begun before an update of the package goes on after it.
+    A collection on a robot resumes after an update of the package.
 
     Args:
         settings: Settings of a dataset.

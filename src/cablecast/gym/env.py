@@ -158,7 +158,7 @@ class CastTask:
 
         Args:
             values: Actions in the environment's form, shape [count, 4].
-            target_xy: Targets [m], which tell the half of the table, shape [count, 2].
+            target_xy: Targets [m], which give the half of the table, shape [count, 2].
         """
         values = np.asarray(values, dtype=float)
         if values.shape != (len(target_xy), _ACTION_SIZE):
@@ -300,7 +300,7 @@ class _Casts:
                 drawn where None.
         """
         fresh = self.done >= self.task.tries
-        # Drawn for all, so that the n-th draw is the n-th target whoever is due.
+        # Drawn for all, so that the n-th draw does not depend on which of them are due.
         targets = self.task.draw_targets(self.count, rng)
         cables = self.task.draw_cables(self.count, rng)
         if target_xy is not None:
@@ -382,7 +382,7 @@ class CastEnv(gymnasium.Env):
         setup: Cable, workspace, arm and motion settings; those of `tuned`, or the paper's.
         **options: `tuned`, parameters of the cable and servo of the arm as `tune` finds them;
             `rig`, "engine", "virtual", package.module:factory or a rig, and `rig_seed`, the seed of
-            what it draws by chance; `device` of the engine, "cpu" or "cuda"; and the attributes of
+            its random numbers; `device` of the engine, "cpu" or "cuda"; and the attributes of
             `CastTask` after `params`.
 
     Raises:

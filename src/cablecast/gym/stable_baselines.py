@@ -22,7 +22,7 @@ class CastVecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> Any:
-        """Begin an episode in each environment; see `CastVectorEnv.reset`."""
+        """Start an episode in each environment; see `CastVectorEnv.reset`."""
         seed = self._seeds[0]
         self._reset_seeds()
         return self.env.reset(seed=seed)[0]

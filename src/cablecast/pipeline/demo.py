@@ -95,7 +95,7 @@ def demo(
         "targets": targets.tolist(),
     }
     run = RunFolder.open(folder / EVALUATION_FOLDER, "demo", settings)
-    with run.begun():
+    with run.locked():
         progress(Progress(task=f"Aiming at {len(targets)} targets, up to {tries} tries each"))
         # Minutes are for one fit; a session of `aim` takes the time for another.
         result = aim(session, rig, targets, refit=False, progress=progress)

@@ -76,7 +76,7 @@ def evaluate(
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "evaluate", settings)
         stored = run.metrics
-        with run.begun():
+        with run.locked():
             evaluation = evaluate_policy(
                 run.path / CASTS_FOLDER,
                 policy,

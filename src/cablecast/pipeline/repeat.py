@@ -107,7 +107,7 @@ def repeat(
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "repeat", settings)
         results = {}
-        with run.begun():
+        with run.locked():
             for name, (setup, made) in plans.items():
                 results[name] = measure_repeatability(
                     run.path / name / "casts",

@@ -210,7 +210,7 @@ def reproduce(
         workers=workers,
         progress=progress,
     )
-    with run.begun(), connected(workers):
+    with run.locked(), connected(workers):
         stages = work.stages()
         log: StageLog = run_stages(stages, run.path, progress)
         progress(Progress(task="Writing the report"))

@@ -104,7 +104,7 @@ def select(
         run = RunFolder.open(folder, "select", settings)
         metrics = run.metrics
         if metrics is None:
-            with run.begun(), connected(workers):
+            with run.locked(), connected(workers):
                 survey = _Survey(setup, tuned, run, (grid, grid_psi), engine, progress)
                 metrics = survey.choose(rows, scatter_max_pct, out is not None)
                 if out is not None:

@@ -143,7 +143,7 @@ def track_video(
             progress(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
             return VideoTrack(track=_read_track(run, done), metrics=done)
         tracker, calibration, image = _track(video, setup, config, progress)
-        with run.begun():
+        with run.locked():
             track, metrics = tracker.track(), _metrics(tracker, calibration)
             if out is not None:
                 _write_files(run, tracker, calibration, image)

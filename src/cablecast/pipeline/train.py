@@ -129,7 +129,7 @@ def train(
         if run.metrics is not None:
             progress(Progress(task=f"Training the model of {setup.cable.name}", note=DONE_NOTE))
             return ForwardSearchPolicy.load(folder)
-        with run.begun():
+        with run.locked():
             model = trained()
             progress(Progress(task=f"Predicting {candidate_count} candidate motions"))
             policy = ForwardSearchPolicy.build(

@@ -112,7 +112,7 @@ def tune(
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "tune", settings)
         if run.metrics is None:
-            with run.begun(), connected(workers):
+            with run.locked(), connected(workers):
                 return _search(run, casts, split, engines, config, progress, out is not None)
         progress(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
         return dataclasses.replace(

@@ -63,7 +63,7 @@ def flat_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[s
 
     Args:
         settings: Settings.
-        prefix: Text that all names begin with.
+        prefix: Text before all names.
     """
     rows = []
     for key, value in settings.items():
@@ -145,7 +145,7 @@ def hold_folder(
         path: Folder; it is created if it does not exist.
         error: Class of the error.
         role: Purpose of the lock. A process may lock a folder once for each purpose: it does so
-            before it connects a rig, and again when work in the folder begins.
+            before it connects a rig, and again when it starts to write.
 
     Raises:
         CablecastError: The folder is locked already; an instance of `error`.
@@ -262,7 +262,7 @@ class Parts:
 
     Attributes:
         folder: Folder; it is created when the first part is stored.
-        owner: Fingerprint of the run that the parts belong to; empty for parts that anybody reads.
+        owner: Fingerprint of the run that the parts belong to; empty for parts of no run.
         remedy: What to do about a damaged part, for errors.
     """
 
@@ -355,7 +355,7 @@ class RunFolder:
         )
 
     @contextlib.contextmanager
-    def begun(self) -> Iterator["RunFolder"]:
+    def locked(self) -> Iterator["RunFolder"]:
         """Lock the folder against other processes, and write config.json if it is missing.
 
         Raises:

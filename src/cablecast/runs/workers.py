@@ -121,7 +121,7 @@ def _connect(address: str) -> None:
 
     import ray
 
-    # Nothing is reported to anybody.
+    # No usage statistics are sent.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"address": address} if address else {"include_dashboard": False}
     try:
