@@ -73,7 +73,10 @@ class ErrorSummary:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "ErrorSummary":
         """Return the summary that metrics.json holds; None becomes NaN."""
-        return cls(**{name: math.nan if v is None else v for name, v in values.items()})
+        numbers: dict[str, Any] = {
+            name: math.nan if value is None else value for name, value in values.items()
+        }
+        return cls(**numbers)
 
 
 def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:

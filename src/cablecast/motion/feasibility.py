@@ -6,7 +6,6 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,9 +34,6 @@ _PARTS = np.linspace(0.0, 1.0, 5)
 # Actions per chunk: keeps the intermediate arrays in the processor's cache.
 _CHUNK = 256
 
-_GRIDS_KEPT = 4
-_grids: dict[tuple[Any, ...], NDArray[np.float64]] = {}
-"""The last grids: all policies of a set-up have the same candidates, which take seconds to find."""
 ACTION_COUNT_MAX = 1_000_000
 """Largest number of actions per search; their grid has to fit into memory."""
 
@@ -66,11 +62,8 @@ class LimitViolation:
     @property
     def name(self) -> str:
         """Short name of the limit, e.g. `elbow velocity`."""
-        return (
-            self.kind.name.lower()
-            if self.joint is None
-            else f"{self.joint} {self.kind.name.lower()}"
-        )
+        kind = self.kind.name.lower()
+        return kind if self.joint is None else f"{self.joint} {kind}"
 
     def __str__(self) -> str:
         unit = self.kind.value
@@ -109,24 +102,17 @@ class Feasibility:
         found: dict[int, list[LimitViolation]] = {
             int(row): [] for row in np.flatnonzero(~self.mask)
         }
+
+        def add(row, kind, joint, value, bound):
+            found[int(row)].append(
+                LimitViolation(kind=kind, joint=joint, value=float(value), bound=float(bound))
+            )
+
         for row in np.flatnonzero(np.isnan(self.peaks[:, 0, 0])):
-            found[int(row)].append(
-                LimitViolation(
-                    kind=LimitKind.REACH,
-                    joint=None,
-                    value=float(self.radius[row]),
-                    bound=float(self.radius_bound[row]),
-                )
-            )
+            add(row, LimitKind.REACH, None, self.radius[row], self.radius_bound[row])
         for row, kind, joint in np.argwhere(self.peaks > self.bounds):
-            found[int(row)].append(
-                LimitViolation(
-                    kind=JOINT_LIMIT_KINDS[kind],
-                    joint=JOINT_NAMES[joint],
-                    value=float(self.peaks[row, kind, joint]),
-                    bound=float(self.bounds[kind, joint]),
-                )
-            )
+            peak, bound = self.peaks[row, kind, joint], self.bounds[kind, joint]
+            add(row, JOINT_LIMIT_KINDS[kind], JOINT_NAMES[joint], peak, bound)
         return {row: tuple(violations) for row, violations in found.items()}
 
     def describe(self, row: int) -> str:
@@ -242,14 +228,11 @@ def feasible_grid(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
     ranges = ranges or ActionRanges.for_setup(setup)
-    key = (count, setup.motion, setup.arm, setup.workspace, ranges, seed)
-    if key not in _grids:
-        while len(_grids) >= _GRIDS_KEPT:
-            _grids.pop(next(iter(_grids)), None)
-        _grids[key] = _find_grid(count, setup, ranges, seed)
-    return _grids[key].copy()
+    return _find_grid(count, setup, ranges, seed).copy()
 
 
+# All policies of a set-up have the same candidates, which take seconds to find.
+@functools.lru_cache(maxsize=4)
 def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDArray[np.float64]:
     probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), setup)
     share = float(np.mean(probe.mask))
@@ -365,13 +348,7 @@ def _peaks(
 def _sample(
     arm: ArmUR, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> tuple[JointMotion, NDArray[np.float64]]:
-    """Return joint motion and grip radius at the sample points, leading shape [part, piece].
-
-    Args:
-        arm: Robot arm.
-        coefficients: Coefficients of each piece, shape [piece, 5, 6].
-        lengths: Duration of each piece [s], shape [piece].
-    """
+    """Return joint motion and grip radius at the sample points, leading shape [part, piece]."""
     powers = np.arange(DEGREE + 1)
     # Scale time by the piece's duration, and put the piece axis last: sums then run along
     # contiguous memory.

@@ -1,19 +1,9 @@
-"""Jerk-limited maximum-velocity profiles, planned with ruckig, as batches of polynomial phases.
+"""Grip paths: the gripper's pose over time as piecewise polynomials, and how paths are built.
 
-Paper, section V-B: a maximum-velocity spline with jerk-limited bang-bang control. ruckig plans each
-rest-to-rest move without a limit of acceleration, so that only the jerk switches. Only the phases
-are read from ruckig: nothing is sampled in Python.
-
-GripPath: gripper pose over time as piecewise polynomials, one row per world.
-
-Engines evaluate it inside their step, rigs at the robot's control ticks. Measured paths are fitted
-to it. It is the only description of a motion that passes from planning to execution.
-
-PlanePath: builder of grip paths in a vertical plane that turns about the robot's base.
-
-The reset and polar casting lift, swing and drag the cable within such a plane. A path is built move
-by move in plane coordinates: azimuth of the plane, radius and height in it, heading of the cable
-relative to the azimuth, and pitch.
+`GripPath` is the only description of a motion that passes from planning to execution: engines
+evaluate it inside their step, rigs at the robot's control ticks, and measured paths are fitted to
+it. `Profiles` are jerk-limited moves from rest to rest (section V-B). `PlanePath` builds the paths
+of the reset and of polar casting.
 """
 
 import dataclasses
@@ -115,7 +105,10 @@ class Profiles:
 def plan_profiles(
     distances: NDArray[np.float64], velocities: NDArray[np.float64], jerks: NDArray[np.float64]
 ) -> Profiles:
-    """Plan the fastest rest-to-rest moves within limits of velocity and jerk.
+    """Plan the fastest rest-to-rest moves within limits of velocity and jerk (section V-B).
+
+    ruckig plans without a limit of acceleration, so that only the jerk switches. Only the phases
+    are read from it: nothing is sampled in Python.
 
     Args:
         distances: Signed distances [rad], shape [move].
@@ -438,13 +431,7 @@ class GripPath:
 def _derivative(
     coefficients: NDArray[np.float64], local: NDArray[np.float64], order: int
 ) -> NDArray[np.float64]:
-    """Return a derivative of polynomials.
-
-    Args:
-        coefficients: Coefficients, lowest first, shape [..., 6].
-        local: Time within each piece [s], a shape that spreads over the leading one.
-        order: Order of the derivative.
-    """
+    """Return a derivative of polynomials, coefficients lowest first, shape [..., 6], at a time."""
     value = np.zeros(coefficients.shape[:-1])
     for power in range(DEGREE, order - 1, -1):
         factor = np.prod(np.arange(power, power - order, -1), dtype=float)
@@ -458,10 +445,7 @@ _Ends = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 def _hermite(duration: NDArray[np.float64], start: _Ends, end: _Ends) -> NDArray[np.float64]:
     """Return quintics that match value, velocity and acceleration at both ends, [..., 6].
 
-    Args:
-        duration: Duration of each piece [s], shape [...]. Pieces of none hold their value.
-        start: Value, velocity and acceleration at the start, same shape each.
-        end: Those at the end.
+    Pieces of no duration hold their value.
     """
     ends = [value * duration**k for side in (start, end) for k, value in enumerate(side)]
     unit = np.einsum("ij,...j->...i", _HERMITE, np.stack(ends, axis=-1))
@@ -481,7 +465,10 @@ _SMOOTH = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
 
 
 class PlanePath:
-    """Path under construction; every move is appended and returns the path.
+    """Grip path under construction in a vertical plane that turns about the robot's base.
+
+    Plane coordinates are the azimuth of the plane, radius and height in it, the heading of the
+    cable relative to the azimuth, and pitch. Every move is appended and returns the path.
 
     Args:
         pose: Start pose: x, y, z [m], yaw, pitch [rad], shape [5].
@@ -496,11 +483,6 @@ class PlanePath:
         here = np.array([azimuth, np.hypot(x, y), z, yaw - azimuth, pitch])
         self._before = [np.stack([here, still, still])]
         self._after: list[NDArray[np.float64]] = []
-
-    @property
-    def duration(self) -> float:
-        """Duration so far [s]."""
-        return self._times[-1]
 
     @property
     def place(self) -> dict[str, float]:
@@ -527,7 +509,7 @@ class PlanePath:
         orders = [_SMOOTH.deriv(order)(share) / duration**order for order in range(3)]
         states = np.stack(orders, axis=1)[:, :, None] * (end - start)
         states[:, 0] += start
-        self._append(share * duration, states, states)
+        self._append(share * duration, states)
         return self
 
     def through(self, times: Sequence[float], **points: Sequence[float]) -> "PlanePath":
@@ -553,13 +535,13 @@ class PlanePath:
         ]
         at = np.concatenate([[0.0], *parts])
         states = np.stack([spline(at, order) for order in range(3)], axis=1)
-        self._append(at, states, states)
+        self._append(at, states)
         return self
 
-    def _append(self, at, before, after) -> None:
+    def _append(self, at: NDArray[np.float64], states: NDArray[np.float64]) -> None:
         self._times += (self._times[-1] + at[1:]).tolist()
-        self._after += list(after[:-1])
-        self._before += list(before[1:])
+        self._after += list(states[:-1])
+        self._before += list(states[1:])
 
     def grip_path(self) -> GripPath:
         """Return the path so far as one row.
@@ -581,11 +563,7 @@ class PlanePath:
 
 
 def _to_base(states: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return pose, velocity and acceleration in the base frame, each of shape [knot, 5].
-
-    Args:
-        states: Pose, velocity and acceleration in plane coordinates, shape [knot, 3, 5].
-    """
+    """Return pose, velocity and acceleration in the base frame, each of shape [knot, 5]."""
     (a, da, dda), (r, dr, ddr), (z, dz, ddz), (t, dt, ddt), (p, dp, ddp) = states.transpose(2, 1, 0)
     sin, cos = np.sin(a), np.cos(a)
     radial, across = ddr - r * da**2, r * dda + 2.0 * dr * da

@@ -1,18 +1,13 @@
-"""Settings of polar casting: the lift, the swing in the vertical plane, and the slow pull.
+"""Polar casting and the reset: lift, swing in a vertical plane, and slow pull.
 
-PolarReach: the region in which polar casting can lay down the endpoint of a cable.
+Polar casting is the paper's baseline (section VI-A) and the last step of its reset (section V-A).
+From any pose, the gripper lifts the cable until the free end hangs clear of the table, and waits
+until it is at rest. A swing forward lays the cable out straight along the azimuth of the target.
+The gripper then drags it towards the robot until the endpoint is as far from the base as the
+target.
 
-Polar casting: swing the hanging cable out in a vertical plane, then pull it back slowly.
-
-This is the paper's baseline (section VI-A) and the last step of its reset (section V-A). From any
-pose, the gripper lifts the cable until the free end hangs clear of the table, and waits until it is
-at rest. A swing forward lays the cable out straight along the azimuth of the target. The gripper
-then drags it towards the robot until the endpoint is as far from the base as the target.
-
-The paper's reset (section V-A): lift, hang for three seconds, swing forward, drag back slowly.
-
-It brings the cable from wherever a cast left it to the initial state of every cast: straight in
-front of the robot, at rest, without torsion.
+A reset does the same straight ahead. It brings the cable from wherever a cast left it to the
+initial state of every cast: in front of the robot, at rest, without torsion.
 """
 
 import dataclasses
@@ -28,8 +23,10 @@ from cablecast.motion.trajectory import Trajectory, follow
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
+Array = NDArray[np.float64]
+
+# Reach as a multiple of the paper's up to which the paper's radii serve.
 _SAME_REACH = 1.05
-"""Reach as a multiple of the paper's up to which the paper's radii serve."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,11 +57,6 @@ class Swing:
     radii: tuple[float, float] = (0.371, 1.129)
     heights: tuple[float, float, float] = (1.207, 0.996, 0.929)
     pitches: tuple[float, float, float] = (0.560, 0.511, 0.996)
-
-    @property
-    def duration(self) -> float:
-        """Time from the hanging cable to the gripper's rest [s]."""
-        return sum(self.durations)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -177,9 +169,6 @@ class PolarCastConfig:
 
         The radii of an arm that reaches farther grow with its reach: so near to its base as the
         paper's its joints would have to turn faster than they can.
-
-        Args:
-            workspace: Gives the reach r_max.
         """
         config, share = cls(), workspace.r_max / Workspace().r_max
         if share <= _SAME_REACH:
@@ -191,9 +180,6 @@ class PolarCastConfig:
         """Height of the gripper above the table while the cable hangs [m]."""
         height = cable.length + cable.attachment_length + self.clearance
         return min(height, self.hang_height_max)
-
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -251,18 +237,8 @@ class PolarReach:
         """Largest distance of an endpoint from the base, table edges ignored [m]."""
         return self.cast_radius + self.cable_length
 
-    @property
-    def area(self) -> float:
-        """Area of the region [m²]."""
-        x, y = self.outline(2000).T
-        return float(0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))))
-
     def contains(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return which points lie in the region.
-
-        Args:
-            xy: Points [m], shape [..., 2].
-        """
+        """Return which points [m] lie in the region, shape [...], for points of shape [..., 2]."""
         xy = np.asarray(xy, dtype=float)
         r, theta = np.moveaxis(xy_to_polar(xy), -1, 0)
         inside = (r <= self.radius) & (np.abs(xy[..., 0]) <= self.half_width)
@@ -270,21 +246,13 @@ class PolarReach:
         return inside & ((r - self.cable_length) * np.cos(theta) >= self.grip_y_min)
 
     def landing_radius(self, theta: float) -> float:
-        """Return the distance from the base at which the endpoint lands, before the pull [m].
-
-        Args:
-            theta: Azimuth [rad].
-        """
+        """Return the distance at which the endpoint lands at an azimuth [rad], before the pull."""
         sin, cos = abs(np.sin(theta)), np.cos(theta)
         edges = [self.half_width / sin if sin > 0 else np.inf, self.y_max / cos]
         return float(min(self.radius, *edges))
 
     def pulled_radius(self, theta: float) -> float:
-        """Return the smallest distance from the base to which the endpoint can be pulled [m].
-
-        Args:
-            theta: Azimuth [rad].
-        """
+        """Return the smallest distance to which the endpoint can be pulled at an azimuth [rad]."""
         return float(self.grip_y_min / np.cos(theta) + self.cable_length)
 
     @property
@@ -317,11 +285,7 @@ class PolarReach:
         return np.concatenate(bounds)
 
     def nearest(self, xy: ArrayLike) -> Array:
-        """Return the points of the region nearest to given points.
-
-        Args:
-            xy: Points [m], shape [..., 2].
-        """
+        """Return the point of the region nearest to each point [m], shape [..., 2]."""
         xy = np.asarray(xy, dtype=float)
         near = xy.reshape(-1, 2).copy()
         # Project onto every edge of a fine outline; its chords are within 1 um of the curves.
@@ -428,6 +392,11 @@ def pull_back(path: PlanePath, radius: float, config: PolarCastConfig) -> PlaneP
     return path.move(max(config.pull_time_min, way / config.pull_speed), radius=radius)
 
 
+def reset_pose(workspace: Workspace) -> Array:
+    """Return x, y, z [m], yaw, pitch [rad] of the gripper after a reset, shape [5]."""
+    return np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
+
+
 def polar_cast_path(
     endpoint_xy: ArrayLike,
     setup: Setup,
@@ -463,11 +432,6 @@ def polar_cast_path(
     lift(path, cable, slow, theta).hold(config.hang_time)
     swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
     return pull_back(path, r - cable.length, config).grip_path()
-
-
-def reset_pose(workspace: Workspace) -> Array:
-    """Return x, y, z [m], yaw, pitch [rad] of the gripper after a reset, shape [5]."""
-    return np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
 
 
 def plan_polar_cast(

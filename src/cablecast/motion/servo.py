@@ -1,14 +1,12 @@
-"""Response of one joint to its set points: a dead time, a damped oscillator, and a motor.
+"""Servo model: motion of the joints, and so of the gripper, that follows commanded set points.
 
-Where the motor is strong enough, the oscillator is a digital filter, exact for set points that are
-joined by straight lines. A motor with limits is followed step by step.
+A cast lasts a second or two and turns within tenths of a second, so a lag of a few hundredths of a
+second changes the gripper's path by centimetres. That is more than the error of the cable model. A
+simulator must therefore play the path that the arm takes, not the commanded path.
 
-Servo model: actual motion of the joints, and so of the gripper, for commanded set points.
-
-Each joint follows its set points with a dead time and as a damped oscillator. A cast lasts a second
-or two and turns within tenths of a second, so a lag of a few hundredths of a second changes the
-gripper's path by centimetres. That is more than the error of the cable model. A simulator must
-therefore play the path that the arm takes, not the commanded path.
+Each joint follows its set points with a dead time and as a damped oscillator. Where its motor is
+strong enough, the oscillator is a digital filter, exact for set points that are joined by straight
+lines. A motor with limits is followed step by step.
 """
 
 import dataclasses
@@ -23,10 +21,28 @@ from cablecast.arm.ur import JOINT_COUNT, ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
-# Longest step in which a motor's limits are looked at [s].
+# Longest step of a motor with limits [s].
 _LIMIT_STEP = 0.002
-# Acceleration [rad/s²] and speed [rad/s] that are no limits, and numbers that can be reckoned with.
+# Finite acceleration [rad/s²] and speed [rad/s] that are no limits.
 _NO_LIMIT = 1e9
+# Time step of `apply` [s]. Coarse, so that 36,000 paths convert quickly; the result stays within
+# 0.1 mm of the exact response.
+_STEP = 0.016
+# Time steps between the knots of the resulting path, and the time between them [s].
+_KNOT_STEPS = 2
+_KNOT_DT = _KNOT_STEPS * _STEP
+# Knots beyond the usual end of a path in which a joint with a weak motor still may arrive: 1 s.
+_CATCH_UP_KNOTS = 31
+# Angle from its last set point at which such a joint is still on its way [rad].
+_AWAY = 1e-4
+# Remaining share of a step input at the end of the resulting path [-].
+_SETTLED = 1e-4
+# Longest settling time of a resulting path [s].
+_SETTLE_MAX = 2.0
+# Values that None stands for in a file.
+_UNKNOWN = {"acceleration_max": np.inf, "speed_max": np.inf, "residual": np.nan}
+# Paths per chunk: limits the intermediate arrays to about 100 MB.
+_CHUNK = 1000
 
 
 def joint_response(
@@ -84,17 +100,7 @@ def _limited(
     acceleration_max: float,
     speed_max: float,
 ) -> NDArray[np.float64]:
-    """Return the angle of a joint whose motor has limits.
-
-    Args:
-        q: Set points, which start at rest at 0 [rad], shape [..., tick].
-        dt: Interval between set points [s].
-        delay: Dead time [s].
-        frequency: Undamped angular frequency [rad/s].
-        damping: Damping ratio [-].
-        acceleration_max: Acceleration that the motor can give at rest, and in braking [rad/s²].
-        speed_max: Speed at which it can give none [rad/s].
-    """
+    """Return the angle of a joint whose motor has limits; see `joint_response`."""
     parts = math.ceil(dt / _LIMIT_STEP - 1e-9)
     step = dt / parts
     fine = np.empty((parts * (q.shape[-1] - 1) + 1, *q.shape[:-1]))
@@ -135,11 +141,6 @@ def _oscillator_filter(
     SciPy's `cont2discrete(..., method="foh")` gives the same coefficients, but its matrix
     exponential costs more than filtering a hundred motions.
 
-    Args:
-        frequency: Undamped angular frequency [rad/s].
-        damping: Damping ratio [-].
-        dt: Interval between samples [s].
-
     Returns:
         Numerator and denominator, each of shape [3], lowest delay first.
     """
@@ -175,13 +176,7 @@ def _filtered(
 ) -> NDArray[np.float64]:
     """Apply a digital filter of second order along the last axis, from rest.
 
-    Args:
-        values: Signal, shape [..., tick].
-        numerator: Coefficients of the signal, lowest delay first, shape [3].
-        denominator: Coefficients of the result, the first one 1, shape [3].
-
-    Returns:
-        Filtered signal, shape [..., tick].
+    Coefficients have shape [3], lowest delay first; the first of the denominator is 1.
     """
     from scipy.linalg import get_lapack_funcs
 
@@ -198,15 +193,7 @@ def _filtered(
 
 
 def _delayed(values: NDArray[np.float64], steps: float) -> NDArray[np.float64]:
-    """Delay a signal by cubic interpolation between its samples.
-
-    Args:
-        values: Signal, which starts at rest at 0, shape [..., tick].
-        steps: Delay in ticks, may be fractional.
-
-    Returns:
-        Delayed signal, shape [..., tick].
-    """
+    """Delay a signal, which starts at rest at 0, by cubic interpolation between its samples."""
     whole = int(np.floor(steps))
     share = steps - whole
     count = values.shape[-1]
@@ -221,27 +208,6 @@ def _delayed(values: NDArray[np.float64], steps: float) -> NDArray[np.float64]:
         first = 2 + int(place)
         result += weight * padded[..., first : first + count]
     return result
-
-
-_STEP = 0.016
-"""Time step of `apply` [s]. Coarse, so that 36,000 paths convert quickly; the result stays within
-0.1 mm of the exact response."""
-_KNOT_STEPS = 2
-"""Time steps between the knots of the resulting path."""
-_KNOT_DT = _KNOT_STEPS * _STEP
-"""Time between the knots of the resulting path [s]."""
-_CATCH_UP_KNOTS = 31
-"""Knots beyond the usual end of a path in which a joint with a weak motor still may arrive: 1 s."""
-_AWAY = 1e-4
-"""Angle from its last set point at which such a joint is still on its way [rad]."""
-_UNKNOWN = {"acceleration_max": np.inf, "speed_max": np.inf, "residual": np.nan}
-"""Values that None stands for in a file."""
-_SETTLED = 1e-4
-"""Remaining share of a step input at the end of the resulting path [-]."""
-_SETTLE_MAX = 2.0
-"""Longest settling time of a resulting path [s]."""
-# Paths per chunk: limits the intermediate arrays to about 100 MB.
-_CHUNK = 1000
 
 
 def _unlimited() -> NDArray[np.float64]:

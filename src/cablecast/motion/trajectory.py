@@ -1,7 +1,4 @@
-"""JointPath: set points for the robot's controller, one per control cycle.
-
-Trajectory: one planned motion, in the form that every rig executes.
-"""
+"""Trajectory: one planned motion down to the set points of the joints, as every rig executes it."""
 
 import dataclasses
 
@@ -48,15 +45,7 @@ class JointPath:
 
 
 def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
-    """Return joint angles at some times, held before the first and after the last tick.
-
-    Args:
-        path: Joints as they moved.
-        times: Times [s], shape [time].
-
-    Returns:
-        Angles [rad], shape [time, 6].
-    """
+    """Return angles [rad], shape [time, 6], held before the first and after the last tick."""
     times = np.asarray(times, dtype=float)
     return np.stack([np.interp(times, path.times, q) for q in path.q.T], axis=-1)
 
