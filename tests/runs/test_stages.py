@@ -78,9 +78,8 @@ def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_
     assert log.seconds["b"] >= 100.0
 
 
-def test_what_a_kill_can_lose_of_a_stages_time_is_little(tmp_path, monkeypatch):
-    monkeypatch.setattr("cablecast.runs.progress._STORE_EVERY", 0.01)
-    log = StageLog(tmp_path)
+def test_what_a_kill_can_lose_of_a_stages_time_is_little(tmp_path):
+    log = StageLog(tmp_path, interval=0.01)
     with log.timed("a"):
         # Long against the interval, however busy the machine is.
         for _ in range(500):

@@ -1,7 +1,4 @@
-"""Progress of long work: one event, and one kind of callback for every verb.
-
-Stages that run one after another, with their times and the expected end.
-"""
+"""Progress of long work: the event, its callback, and stages with their times and expected end."""
 
 import contextlib
 import dataclasses
@@ -95,9 +92,6 @@ def duration_text(seconds: float) -> str:
 
 STAGES_FILE = "stages.json"
 
-# Interval at which the time of a running stage is stored [s]; a kill loses at most this much of it.
-_STORE_EVERY = 5.0
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Stage:
@@ -128,9 +122,12 @@ class StageLog:
 
     Args:
         folder: Folder of stages.json.
+        interval: Interval at which the time of a running stage is stored [s], which is what a kill
+            can lose of it.
     """
 
-    def __init__(self, folder: pathlib.Path):
+    def __init__(self, folder: pathlib.Path, interval: float = 5.0):
+        self._interval = interval
         self._file = folder / STAGES_FILE
         self._lock = threading.Lock()
         self.seconds: dict[str, float] = {}
@@ -152,7 +149,7 @@ class StageLog:
                 write_json(self._file, seal(self.seconds))
 
         def store_often() -> None:
-            while not ended.wait(_STORE_EVERY):
+            while not ended.wait(self._interval):
                 # The stage itself reports a full disk; it has more to lose.
                 with contextlib.suppress(OSError):
                     store()

@@ -86,7 +86,7 @@ def run_tasks(
         InputError: The cluster cannot be reached.
         CablecastError: A task raised it.
     """
-    if check_workers(workers) == LOCAL:
+    if workers == LOCAL:
         for number, arguments in tasks:
             yield number, function(*arguments, *shared)
         return
