@@ -1,7 +1,7 @@
 import pytest
 
-from cablecast.engines.warp_ import ahead
-from cablecast.engines.warp_.features import Features
+from cablecast.engines.warp_ import rollout as ahead
+from cablecast.engines.warp_.world import Features
 
 
 @pytest.mark.slow

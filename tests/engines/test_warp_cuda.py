@@ -7,8 +7,8 @@ from wide_casts import CABLE, casts, distance_pct
 from cablecast.cable import load_cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.rollout import rollout_kernel
+from cablecast.engines.warp_.world import Features
 from cablecast.motion.grip_path import GripPath
 
 SEED = 7

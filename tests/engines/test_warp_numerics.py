@@ -176,8 +176,8 @@ def test_the_layout_of_cuda_gives_the_same_but_for_rounding(count, monkeypatch):
 
 
 def test_threads_that_ask_first_share_one_kernel():
-    from cablecast.engines.warp_.features import Features
     from cablecast.engines.warp_.rollout import rollout_kernel
+    from cablecast.engines.warp_.world import Features
 
     # No other test asks for these features.
     features = Features(table=False, remembers=False, surface=True)

@@ -8,7 +8,8 @@ from benchmarks import stability, swing
 
 from cablecast.cable import CableParams, load_cable
 from cablecast.engines.base import CableState
-from cablecast.engines.warp_ import EngineWarp, substeps
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.engines.warp_ import constants as substeps
 from cablecast.motion.grip_path import GripPath
 
 CABLE = load_cable("cable_1")

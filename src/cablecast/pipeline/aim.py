@@ -151,8 +151,8 @@ def _calibrated(
     learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback
 ) -> Dataset | None:
     """Return casts to fit the simulator to; None where none are asked for. See `prepare_aim`."""
-    from cablecast.engines.warp_.ahead import compile_ahead
-    from cablecast.engines.warp_.features import Features
+    from cablecast.engines.warp_.rollout import compile_ahead
+    from cablecast.engines.warp_.world import Features
 
     check_count("calibration_count", count, 0, ACTION_COUNT_MAX)
     if count == 1:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.engines.base import CableState, Rollout
-from cablecast.engines.warp_.attachment import JOINT_CELLS, EndSegment
-from cablecast.engines.warp_.constants import model_constants
+from cablecast.engines.warp_.constants import JOINT_CELLS, EndSegment, model_constants
 from cablecast.engines.warp_.energy import UNKNOWN_ENERGY
 from cablecast.motion.grip_path import GripPath
 

@@ -1,32 +1,523 @@
-"""Elastic forces: the forward sweep of elasticity, from the grip to the far end.
+"""Elasticity: bending and twist of the rod, in two sweeps over its nodes.
 
-It solves for the spins, and with them for the torques. A node's bending moment w (over the segment
-length) and force of twist q act on its neighbours, so that the force on node i is
-2 w[i] - w[i-1] - w[i+1] + q[i+1] - q[i-1]. The sweep also eliminates the filter of the bending
-force (bending.py), whose back substitution is left to the prediction of velocities (integrate.py).
+Bending. At an inner node the curvature vector is b / l^2 with b = x[i-1] - 2 x[i] + x[i+1].
+Segments keep their length, so |b| = 2 l sin(phi / 2), where phi is the angle between the two edges.
+The energy is that of a rod whose curvature phi / l is constant around the node,
+E = EI phi^2 / (2 l); its gradient is EI / l^3 times (phi / sin phi) times b, spread over three
+nodes as (1, -2, 1). At the grip the cable leaves along the gripper's tangent t: half a cell with
+u = x[1] - x[0] - l t.
+
+Twist. The spin of a segment is its rate of turn about its tangent, measured against a frame that is
+carried along without turning (parallel transport in time). A node stores the twist between the two
+segments that it joins, and its rate is
+
+    twist' = spin[i] - spin[i-1] + kb . (v[i+1] - v[i-1]) / (2 l),
+
+where kb = 2 e x f / (l^2 + e . f) is the curvature binormal of the edges e and f. The last term is
+the holonomy of a bending curve, and its gradient gives the force with which twist acts on the
+shape: what makes a twisted cable buckle into loops (Bergou et al. 2008 and 2010, gradient of the
+reference twist). A twist costs C twist^2 / (2 l) with C the torsional rigidity GJ; between a
+gripper and the middle of its segment lies half a cell. Segments are so light against their
+torsional stiffness that twist settles within a step or a few. Torsion is therefore taken at the end
+of the step (backward Euler, a tridiagonal solve), and it is that torque which acts on the shape. In
+a material with a damping time T the torque follows the twist and T times its whole rate, the
+holonomy included.
+
+Sweeps. The backward sweep, from the far end to the grip, measures at each node how the cable is
+curved and twisted, and eliminates the torsion system on its way; a gripper takes the place of a
+segment. The forward sweep solves for the spins, and with them for the torques. A node's bending
+moment w (over the segment length) and force of twist q act on its neighbours, so that the force on
+node i is 2 w[i] - w[i-1] - w[i+1] + q[i+1] - q[i-1]. It also eliminates the filter of the bending
+force, whose back substitution is left to the prediction of velocities (step.py).
 """
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 import functools
 from types import SimpleNamespace
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from cablecast.engines.warp_.lanes import lane_functions
-from cablecast.engines.warp_.twist import twist_functions
 from cablecast.engines.warp_.world import world_structs
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+
+FILTER_SHARE = 1.0 / 12.0
+"""Share of dt^2 K, added to the masses that the bending force accelerates, with which waves travel
+as they should up to the fourth order of the step: it undoes what leapfrog adds to their
+frequency, w (w dt)^2 / 24. A greater share would make any step stable for a straight cable, and
+create energy on a curved one (constants.py)."""
+
+SHARPEST = 0.6
+"""Largest sin^2(phi / 2) up to which the moment follows the angle: 101 degrees at one node. Beyond
+it a chain of segments no longer resembles a rod, and the moment stops growing."""
+
+
+def filter_factors(
+    bending: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    dt: float,
+    joint: tuple[NDArray[np.float64], float] | None = None,
+) -> tuple[NDArray[np.float64], ...]:
+    """Factor M + dt^2 K / 12 = L D L^T, with K the stiffness matrix of a nearly straight rod.
+
+    Args:
+        bending: EI / l^3 [N/m], shape [world].
+        mass: Node masses [kg], infinite where held, shape [world, node].
+        dt: Step [s].
+        joint: Length of the other segments over that of the last one, an attachment's, shape
+            [world], and stiffness of its joint over that of a whole cell; None without one.
+
+    Returns:
+        1 / D [1/kg], shape [world, node], and the first and second lower diagonals of L [-], with
+        two zeros beyond the last node, shape [world, node + 2].
+    """
+    world_count, node_count = mass.shape
+    k = FILTER_SHARE * dt**2 * bending
+    free = np.isfinite(mass)
+    diagonal = np.where(free, mass, 1.0)
+    off1 = np.zeros_like(diagonal)  # couples i and i + 1
+    off2 = np.zeros_like(diagonal)  # couples i and i + 2
+    diagonal[:, 1] += 2.0 * k
+    diagonal[:, -2] += np.where(free[:, -1], 0.0, 2.0 * k)
+    ratio, cells = (np.ones_like(k), 1.0) if joint is None else joint
+    for i in range(1, node_count - 1):
+        s, c = (ratio, cells * k) if i == node_count - 2 else (np.ones_like(k), k)
+        # The bend x[i-1] - (1 + s) x[i] + s x[i+1], squared.
+        diagonal[:, i - 1] += c
+        diagonal[:, i] += (1.0 + s) ** 2 * c
+        diagonal[:, i + 1] += s**2 * c
+        off1[:, i - 1] -= (1.0 + s) * c
+        off1[:, i] -= (1.0 + s) * s * c
+        off2[:, i - 1] += s * c
+    # Held nodes do not accelerate: take them out of the system.
+    off1[:, :-1] *= free[:, :-1] & free[:, 1:]
+    off2[:, :-2] *= free[:, :-2] & free[:, 2:]
+    d = np.ones((world_count, node_count))
+    lower1 = np.zeros_like(d)
+    lower2 = np.zeros_like(d)
+    for i in range(node_count):
+        d[:, i] = diagonal[:, i]
+        if i >= 2:
+            lower2[:, i] = off2[:, i - 2] / d[:, i - 2]
+            d[:, i] -= lower2[:, i] ** 2 * d[:, i - 2]
+        if i >= 1:
+            coupling = off1[:, i - 1].copy()
+            if i >= 2:
+                coupling -= lower2[:, i] * d[:, i - 2] * lower1[:, i - 1]
+            lower1[:, i] = coupling / d[:, i - 1]
+            d[:, i] -= lower1[:, i] ** 2 * d[:, i - 1]
+    beyond = [(0, 0), (0, 2)]
+    return np.where(free, 1.0 / d, 0.0), np.pad(lower1, beyond), np.pad(lower2, beyond)
+
+
+@functools.cache
+def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
+    """Build the Warp functions of bending."""
+    f = lane_functions(precision, lane_count)
+    real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
+    sharpest = wp.constant(SHARPEST)
+
+    @wp.func
+    def angle_over_sine(sine_squared: lane):
+        """Return phi / sin(phi) from q = sin^2(phi / 2) [-]: 1 + 2/3 q + 8/15 q^2 + ..."""
+        q = f.smaller(sine_squared, lane(real(sharpest)))
+        value = lane(real(128.0 / 315.0)) + q * real(256.0 / 693.0)
+        value = lane(real(16.0 / 35.0)) + mul(q, value)
+        value = lane(real(8.0 / 15.0)) + mul(q, value)
+        value = lane(real(2.0 / 3.0)) + mul(q, value)
+        return lane(real(1.0)) + mul(q, value)
+
+    @wp.func
+    def node_moment(bending: lane, sine_squared: lane, bend: vec3):
+        """Return the bending moment over the segment length at an inner node [N].
+
+        It is the gradient EI / l^3 (phi / sin phi) b of the energy.
+
+        Args:
+            bending: EI / l^3 [N/m].
+            sine_squared: sin^2(phi / 2) [-].
+            bend: b, the edge after the node minus the edge before it [m].
+        """
+        return scale(mul(bending, angle_over_sine(sine_squared)), bend)
+
+    @wp.func
+    def bend_energy(sine_squared: lane):
+        """Return phi^2 / 2 from q = sin^2(phi / 2) [-], as far as `node_moment` follows it.
+
+        It is the sum 2 q + 2/3 q^2 + 16/45 q^3 + ... of which `angle_over_sine` is half the slope.
+        """
+        q = f.smaller(sine_squared, lane(real(sharpest)))
+        value = lane(real(256.0 / 1575.0)) + q * real(256.0 / 2079.0)
+        value = lane(real(8.0 / 35.0)) + mul(q, value)
+        value = lane(real(16.0 / 45.0)) + mul(q, value)
+        value = lane(real(2.0 / 3.0)) + mul(q, value)
+        value = mul(q, lane(real(2.0)) + mul(q, value))
+        return value + mul(sine_squared - q, angle_over_sine(q)) * real(2.0)
+
+    return SimpleNamespace(node_moment=node_moment, bend_energy=bend_energy)
+
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+
+
+SHAPE_TORSION = 0.25
+"""Most that torsion may act on the shape, as C dt^2 / (m l^3). A cable that is stiffer in torsion
+is untwisted faster than a step can follow, and would throw its shape about."""
+
+MOST_TWIST = 1.0
+"""Twist at one node up to which torsion acts on the shape in full [rad]. Beyond it a chain of
+segments no longer resembles a rod, and the torque stops growing."""
+
+
+def spin_pivots(
+    torsion: np.ndarray, inertia: np.ndarray, squared_time: np.ndarray, far_is_held: bool
+) -> np.ndarray:
+    """Inverse pivots of I + dt (dt + tau) (C / l) L, eliminated from the far end on.
+
+    Args:
+        torsion: C / l [N·m], shape [world].
+        inertia: Moment of inertia of each segment about its axis [kg·m²], shape [world, edge].
+        squared_time: dt (dt + tau), tau the time by which twist is damped [s²], shape [world].
+        far_is_held: Whether the far end is kept from turning.
+
+    Returns:
+        1 / pivot [1/(kg·m²)], shape [world, edge].
+    """
+    k = squared_time * torsion
+    edge_count = inertia.shape[1]
+    inverse = np.empty_like(inertia)
+    beyond = np.zeros_like(k)
+    for e in reversed(range(edge_count)):
+        # Half a cell at a held end is twice as stiff; a free end has nothing beyond it.
+        before = 2.0 if e == 0 else 1.0
+        after = 1.0 if e < edge_count - 1 else (2.0 if far_is_held else 0.0)
+        pivot = inertia[:, e] + (before + after) * k - beyond
+        inverse[:, e] = 1.0 / pivot
+        beyond = k**2 / pivot
+    return inverse
+
+
+@functools.cache
+def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleNamespace:
+    """Build the Warp functions of twist.
+
+    `damped` is true for a material that may damp twist.
+    """
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    real, lane, vec3 = f.real, f.lane, f.vec3
+    dot, cross, scale, mul = f.dot, f.cross, f.scale, f.mul
+    Model, State, Scratch = s.Model, s.State, s.Scratch
+    most_twist = wp.constant(MOST_TWIST)
+
+    @wp.func
+    def binormal(model: Model, sine_squared: lane, before: vec3, after: vec3):
+        """Return the curvature binormal of two edges of equal length, 2 tan(phi / 2) long [-].
+
+        The factor 2 / (l^2 + e . f) is 1 / (l^2 (1 - q)) with q = sin^2(phi / 2), here as a series
+        that stays finite where edges fold back on each other.
+
+        Args:
+            sine_squared: q [-].
+            before: Edge e before the node [m].
+            after: Edge f after the node [m].
+        """
+        q = sine_squared
+        one = lane(real(1.0))
+        series = one + mul(q, one + mul(q, one + mul(q, one + q)))
+        inverse_squared_length = real(1.0) / (model.segment_length * model.segment_length)
+        return scale(series * inverse_squared_length, cross(before, after))
+
+    @wp.func
+    def store_lead(model: Model, scratch: Scratch, group: int, node: int, holonomy: lane):
+        """Return by how much the dashpot of twist leads it as a curve bends [rad]; store it."""
+        lead = mul(model.twist_damping_time[group], holonomy)
+        scratch.lead[group, node] = lead
+        return lead
+
+    @wp.func
+    def stored_lead(scratch: Scratch, group: int, node: int):
+        """Return the lead of a node [rad]."""
+        return scratch.lead[group][node]
+
+    @wp.func
+    def store_nothing(model: Model, scratch: Scratch, group: int, node: int, holonomy: lane):
+        """Return nothing in place of `store_lead`."""
+        return lane()
+
+    @wp.func
+    def no_lead(scratch: Scratch, group: int, node: int):
+        """Return nothing in place of `stored_lead`."""
+        return lane()
+
+    keep_lead, lead = (store_lead, stored_lead) if damped else (store_nothing, no_lead)
+
+    @wp.func
+    def turn_twist(
+        model: Model,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        node: int,
+        spin_difference: lane,
+        edge_rates: vec3,
+        new_binormal: vec3,
+        previous_dt: lane,
+    ):
+        """Return the twist of a node after the previous step, and its lead [rad].
+
+        Args:
+            state: Holds twist and binormal of the node, which are updated.
+            scratch: Receives the lead.
+            node: Index of the node.
+            spin_difference: Spin of the segment after the node minus that before it [rad/s].
+            edge_rates: Sum of the rates of both edges [m/s].
+            new_binormal: Curvature binormal at the start of this step [-].
+            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
+        """
+        # The binormal halfway through the step is the mean of those at its ends.
+        twists = state.twist[group]
+        binormals = state.binormal[group]
+        doubled = binormals[node] + new_binormal
+        holonomy = dot(doubled, edge_rates) * (real(0.25) / model.segment_length)
+        twist = twists[node] + mul(previous_dt, spin_difference + holonomy)
+        twists[node] = twist
+        binormals[node] = new_binormal
+        return twist + keep_lead(model, scratch, group, node, holonomy)
+
+    @wp.func
+    def shape_force(model: Model, state: State, group: int, node: int, twist: lane):
+        """Return the force of a node's twist on the node before it [N].
+
+        The node after it feels the opposite force.
+
+        Args:
+            state: Holds the curvature binormal of the node.
+            node: Index of the node.
+            twist: Torque of the node at the end of the step, over GJ / l [rad].
+        """
+        bounded = f.smaller(f.larger(twist, lane(real(-most_twist))), lane(real(most_twist)))
+        torque = mul(model.shape_torsion[group], bounded)
+        half_inverse_length = real(0.5) / model.segment_length
+        return scale(torque * half_inverse_length, state.binormal[group][node])
+
+    return SimpleNamespace(
+        binormal=binormal,
+        lead=lead,
+        turn_twist=turn_twist,
+        shape_force=shape_force,
+    )
+
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
+
+
+@functools.cache
+def curvature_functions(precision: str, lane_count: int, damped: bool) -> SimpleNamespace:
+    """Build the Warp functions that read segments and measure curvature and twist.
+
+    `damped` is true for a material that may damp twist.
+    """
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    node_moment = bending_functions(precision, lane_count).node_moment
+    twist = twist_functions(precision, lane_count, damped)
+    real, lane, vec3, dot, scale, mul = f.real, f.lane, f.vec3, f.dot, f.scale, f.mul
+    Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
+
+    @wp.struct
+    class Segment:
+        """A segment beside a node; a gripper stands for the segment that it holds.
+
+        Attributes:
+            edge: Second node minus first [m].
+            edge_rate: Rate of the edge [m/s].
+            previous_spin: Spin in the previous step [rad/s].
+            spin: Spin at the start of this step [rad/s].
+        """
+
+        edge: vec3
+        edge_rate: vec3
+        previous_spin: lane
+        spin: lane
+
+    @wp.func
+    def read_segment(state: State, group: int, index: int):
+        """Return the `Segment` of an index."""
+        segment = Segment()
+        position = state.position[group]
+        velocity = state.velocity[group]
+        segment.edge = position[index + 1] - position[index]
+        segment.edge_rate = velocity[index + 1] - velocity[index]
+        segment.previous_spin = state.spin[group][index]
+        segment.spin = segment.previous_spin
+        return segment
+
+    @wp.func
+    def last_segment(model: Model, state: State, group: int):
+        """Return the last `Segment`, stretched to the length of the others."""
+        segment = read_segment(state, group, model.node_count - 2)
+        segment.edge = scale(model.last_ratio[group], segment.edge)
+        segment.edge_rate = scale(model.last_ratio[group], segment.edge_rate)
+        return segment
+
+    @wp.func
+    def gripper_segment(model: Model, path: Path, group: int):
+        """Return a gripper as the `Segment` that it holds."""
+        segment = Segment()
+        segment.edge = path.direction[group] * model.segment_length
+        segment.edge_rate = path.direction_rate[group] * model.segment_length
+        segment.previous_spin = path.previous_spin[group]
+        segment.spin = path.spin[group]
+        return segment
+
+    @wp.func
+    def node_torque(
+        model: Model,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        node: int,
+        before: Segment,
+        after: Segment,
+        sine_squared: lane,
+        previous_dt: lane,
+    ):
+        """Return the torque at a node that the present spins lead to by the end of the step [N·m].
+
+        Args:
+            state: Holds twist and binormal of the node, which are brought up to now.
+            scratch: Receives the lead of the twist.
+            node: Index of the node.
+            before: Segment before the node.
+            after: Segment after the node.
+            sine_squared: sin^2 of half the angle between them [-].
+            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
+        """
+        turned = twist.turn_twist(
+            model,
+            state,
+            scratch,
+            group,
+            node,
+            after.previous_spin - before.previous_spin,
+            before.edge_rate + after.edge_rate,
+            twist.binormal(model, sine_squared, before.edge, after.edge),
+            previous_dt,
+        )
+        spin_difference = after.spin - before.spin
+        return mul(model.torsion[group], turned + mul(spin_difference, model.torsion_time[group]))
+
+    @wp.func
+    def held_torque(
+        model: Model,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        node: int,
+        before: Segment,
+        after: Segment,
+        previous_dt: lane,
+    ):
+        """Return the torque at a held node [N·m], with half a cell; store its bending moment.
+
+        Bending at a gripper is linear in the angle to it. Arguments are those of `node_torque`.
+        """
+        bend = after.edge - before.edge
+        sine_squared = dot(bend, bend) * (
+            real(0.25) / (model.segment_length * model.segment_length)
+        )
+        scratch.bending_moment[group, node] = scale(model.bending[group] * real(2.0), bend)
+        torque = node_torque(
+            model, state, scratch, group, node, before, after, sine_squared, previous_dt
+        )
+        return torque * real(2.0)
+
+    @wp.func
+    def measure_curvature(
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        previous_dt: lane,
+    ):
+        """Measure bending moments and twist; eliminate the torsion system from the far end on.
+
+        Args:
+            path: Direction and spin of the gripper.
+            far_path: Direction and spin of the gripper at the far end, where there is one.
+            state: State at the start of the step; receives twist and binormals.
+            scratch: Receives bending moments, and the right side of the torsion system.
+            previous_dt: Duration of the previous step [s]; 0 before the first step and for worlds
+                at rest.
+        """
+        last = model.node_count - 1
+        bending = model.bending[group]
+        quarter = real(0.25) / (model.segment_length * model.segment_length)
+        coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
+        torque_per_impulse = model.segment_mass[group] * (real(0.5) * model.radius / model.dt)
+        axial_impulses = state.axial_impulse[group]
+        pivots = model.spin_pivot[group]
+        moments = scratch.bending_moment[group]
+        right_sides = scratch.torque[group]
+        after = last_segment(model, state, group)
+        torque_after = lane()
+        if model.far_is_held == 1:
+            gripper = gripper_segment(model, far_path, group)
+            torque_after = held_torque(
+                model, state, scratch, group, last, after, gripper, previous_dt
+            )
+        eliminated = lane()
+        node = int(last - 1)
+        while node > 0:
+            before = read_segment(state, group, node - 1)
+            bend = after.edge - before.edge
+            sine_squared = dot(bend, bend) * quarter
+            moments[node] = node_moment(bending, sine_squared, bend)
+            torque = node_torque(
+                model, state, scratch, group, node, before, after, sine_squared, previous_dt
+            )
+            # The segment after the node has both its torques now.
+            table_torque = mul(torque_per_impulse, axial_impulses[node])
+            right_side = torque_after - torque + eliminated + table_torque
+            right_sides[node] = right_side
+            eliminated = mul(mul(coupling, pivots[node]), right_side)
+            torque_after = torque
+            after = before
+            node -= 1
+        moments[last - 1] = moments[last - 1] * model.joint_cells
+        gripper = gripper_segment(model, path, group)
+        torque = held_torque(model, state, scratch, group, 0, gripper, after, previous_dt)
+        table_torque = mul(torque_per_impulse, axial_impulses[0])
+        right_sides[0] = torque_after - torque + eliminated + table_torque
+
+    return SimpleNamespace(
+        Segment=Segment,
+        read_segment=read_segment,
+        last_segment=last_segment,
+        gripper_segment=gripper_segment,
+        measure_curvature=measure_curvature,
+    )
+
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 @functools.cache
 def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNamespace:
     """Build the Warp function of elastic forces.
 
-    Args:
-        precision: "single" or "double".
-        lane_count: Number of worlds side by side.
-        damped: True for a material that may damp twist.
+    `damped` is true for a material that may damp twist.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
@@ -47,13 +538,11 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         """Find the spins after torsion and damping, and the elastic force on each node.
 
         Args:
-            model: Constants of the batch.
             path: Spin of the gripper.
             far_path: Spin of the gripper at the far end, where there is one.
             state: State at the start of the step.
             scratch: Bending moments and the right side of the torsion system; receives spins and
                 forces, halfway through the filter.
-            group: Group of worlds.
             force_dt: Time for which torques act in this step [s].
         """
         last = model.node_count - 1

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from cablecast.engines.warp_.bending import bending_functions
+from cablecast.engines.warp_.elastic import bending_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.material import material_functions
 from cablecast.engines.warp_.world import world_structs
@@ -38,10 +38,7 @@ UNKNOWN_ENERGY = 1e30
 def energy_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
     """Build the Warp functions that watch the energy.
 
-    Args:
-        precision: "single" or "double".
-        lane_count: Number of worlds side by side.
-        remembers: True for a material that remembers bends.
+    `remembers` is true for a material that remembers bends.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
@@ -115,9 +112,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         """Return the work that the grippers do through the tension in this step [J].
 
         Args:
-            model: Constants of the batch.
             state: Positions at the start of the step; tensions and velocities in it.
-            group: Group of worlds.
         """
         position = state.position[group]
         velocity = state.velocity[group]
@@ -135,11 +130,9 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         """Return the power of a gripper through bending moment and torque at its end [W].
 
         Args:
-            model: Constants of the batch.
             path: Motion of the gripper.
             state: State at the start of the step, with velocities and spins before it.
             scratch: Holds the bending moments.
-            group: Group of worlds.
             node: Node that the gripper holds.
             side: 1 at the grip, -1 at the far end.
         """
@@ -162,11 +155,9 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         """Return `active`, but 0 for worlds whose energy has grown; those lose their endpoint.
 
         Args:
-            model: Constants of the batch.
             path: Motion of the gripper.
             far_path: Motion of the gripper at the far end, where there is one.
             state: State at the end of the step; what it remembers of the energy is updated.
-            group: Group of worlds.
             active: 1, or 0 for worlds at rest.
         """
         last = model.node_count - 1

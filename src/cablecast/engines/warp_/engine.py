@@ -19,14 +19,19 @@ from cablecast.engines.base import (
     plan_rollout,
     rows_of,
 )
-from cablecast.engines.warp_.attachment import EndSegment, fastest_at_end, has_end
 from cablecast.engines.warp_.batch import Batch, Layout
+from cablecast.engines.warp_.constants import (
+    EndSegment,
+    fastest_at_end,
+    fastest_wave,
+    has_end,
+    substep_counts,
+)
 from cablecast.engines.warp_.device import find_device, launch
-from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
-from cablecast.engines.warp_.substeps import fastest_wave, substep_counts
+from cablecast.engines.warp_.world import Features
 from cablecast.errors import InputError
 from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
@@ -53,7 +58,7 @@ class EngineWarp:
 
     Args:
         segment_count: Number of segments, at least 2.
-        dt: Longest step [s]. Worlds whose bending asks for it take shorter ones (substeps.py).
+        dt: Longest step [s]. Worlds whose bending asks for it take shorter ones (constants.py).
         device: "cpu" or a Warp CUDA device such as "cuda".
         precision: "single" or "double".
         thread_count: CPU threads; by default all cores that this process may use.

@@ -37,7 +37,6 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         Args:
             path: Path whose current values are updated.
-            group: Group of worlds.
             t: Time at the end of the step [s].
             dt: Step [s].
         """
@@ -103,7 +102,6 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         Args:
             path: Path.
-            group: Group of worlds.
             index: Index of the channel, 0 to 5.
             piece_t: Time since the pieces began [s].
         """
@@ -121,7 +119,6 @@ def grip_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         Args:
             path: Path.
-            group: Group of worlds.
             piece_t: Time since the pieces began [s].
         """
         yaw = sin_cos(channel(path, group, 3, piece_t))

@@ -59,10 +59,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         in the next step. Where they fail, segments are laid out one by one.
 
         Args:
-            model: Constants of the batch.
             state: Positions at the start of the step; velocities and tensions, which are updated.
             scratch: Holds the eliminated system.
-            group: Group of worlds.
             active: 1, or 0 for worlds at rest.
         """
         unsolved = active
@@ -99,10 +97,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """Eliminate the tridiagonal system from the grip to the free end.
 
         Args:
-            model: Constants of the batch.
             state: Positions at the start of the step, and predicted velocities.
             scratch: Receives the upper diagonal and the right side.
-            group: Group of worlds.
             edge_dt: Time into the step at which tensions act along the edges [s]: 0 or dt.
         """
         last = model.node_count - 1
@@ -166,10 +162,8 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """Substitute back from the free end, and apply the tensions to the nodes.
 
         Args:
-            model: Constants of the batch.
             state: Positions at the start of the step; velocities and tensions, which are updated.
             scratch: Holds the eliminated system.
-            group: Group of worlds.
             edge_dt: Time into the step at which tensions act along the edges [s]: 0 or dt.
             unsolved: 1, or 0 for worlds that need no further change.
             keep: 0 in the first iteration, which replaces the tension of the previous step; then 1.
@@ -234,11 +228,9 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         reaches the end of a thread a thousand times lighter. Lengths hold, and no energy is made.
 
         Args:
-            model: Constants of the batch.
             state: Positions at the start of the step; velocities, tensions and work, which are
                 updated.
             scratch: Predicted velocities without tensions.
-            group: Group of worlds.
             failed: 1 for worlds to lay out, else 0.
         """
         dt = model.dt

@@ -2,7 +2,7 @@
 
 Each node remembers two bends as vectors that turn with the cable's material: `rest`, the bend at
 which it feels no moment, and `lag`, the bend to which a dashpot has yielded so far. With b the bend
-of the node (bending.py), its moment over the segment length is
+of the node (elastic.py), its moment over the segment length is
 
     EI / l^3 ((phi / sin phi) b - rest + R (b - lag)),     lag' = (b - lag) / T.
 
@@ -29,7 +29,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from cablecast.conventions import tangent
-from cablecast.engines.warp_.curvature import curvature_functions
+from cablecast.engines.warp_.elastic import curvature_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import world_structs
 from cablecast.motion.grip_path import GripPath
@@ -98,10 +98,7 @@ def rest_bends(
 def material_functions(precision: str, lane_count: int, remembers: bool) -> SimpleNamespace:
     """Build the Warp functions of the material.
 
-    Args:
-        precision: "single" or "double".
-        lane_count: Number of worlds side by side.
-        remembers: True for a material that remembers bends; otherwise the functions do nothing.
+    `remembers` is true for a material that remembers bends; otherwise the functions do nothing.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
@@ -133,10 +130,8 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         """Bring the memories of a node up to now; add its moment, and return its torque [N·m].
 
         Args:
-            model: Constants of the batch.
             state: Memories, which are updated.
             scratch: Bending moments, to which that of the memories is added.
-            group: Group of worlds.
             node: Index of the node.
             before: Segment before the node.
             after: Segment after the node.
@@ -194,12 +189,10 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         """Bring all memories up to now, and add their moments and torques to those of the cable.
 
         Args:
-            model: Constants of the batch.
             path: Direction and spin of the gripper.
             far_path: Direction and spin of the gripper at the far end, where there is one.
             state: State at the start of the step, whose memories are updated.
             scratch: Bending moments and the eliminated torsion system, which are added to.
-            group: Group of worlds.
             previous_dt: Duration of the previous step [s]; 0 before the first step and for worlds
                 at rest.
         """
@@ -242,9 +235,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         """Return the energy of a node in what it remembers, for a whole cell, over EI / l^3 [m²].
 
         Args:
-            model: Constants of the batch.
             state: Memories of the node.
-            group: Group of worlds.
             node: Index of the node.
             bend: Edge after the node minus the edge before it [m].
         """

@@ -1,20 +1,25 @@
-"""The kernel that plays a whole rollout in a single launch: a thread owns a group of worlds."""
+"""The kernel that runs a whole rollout in a single launch: a thread owns a group of worlds."""
 
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-
+import dataclasses
+import json
+import subprocess
+import sys
+import threading
 from types import SimpleNamespace
 
 import warp as wp
 
-from cablecast.engines.warp_.curvature import curvature_functions
 from cablecast.engines.warp_.device import one_builder
+from cablecast.engines.warp_.elastic import curvature_functions
 from cablecast.engines.warp_.energy import STEPS_PER_CHECK, energy_functions
-from cablecast.engines.warp_.features import Features
 from cablecast.engines.warp_.grip import grip_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.step import step_functions
-from cablecast.engines.warp_.world import world_structs
+from cablecast.engines.warp_.world import Features, world_structs
+from cablecast.files import core_count
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 CPU_COMPILER_FLAGS = " ".join(
     (
@@ -44,13 +49,7 @@ _kernels: dict[tuple[str, int, Features], SimpleNamespace] = {}
 
 
 def rollout_kernel(precision: str, lane_count: int, features: Features) -> SimpleNamespace:
-    """Return the kernel, made once; Warp caches the compiled code on disk.
-
-    Args:
-        precision: "single" or "double".
-        lane_count: Number of worlds side by side.
-        features: Features that the kernel plays.
-    """
+    """Return the kernel, made once; Warp caches the compiled code on disk."""
     key = (precision, lane_count, features)
     if key not in _kernels:
         with one_builder:
@@ -98,7 +97,6 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
             rest_speed: Speed up to which a world may be at rest [m/s].
             rest_duration: Time for which it must be that slow [s].
             motion_end: End of the motion of the grippers [s], shape [group].
-            model: Constants of the batch.
             path: Motion of the gripper.
             far_path: Motion of the gripper at the far end, where there is one.
             state: Initial state; becomes the final one.
@@ -171,3 +169,42 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
                 samples.nodes[group, sample, node] = state.position[group, node]
 
     return SimpleNamespace(kernel=kernel, **vars(s), real=real, lane=lane, vec3=vec3)
+
+
+_COMPILE = """
+import json, sys
+from cablecast.engines.warp_.device import find_device, load
+from cablecast.engines.warp_.lanes import LANE_COUNT_CPU
+from cablecast.engines.warp_.rollout import rollout_kernel
+from cablecast.engines.warp_.world import Features
+find_device("cpu")
+wanted = Features(**json.loads(sys.argv[1]))
+load(rollout_kernel("single", LANE_COUNT_CPU["single"], wanted).kernel)
+"""
+
+
+def compile_ahead(features: Features) -> subprocess.Popen[bytes] | None:
+    """Begin to compile the kernel of the CPU in single precision, and return at once.
+
+    Whoever needs it meanwhile waits until it is done, as for any process that compiles the same
+    kernel. Where it is compiled already this takes another core two seconds. Where it fails,
+    whoever needs the kernel compiles it.
+
+    Args:
+        features: Features that the kernel plays.
+
+    Returns:
+        The process; None on a single core, which would only be slower, or where none can start.
+    """
+    if core_count() < 2:
+        return None
+    wanted, nothing = json.dumps(dataclasses.asdict(features)), subprocess.DEVNULL
+    # -P: a file of the current folder must not stand in for a library.
+    command = [sys.executable, "-P", "-c", _COMPILE, wanted]
+    try:
+        process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
+    except OSError:
+        return None
+    # Nobody else waits for it.
+    threading.Thread(target=process.wait, daemon=True).start()
+    return process

@@ -5,15 +5,16 @@ indexed [group, node] or [group, segment]; segment s joins nodes s and s + 1. Ev
 which has one value for each world of the group.
 """
 
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-
+import dataclasses
 import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from cablecast.engines.warp_.lanes import lane_types
+
+# Annotations of kernels are values that Warp reads, not types that pyright knows.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 @functools.cache
@@ -52,7 +53,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 shape [group].
             yield_share: Share of what lies beyond it that stays in the cable after a step [-],
                 shape [group].
-            shape_torsion: GJ / l as far as it acts on the shape (twist.py) [N·m], shape [group].
+            shape_torsion: GJ / l as far as it acts on the shape (elastic.py) [N·m], shape [group].
             friction: Coulomb coefficient [-], shape [group].
             last_friction: Coulomb coefficient at the last node over it [-], shape [group].
             joint_friction: Coulomb coefficient at the node before over it [-], shape [group].
@@ -74,9 +75,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 a segment's mass [-], shape [group]: 1, and another for an attachment.
             spin_response: Spin that a segment takes up within a step per velocity that friction
                 takes from its nodes across the cable [1/m], shape [group, segment].
-            spin_pivot: Inverse pivots of the torsion solve (twist.py) [1/(kg·m²)],
+            spin_pivot: Inverse pivots of the torsion solve (elastic.py) [1/(kg·m²)],
                 shape [group, segment].
-            filter_diagonal: Inverse diagonal of the bending filter (bending.py) [1/kg],
+            filter_diagonal: Inverse diagonal of the bending filter (elastic.py) [1/kg],
                 shape [group, node].
             filter_lower1: First lower diagonal of the filter [-], shape [group, node + 2].
             filter_lower2: Second lower diagonal of the filter [-], shape [group, node + 2].
@@ -264,3 +265,22 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         nodes: wp.array3d(dtype=vec3)
 
     return SimpleNamespace(Model=Model, Path=Path, State=State, Scratch=Scratch, Samples=Samples)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Features:
+    """Choices that are made when a kernel is compiled, so that what is off costs nothing.
+
+    A kernel takes ten seconds to compile, so there are few: one that remembers bends plays the
+    surface, too, which costs it 2 %.
+
+    Attributes:
+        table: True where the cable meets a table.
+        remembers: True for a material that remembers bends.
+        surface: True where the air resists with the square of the speed, and friction differs along
+            and across the cable.
+    """
+
+    table: bool = True
+    remembers: bool = False
+    surface: bool = False
