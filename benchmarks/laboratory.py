@@ -19,7 +19,7 @@ from cablecast.cli.progress import console_progress
 from cablecast.conventions import xy_to_polar
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.evaluation.published import PUBLISHED_REPEATABILITY, PublishedRepeatability
+from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, Candidate
 from cablecast.evaluation.repeatability import (
     ActionScatter,
     Repeatability,
@@ -111,7 +111,7 @@ def main(args: Args) -> None:
             Table(
                 "Scatter of equal casts of cable 1 on the virtual rig, in % of cable length",
                 SCATTER_COLUMNS,
-                [scatter_row(published, args, out) for published in PUBLISHED_REPEATABILITY],
+                [scatter_row(published, args, out) for published in PUBLISHED_CANDIDATES],
             )
         ]
         tables.append(
@@ -135,7 +135,7 @@ def main(args: Args) -> None:
         write_json(args.json, tables)
 
 
-def scatter_row(published: PublishedRepeatability, args: Args, out: pathlib.Path) -> tuple:
+def scatter_row(published: Candidate, args: Args, out: pathlib.Path) -> tuple:
     setup = Setup().with_motion(v_max=published.v_max)
     actions = repeat_actions(
         setup,
@@ -211,7 +211,6 @@ def real_row(real_cable: str) -> tuple:
     unknown = np.full(4, np.nan)
     result = Repeatability(
         setup=Setup(cable=cable),
-        rig={},
         actions=tuple(
             ActionScatter(action=unknown, landed_xy=np.array(xy), statuses=("ok",) * len(xy))
             for xy in landings.values()

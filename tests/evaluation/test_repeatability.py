@@ -5,7 +5,7 @@ import pytest
 
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DatasetError, InputError
-from cablecast.evaluation.published import published_repeatability
+from cablecast.evaluation.coverage import published_candidate
 from cablecast.evaluation.repeatability import (
     ActionScatter,
     Repeatability,
@@ -122,7 +122,6 @@ def test_the_paper_s_mean_runs_over_actions_not_over_casts():
     wide, narrow = [[0.0, 0.98], [0.0, 1.02]], [[0.3, 1.0]] * 8
     result = Repeatability(
         setup=SETUP,
-        rig={},
         actions=(scatter_of(wide), scatter_of(narrow), scatter_of(np.empty((0, 2)), ["off_table"])),
     )
     assert result.scatter_pct == pytest.approx(100 * 0.02 / CABLE.length / 2)
@@ -194,9 +193,9 @@ def test_the_table_has_one_line_per_action(measured, tmp_path):
 
 
 def test_the_published_figures_are_those_of_section_vi_b():
-    assert published_repeatability(1.5, True).scatter_pct == 1.93
-    assert published_repeatability(1.8, True).off_table_share == 0.30
-    assert published_repeatability(1.5, False) is None
+    assert published_candidate(1.5, True).scatter_pct == 1.93
+    assert published_candidate(1.8, True).off_table_share == 0.30
+    assert published_candidate(1.5, False) is None
 
 
 def test_the_map_draws_each_landing_and_marks_actions_that_left_the_table(measured):

@@ -96,7 +96,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
         rig: Name of the rig.
     """
     from cablecast.cli import tables
-    from cablecast.evaluation.published import published_repeatability
+    from cablecast.evaluation.coverage import published_candidate
     from cablecast.report.tables import pct, share_pct
 
     table = tables.make_table("Scatter of equal casts, in % of cable length")
@@ -105,7 +105,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     for name in ("casts", "scatter", "paper", "off table", "paper", "along arc"):
         table.add_column(name, justify="right", no_wrap=True)
     for values in combinations:
-        published = published_repeatability(values["v_max"], values["with_psi"])
+        published = published_candidate(values["v_max"], values["with_psi"])
         off_table = None if published is None else published.off_table_share
         table.add_row(
             f"{values['v_max']:g}{' with psi' if values['with_psi'] else ''}",

@@ -99,18 +99,16 @@ class ActionScatter:
         return self.landed_xy.mean(axis=0) if len(self.landed_xy) else np.full(2, np.nan)
 
     @property
-    def distances(self) -> NDArray[np.float64]:
-        """Distance of each landing from the mean [m], shape [landing]."""
-        return np.linalg.norm(self.landed_xy - self.mean_xy, axis=1)
-
-    @property
     def scatter(self) -> float:
         """Standard deviation of the landings about their mean [m]; NaN for fewer than two.
 
         sqrt(sum |p - mean|² / n), over both directions. Division by n - 1 would give 1.12 times as
         much for five casts. The paper does not state its divisor; n is NumPy's default.
         """
-        return float(np.sqrt(np.mean(self.distances**2))) if len(self.landed_xy) > 1 else math.nan
+        if len(self.landed_xy) < 2:
+            return math.nan
+        distances = np.linalg.norm(self.landed_xy - self.mean_xy, axis=1)
+        return float(np.sqrt(np.mean(distances**2)))
 
     @property
     def along_arc_share(self) -> float:
@@ -137,12 +135,10 @@ class Repeatability:
 
     Attributes:
         setup: Cable, workspace, arm, and the combination of r0 and v_max.
-        rig: Description of the rig.
         actions: Actions with their casts.
     """
 
     setup: Setup
-    rig: dict[str, Any]
     actions: tuple[ActionScatter, ...]
 
     @classmethod
@@ -170,11 +166,7 @@ class Repeatability:
                     statuses=tuple(str(code) for code in dataset.status[start:end]),
                 )
             )
-        return cls(
-            setup=dataset.setup,
-            rig=dataset.settings.rig,
-            actions=tuple(actions),
-        )
+        return cls(setup=dataset.setup, actions=tuple(actions))
 
     @property
     def cable(self) -> Cable:
@@ -188,8 +180,8 @@ class Repeatability:
 
     @property
     def label(self) -> str:
-        """Name of the combination in tables."""
-        return combination_label(self.setup.motion.v_max, self.with_psi)
+        """Name of the combination in tables, e.g. "v_max 1.5 with psi"."""
+        return f"v_max {self.setup.motion.v_max:g}" + " with psi" * self.with_psi
 
     @property
     def scatters_pct(self) -> NDArray[np.float64]:
@@ -249,11 +241,6 @@ class Repeatability:
             name: finite_or_none(value) if isinstance(value, float) else value
             for name, value in values.items()
         }
-
-
-def combination_label(v_max: float, with_psi: bool) -> str:
-    """Return the name of a speed and an action set, e.g. "v_max 1.5 with psi"."""
-    return f"v_max {v_max:g}{' with psi' if with_psi else ''}"
 
 
 def repeat_actions(

@@ -8,12 +8,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES
+from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, published_candidate
 from cablecast.evaluation.published import (
     BEST_METHOD_PUBLISHED,
     PUBLISHED_ROWS,
     PublishedRow,
-    published_repeatability,
 )
 from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
 
@@ -415,7 +414,7 @@ def difficulty_table(tunings: Mapping[str, Metrics], selection: Metrics | None) 
         if repeated is None:
             continue
         name = f"v_max {result['v_max']:g} m/s" + " with psi" * result["with_psi"]
-        paper = published_repeatability(result["v_max"], result["with_psi"])
+        paper = published_candidate(result["v_max"], result["with_psi"])
         off_table = paper.off_table_share if paper else None
         rows += [
             make_row(
