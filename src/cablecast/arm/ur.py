@@ -403,25 +403,16 @@ class ArmUR:
             Joint motion; NaN where a pose is out of reach.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
-        solve = tilted_motion if np.any(_tilted(p)) else level_motion
+        solve = tilted_motion if np.any(_tilted(p)) else _level_motion
         return solve(self, p, v, a)
 
 
-def level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
-    """Return joint angles along moving poses of pitch 0, with exact rates and accelerations.
+def _level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
+    """Return the motion of the joints along poses `p` of pitch 0, their rates and accelerations.
 
     The base joint turns the arm's plane; the flange has the lateral offset d4 from it. In that
     plane, upper arm and forearm are a two-link arm that carries the first wrist joint. The wrist
     joints keep the tool down and turn the cable to its yaw.
-
-    Args:
-        arm: Geometry of the arm.
-        p: x, y, z [m], yaw, pitch [rad], shape [..., 5].
-        v: First derivatives, same shape.
-        a: Second derivatives, same shape.
-
-    Returns:
-        Joint motion; NaN where a pose is out of reach.
     """
     links = arm.links
     x, dx, ddx, y, dy, ddy = _flange(arm.grip_offset, p, v, a)
@@ -444,7 +435,7 @@ def level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
         q1, dq1, ddq1 = -azimuth - lead, -dazimuth - dlead, -ddazimuth - ddlead
         # First wrist joint as seen from the shoulder: out and up.
         height = p[..., 2] + (arm.gripper_length + links.d6 - arm.base_height - links.d1)
-        upper, fore, rates, radius_min, radius_max = two_link(
+        upper, fore, rates, radius_min, radius_max = _two_link(
             links, (e - links.d5, height), (de, v[..., 2]), (dde, a[..., 2])
         )
         (dupper, dfore), (ddupper, ddfore) = rates
@@ -487,7 +478,7 @@ def _flange(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
     )
 
 
-def two_link(
+def _two_link(
     links: Links,
     place: tuple[Array, Array],
     rate: tuple[Array, Array],
@@ -495,15 +486,9 @@ def two_link(
 ) -> tuple[Array, Array, tuple[tuple[Array, Array], tuple[Array, Array]], Array, Array]:
     """Return the elbow-up elevations of both links for a place of the first wrist joint.
 
-    Args:
-        links: Link lengths of the arm.
-        place: Distance out and height up from the shoulder [m].
-        rate: First derivatives of the place [m/s].
-        acceleration: Second derivatives of the place [m/s²].
-
-    Returns:
-        Elevation of the upper arm and of the forearm [rad], their rates and accelerations, and the
-        smallest and largest radius of the flange within reach at this height [m].
+    The place is out and up from the shoulder [m]. Returned are the elevations of upper arm and
+    forearm [rad], their rates and accelerations, and the smallest and largest radius of the flange
+    within reach at this height [m].
     """
     upper_arm, forearm = links.upper_arm, links.forearm
     out, up = place
@@ -610,7 +595,7 @@ def _angles(arm: ArmUR, poses: Array) -> tuple[Array, Array, Array, Array]:
     out = _dot(wrist, outward)
     up = wrist[..., 2] - arm.base_height - links.d1
     still = np.zeros_like(out)
-    upper, fore, *_ = two_link(links, (out, up), (still, still), (still, still))
+    upper, fore, *_ = _two_link(links, (out, up), (still, still), (still, still))
     q = np.stack(
         [q1 + arm.base_yaw, -upper, upper - fore, fore - np.pi / 2 - elevation, q5, q6], axis=-1
     )

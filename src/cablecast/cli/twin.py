@@ -2,10 +2,13 @@
 
 import dataclasses
 import pathlib
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cablecast.cli.options import argument
-from cablecast.errors import InputError
+from cablecast.errors import InputError, RigError
+
+if TYPE_CHECKING:
+    from cablecast.rigs.ur.twin.laboratory import Fault
 
 PATIENCE = 2.0
 """Longest time for which the clock waits for a client that is silent in a motion [s]: a computer
@@ -33,13 +36,13 @@ class Twin:
     seed: int = 0
     """Seed of what differs from trial to trial."""
     fault: Annotated[tuple[str, ...], argument("NAME[:PHASE[:SECONDS]]")] = ()
-    """Faults to make, such as protective_stop:cast:0.3 for 0.3 s after a cast begins."""
+    """Faults to make, such as protective_stop:cast:0.3 for 0.3 s after the start of a cast."""
 
     def run(self) -> None:
         """Run until interrupted."""
         from cablecast.cli.options import load_lab
-        from cablecast.pipeline.twin import run_twin
         from cablecast.rigs.ur.twin.laboratory import TwinConfig
+        from cablecast.rigs.ur.twin.process import TwinProcess
 
         setup = load_lab(self.setup, self.cable)
         config = TwinConfig(
@@ -50,17 +53,18 @@ class Twin:
             patience=PATIENCE,
         )
         faults = [_fault(text) for text in self.fault]
-        model = setup.arm.model
-
-        def started(twin: object) -> None:
+        with TwinProcess(setup, config) as twin:
+            for fault in faults:
+                twin.admin.fault(fault.name, fault.phase, fault.after)
             print(
-                f"A twin of a {model} listens on {self.address}. Stop it with Ctrl-C.", flush=True
+                f"A twin of a {setup.arm.model} listens on {self.address}. Stop it with Ctrl-C.",
+                flush=True,
             )
+            twin.wait()
+        raise RigError("the twin's process ended")
 
-        run_twin(setup, config, faults, started)
 
-
-def _fault(text: str):
+def _fault(text: str) -> "Fault":
     """Return the fault of NAME[:PHASE[:SECONDS]]."""
     from cablecast.rigs.ur.twin.laboratory import Fault
 

@@ -517,15 +517,7 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float) -> None
 
 
 def _offsets(joints: JointPath, command: JointPath) -> NDArray[np.float64]:
-    """Return the distance of reported joints from all set points of the last moments.
-
-    Args:
-        joints: Report.
-        command: Set points.
-
-    Returns:
-        Distance [rad], zero between the set points, shape [report, joint].
-    """
+    """Return the distance of reports from all set points of the last moments, [report, joint]."""
     lags = np.linspace(0.0, JOINT_LAG_MAX, 13)
     sent = joints.times[:, None] - lags
     q = joints.q
@@ -561,7 +553,8 @@ def call_within(limit: float | None, what: str, call: Callable[[], Answer]) -> A
     Raises:
         RigError: The call took too long.
     """
-    if limit is None or not _has_timers():
+    has_timers = hasattr(signal, "setitimer")
+    if limit is None or not has_timers or threading.current_thread() is not threading.main_thread():
         return call()
     armed, fired = True, False
 
@@ -595,8 +588,3 @@ def call_within(limit: float | None, what: str, call: Callable[[], Answer]) -> A
     if fired:
         raise too_long
     return answer
-
-
-def _has_timers() -> bool:
-    """Return whether this thread of this system can set an interval timer."""
-    return hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()

@@ -1,4 +1,4 @@
-"""RigEngine: any Engine as a Rig, so that the model's own error can be told from the world's."""
+"""RigEngine: any Engine as a Rig, which tells the error of a model from that of its simulator."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -175,9 +175,9 @@ class UrLink:
 
     def wait_for_report(self) -> Report:
         """Wait for a report that is read after this was called, and return it."""
-        begin = time.monotonic()
-        deadline = begin + _CONNECT_TIME_MAX
-        while not self.reports or self.reports[-1].host_time < begin:
+        start = time.monotonic()
+        deadline = start + _CONNECT_TIME_MAX
+        while not self.reports or self.reports[-1].host_time < start:
             if self.reports:
                 self.latest()
             elif time.monotonic() > deadline:

@@ -185,7 +185,7 @@ def _check_pace(report: Report, start: float, points: SetPoints) -> None:
 
 def _start_time(reports: list[Report], dt: float) -> float:
     """Return when the motion began by the controller's clock [s]."""
-    begins = [r.time - r.tick * dt for r in reports if r.state == ProgramState.MOVING and r.tick]
-    if not begins:
+    starts = [r.time - r.tick * dt for r in reports if r.state == ProgramState.MOVING and r.tick]
+    if not starts:
         raise CastAbortedError(f"no report came from the motion after its hold of {HOLD_TIME:g} s")
-    return float(np.median(begins))
+    return float(np.median(starts))

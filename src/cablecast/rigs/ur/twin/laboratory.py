@@ -377,7 +377,7 @@ class TwinLaboratory:
     def _make(self, name: str) -> None:
         controller, now = self.controller, self.controller.time
         if name == "protective_stop":
-            controller.protective_stop("told to by the twin")
+            controller.protective_stop("a fault of the twin")
         elif name == "emergency_stop":
             controller.emergency_stop()
         elif name == "speed_slider":

@@ -150,7 +150,7 @@ class TwinClient:
 
 
 def _serve(setup: Setup, config: TwinConfig, there: multiprocessing.connection.Connection) -> None:
-    """Run a twin in this process until it is told to stop."""
+    """Run a twin in this process until it is terminated."""
     try:
         laboratory = TwinLaboratory(setup, config)
     except CablecastError as error:
