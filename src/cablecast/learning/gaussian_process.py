@@ -297,4 +297,4 @@ def sparse_posterior(
         whitened = solve_triangular(factor, matern(inducing, points[rows]), lower=True)
         inner += whitened @ whitened.T
         image += whitened @ outputs[rows]
-    return solve_triangular(factor, cho_solve(cho_factor(inner), image), lower=True, trans="T")
+    return solve_triangular(factor, cho_solve(cho_factor(inner), image), lower=True, trans=1)
