@@ -4,8 +4,8 @@ from synthetic_casts import network, random_actions
 
 from cablecast.errors import CheckpointError
 from cablecast.learning.gaussian_process import GaussianProcessModel
-from cablecast.learning.load import load_model
 from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import load_model
 
 pytest.importorskip("safetensors")
 

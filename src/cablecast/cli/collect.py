@@ -59,8 +59,7 @@ class Collect:
         """Collect, and print the number of casts."""
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.checks import check_collect
-        from cablecast.pipeline.collect import collect
+        from cablecast.pipeline.collect import check_collect, collect
         from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)

@@ -54,8 +54,12 @@ class Evaluate:
         from cablecast.cli.progress import console_progress
         from cablecast.evaluation.published import published_rows
         from cablecast.learning.policy import ForwardSearchPolicy
-        from cablecast.pipeline.checks import check_evaluate
-        from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE, evaluate
+        from cablecast.pipeline.evaluate import (
+            REPORT_FILE,
+            TRIALS_FILE,
+            check_evaluate,
+            evaluate,
+        )
         from cablecast.runs.places import cable_folder, rig_folder
 
         policy = self._policy()
@@ -99,7 +103,7 @@ class Evaluate:
         """Yield the rig; "engine" is the simulator exactly as the model knew it."""
         from cablecast.cli.options import open_rig, with_instruments
         from cablecast.learning.policy import ForwardSearchPolicy
-        from cablecast.pipeline.rigs import engine_rig
+        from cablecast.pipeline.evaluate import engine_rig
 
         if self.rig == "engine" and isinstance(policy, ForwardSearchPolicy):
             with engine_rig(policy.model, self.device) as rig:

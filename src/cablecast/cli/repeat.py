@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cablecast.cli.options import argument
 
-# The names of pipeline.checks.COMBINATIONS, which would take NumPy to import.
+# The names of pipeline.repeat.COMBINATIONS, which would take NumPy to import.
 Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
 
 
@@ -53,8 +53,13 @@ class Repeat:
         """Repeat, and print the table."""
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.checks import check_repeat
-        from cablecast.pipeline.repeat import ACTIONS_FILE, FIGURE_FILE, read_actions, repeat
+        from cablecast.pipeline.repeat import (
+            ACTIONS_FILE,
+            FIGURE_FILE,
+            check_repeat,
+            read_actions,
+            repeat,
+        )
         from cablecast.runs.places import cable_folder, rig_folder
 
         setup = load_lab(self.setup, self.cable, r0=self.r0)

@@ -1,15 +1,7 @@
-"""Policy and Plan: interface from targets to motions.
+"""Policies turn targets into motions: forward search over a model, and polar casting.
 
-policy.npz: file with the candidates of a forward search.
-
-Refinement: small changes of actions that move their predicted landings onto the targets.
-
-ForwardSearchPolicy: feasible action whose predicted landing is nearest (equation 1).
-
-The predicted landings of the candidates do not depend on the target, so they are computed once. A
-k-d tree then answers a thousand targets in milliseconds.
-
-PolarCastingPolicy: the paper's baseline, a swing in the vertical plane and a slow pull.
+The predicted landings of the candidates of a forward search do not depend on the target, so they
+are computed once. A k-d tree then answers a thousand targets in milliseconds.
 """
 
 import dataclasses
@@ -33,8 +25,10 @@ from cablecast.errors import (
     check_number,
 )
 from cablecast.files import read_bytes, write_bytes
+from cablecast.learning.checkpoint import read_checkpoint
+from cablecast.learning.gaussian_process import GaussianProcessModel
 from cablecast.learning.landing import LandingModel, deviations
-from cablecast.learning.load import load_model
+from cablecast.learning.network import ForwardModel
 from cablecast.motion.action import (
     PSI_MAX,
     THETA_MAX,
@@ -48,10 +42,6 @@ from cablecast.motion.feasibility import check_actions, feasible_grid
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
-
-
-def _unknown() -> NDArray[np.float64]:
-    return np.array(np.nan)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,10 +63,10 @@ class Plan:
 
     setup: Setup
     target_xy: NDArray[np.float64]
-    actions: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
+    actions: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.array(np.nan))
     predicted_xy: NDArray[np.float64]
     inside_coverage: NDArray[np.bool_]
-    sensitivity: NDArray[np.float64] = dataclasses.field(default_factory=_unknown)
+    sensitivity: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.array(np.nan))
     motions: tuple[Trajectory, ...] | None = None
 
     def __post_init__(self):
@@ -161,42 +151,10 @@ ARRAY_SHAPES: dict[str, tuple[int, ...]] = {
 """Arrays of the file, and the shape of each after the candidate axis."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class StoredPolicy:
-    """Content of a policy.npz.
-
-    Attributes:
-        arrays: Arrays by name; see `ARRAY_SHAPES`.
-        setup: Set-up that the candidates were planned for.
-        info: Description of the policy.
-    """
-
-    arrays: dict[str, NDArray[np.float64]]
-    setup: Setup
-    info: dict[str, Any]
-
-
-def write_policy(folder: str | pathlib.Path, stored: StoredPolicy) -> None:
-    """Write `policy.npz` atomically and without pickled objects."""
-    meta = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "setup": stored.setup.to_dict(),
-        "info": stored.info,
-    }
-    text = json.dumps(meta, ensure_ascii=False, allow_nan=False)
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, meta=np.array(text), **stored.arrays)
-    write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
-
-
-def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
-    """Read `policy.npz`.
-
-    Raises:
-        CheckpointError: The file is missing, damaged, of another kind, or of another version.
-        UnreadableFileError: The system refuses to read it.
-    """
+def _read_policy(
+    folder: str | pathlib.Path,
+) -> tuple[dict[str, NDArray[np.float64]], Setup, dict[str, Any]]:
+    """Return the candidates, the set-up and the description in a `policy.npz`."""
     file = pathlib.Path(folder) / POLICY_NAME
     try:
         content = read_bytes(file)
@@ -230,7 +188,7 @@ def read_policy(folder: str | pathlib.Path) -> StoredPolicy:
         if not isinstance(info, Mapping):
             raise InputError("info must be a mapping")
         setup = Setup.from_dict(meta["setup"])
-        return StoredPolicy(arrays=_checked(arrays), setup=setup, info=dict(info))
+        return _checked(arrays), setup, dict(info)
     except (CablecastError, TypeError) as error:
         raise CheckpointError(
             f"{file} does not match this version of cablecast ({_line(error)}): train again"
@@ -348,8 +306,6 @@ def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
     return clipped
 
 
-NAME = "forward search"
-
 CANDIDATE_COUNT = 50_000
 """Number of candidate actions (section V-F)."""
 
@@ -452,7 +408,7 @@ class ForwardSearchPolicy:
                 "the table's edges"
             )
         facts = {
-            "name": NAME,
+            "name": "forward search",
             "candidate_count": len(actions),
             "kept_count": int(kept.sum()),
             "table_margin": table_margin,
@@ -541,10 +497,19 @@ class ForwardSearchPolicy:
         return np.asarray(distance <= COVERAGE_PCT / 100 * self.setup.cable.length)
 
     def save(self, folder: str | pathlib.Path) -> None:
-        """Write the model and the candidates, for `load` to read."""
+        """Write the model and the candidates atomically, for `load` to read."""
         self.model.save(folder)
+        meta = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "setup": self.setup.to_dict(),
+            "info": self.info,
+        }
+        text = json.dumps(meta, ensure_ascii=False, allow_nan=False)
         arrays = {name: getattr(self, name) for name in ARRAY_SHAPES}
-        write_policy(folder, StoredPolicy(arrays=arrays, setup=self.setup, info=self.info))
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, meta=np.array(text), **arrays)
+        write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
 
     @classmethod
     def load(cls, folder: str | pathlib.Path) -> "ForwardSearchPolicy":
@@ -556,15 +521,16 @@ class ForwardSearchPolicy:
         Raises:
             CheckpointError: Either is missing, damaged, or of another kind or version, or the
                 policy was built with another model.
+            UnreadableFileError: The system refuses to read a file.
         """
-        model, stored = load_model(folder), read_policy(folder)
-        built_with = stored.info.get("model_fingerprint")
-        if built_with != model.fingerprint or stored.setup != model.setup:
+        model, (arrays, setup, info) = load_model(folder), _read_policy(folder)
+        built_with = info.get("model_fingerprint")
+        if built_with != model.fingerprint or setup != model.setup:
             raise CheckpointError(
                 f"the policy in {folder} was built with another model ({str(built_with)[:40]}, not "
                 f"{model.fingerprint}): train again"
             )
-        return cls(model=model, info=stored.info, **stored.arrays)
+        return cls(model=model, info=info, **arrays)
 
     @functools.cached_property
     def _changes(self) -> NDArray[np.float64]:
@@ -631,3 +597,26 @@ class PolarCastingPolicy:
             inside_coverage=self.reach.contains(targets),
             motions=tuple(plan_polar_cast(xy, self.setup, self.cast) for xy in nearest),
         )
+
+
+_KINDS: dict[str, type[LandingModel]] = {
+    kind.FORMAT: kind for kind in (ForwardModel, GaussianProcessModel)
+}
+
+
+def load_model(folder: str | pathlib.Path) -> LandingModel:
+    """Read a checkpoint of any kind of model.
+
+    Args:
+        folder: Folder that the model was saved to.
+
+    Raises:
+        CheckpointError: The file is missing, truncated, damaged, or not a model.
+    """
+    checkpoint = read_checkpoint(folder)
+    if checkpoint.kind not in _KINDS:
+        raise CheckpointError(
+            f"{checkpoint.file} holds {checkpoint.kind or 'something'}: "
+            f"it must be {' or '.join(_KINDS)}"
+        )
+    return _KINDS[checkpoint.kind].from_checkpoint(checkpoint)

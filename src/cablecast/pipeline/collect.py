@@ -1,6 +1,7 @@
 """collect: casts on a rig, to tune the simulator and to learn from."""
 
 import os
+import pathlib
 import typing
 
 import numpy as np
@@ -14,12 +15,14 @@ from cablecast.data.record import (
     collect_dataset,
     sample_actions,
 )
+from cablecast.data.schema import INFO_PATH
 from cablecast.engines import make_engine
+from cablecast.errors import DatasetError, InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges
-from cablecast.pipeline.checks import check_collect
+from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import record_run
+from cablecast.runs.folder import Claim, record_run
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
@@ -95,6 +98,35 @@ def collect(
                 {"cast_count": len(dataset), "status_counts": dataset.status_counts},
             )
     return dataset
+
+
+def check_collect(
+    *,
+    purpose: str,
+    count: int | None,
+    sampling: str | None,
+    seed: int,
+    out: str | os.PathLike[str] | None = None,
+) -> None:
+    """Check what `collect` is asked for, before a rig is connected.
+
+    Raises:
+        InputError: A name is unknown, or a number is out of bounds.
+        DatasetError: The folder holds other work.
+    """
+    if purpose not in TRIAL_COUNTS:
+        raise InputError(f"purpose {str(purpose)[:40]!r} must be one of {', '.join(TRIAL_COUNTS)}")
+    if sampling not in (None, "uniform", "grid", "spread"):
+        raise InputError(f"sampling {str(sampling)[:40]!r} must be uniform, grid or spread")
+    if count is not None:
+        check_count("count", count, high=ACTION_COUNT_MAX)
+    check_seed(seed)
+    if out is not None:
+        claim = Claim(
+            path=pathlib.Path(out), file=str(INFO_PATH), noun="dataset", error=DatasetError
+        )
+        if claim.read() is None:
+            claim.refuse_foreign_files()
 
 
 def choose_actions(

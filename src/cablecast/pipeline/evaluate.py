@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.errors import InputError
+from cablecast.engines import make_engine
+from cablecast.errors import InputError, check_count
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluate_policy,
@@ -19,9 +20,10 @@ from cablecast.files import write_bytes, write_text
 from cablecast.learning.landing import LandingModel
 from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy, Policy
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.pipeline.rigs import engine_rig
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import RunFolder, settings_differences
+from cablecast.rigs.engine import RigEngine
+from cablecast.rigs.make import make_rig
+from cablecast.runs.folder import RunFolder, refuse_other_work, settings_differences
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.workspace import load_targets
 
@@ -29,6 +31,8 @@ TRIALS_FILE = "trials.csv"
 LANDINGS_FILE = "landings.png"
 REPORT_FILE = "report.html"
 CASTS_FOLDER = "casts"
+
+_REPEATS_MAX = 100_000
 
 
 def evaluate(
@@ -96,6 +100,52 @@ def evaluate(
                 _write_files(run, evaluation, policy, model)
                 run.finish(metrics)
         return dataclasses.replace(evaluation, metrics=metrics)
+
+
+def check_evaluate(
+    model: LandingModel | None,
+    *,
+    repeats: int,
+    device: str = "cpu",
+    out: str | os.PathLike[str] | None = None,
+) -> None:
+    """Check what `evaluate` is asked for, before a rig is connected.
+
+    Args:
+        model: Model of the policy; None for a policy without one.
+        repeats: Casts at each target.
+        device: Device of the simulator that splits the errors.
+        out: Folder of the results.
+
+    Raises:
+        InputError: A number is out of bounds, the device is not here, or the folder holds other
+            work.
+        MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
+    """
+    check_count("repeats", repeats, high=_REPEATS_MAX)
+    if out is not None:
+        require("the report", "matplotlib", "jinja2")
+        refuse_other_work(out, "evaluate")
+    if model is not None and model.settings.is_simulated:
+        engine_rig(model, device).close()
+
+
+def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
+    """Return the simulator that a model learned from, as a rig.
+
+    Args:
+        model: Model; says which parameters, servo and resolution its dataset was simulated with.
+        device: "cpu" or "cuda".
+
+    Raises:
+        InputError: The model has seen no simulated cast.
+    """
+    settings = model.settings
+    if not settings.is_simulated:
+        raise InputError("the model has seen no simulated cast: its simulator is unknown")
+    engine = settings.values["engine"]
+    engine = make_engine("warp", engine["segment_count"], engine["dt"], device)
+    return make_rig(RigEngine(engine, model.setup, settings.dynamics), model.setup)
 
 
 def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:

@@ -6,7 +6,6 @@ import os
 import pathlib
 import tempfile
 from collections.abc import Iterator
-from typing import Any
 
 from cablecast.errors import MissingExtraError
 
@@ -45,8 +44,3 @@ def require(purpose: str, *modules: str) -> None:
     for module in modules:
         if importlib.util.find_spec(module) is None:
             raise MissingExtraError(module, _EXTRAS[module], purpose)
-
-
-def rig_settings(rig: Any) -> dict[str, Any]:
-    """Return the description of a rig for the settings of a run."""
-    return dict(rig.description)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import Array
-from cablecast.errors import InputError, check_number
+from cablecast.errors import InputError, check_count, check_number, check_seed
 from cablecast.evaluation.repeatability import (
     REPEAT_COUNT,
+    REPEAT_MAX,
     Repeatability,
     measure_repeatability,
     repeat_actions,
@@ -20,14 +21,23 @@ from cablecast.evaluation.repeatability import (
 )
 from cablecast.files import read_csv, write_bytes
 from cablecast.motion.action import check_action_values
-from cablecast.pipeline.checks import COMBINATIONS, check_repeat
-from cablecast.pipeline.places import folder_or_temporary
+from cablecast.motion.feasibility import ACTION_COUNT_MAX
+from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import RunFolder, plain_settings
+from cablecast.runs.folder import RunFolder, plain_settings, refuse_other_work
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
+
+COMBINATIONS = {
+    "1.2": (1.2, False),
+    "1.5": (1.5, False),
+    "1.5-psi": (1.5, True),
+    "1.8": (1.8, False),
+    "1.8-psi": (1.8, True),
+}
+"""Combinations that the paper repeated (section V-E): speed [m/s], and whether the wrist turns."""
 
 Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
 
@@ -123,6 +133,36 @@ def repeat(
             if out is not None:
                 _finish(run, metrics, list(results.values()), rig, progress)
     return Repeated(results=results, metrics=metrics)
+
+
+def check_repeat(
+    *,
+    combinations: Sequence[str],
+    repeats: int,
+    action_count: int | None,
+    actions: ArrayLike | None,
+    seed: int,
+    out: str | os.PathLike[str] | None = None,
+) -> None:
+    """Check what `repeat` is asked for, before a rig is connected.
+
+    Raises:
+        InputError: A name is unknown, a number is out of bounds, or the folder holds other work.
+        MissingExtraError: A picture is to be drawn, and matplotlib is missing.
+    """
+    if not combinations or any(name not in COMBINATIONS for name in combinations):
+        raise InputError(
+            f"combinations {str(list(combinations))[:80]} must be some of {', '.join(COMBINATIONS)}"
+        )
+    check_count("repeats", repeats, 2, REPEAT_MAX)
+    if action_count is not None:
+        check_count("action_count", action_count, high=ACTION_COUNT_MAX)
+    if actions is not None:
+        check_action_values(actions)
+    check_seed(seed)
+    if out is not None:
+        require("drawing the landings", "matplotlib")
+        refuse_other_work(out, "repeat")
 
 
 def _finish(

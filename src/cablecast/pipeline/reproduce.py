@@ -8,11 +8,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.engines import make_engine
 from cablecast.errors import InputError, check_seed
 from cablecast.files import write_text
+from cablecast.learning.checkpoint import check_device
 from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy, Policy
-from cablecast.pipeline.checks import check_way
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import evaluate
 from cablecast.pipeline.places import require
@@ -190,7 +191,10 @@ def reproduce(
     setup = setup or Setup()
     # Hours of casts must not end at a table that is too small for the third cable.
     setups = [dataclasses.replace(setup, cable=cable) for cable in budget.cables]
-    check_way(setups, device)
+    make_engine("warp", device=device)
+    check_device(device)
+    for one in setups:
+        one.workspace.check_targets(load_targets(), cable_length=one.cable.length)
     _ = PolarCastingPolicy(setup=setups[0]).plan(load_targets()).trajectories
     settings = {
         "setup": setup.to_settings(),
