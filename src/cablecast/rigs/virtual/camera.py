@@ -22,6 +22,8 @@ from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, Grab, TrackerConfig, Window
 from cablecast.workspace import Workspace
 
+Array = NDArray[np.float64]
+
 _PAD = 24
 """Rim drawn around a piece, so that blurs at its edge come out as in the whole frame [px]."""
 _BAND_ROWS = 12
@@ -105,16 +107,14 @@ class VirtualCamera:
         return self.expose(self.background, (0, 0), np.ones(3), seed, 0)
 
     @functools.cached_property
-    def _rays(self) -> NDArray[np.float64]:
+    def _rays(self) -> Array:
         """Lines of sight of every eighth pixel in the base frame, shape [v / 8, u / 8, 3]."""
         v, u = np.mgrid[0 : self.config.height : 8, 0 : self.config.width : 8].astype(float)
         ideal = self.view.lens.undistort(np.stack([u, v], axis=-1))
         ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
         return ray @ np.asarray(self.view.rotation)
 
-    def board_frame(
-        self, board: Board, rotation: NDArray[np.float64], centre: NDArray[np.float64], seed: int
-    ) -> Image:
+    def board_frame(self, board: Board, rotation: Array, centre: Array, seed: int) -> Image:
         """Draw a picture of a calibration board that a person holds before the camera.
 
         Args:
@@ -157,12 +157,7 @@ class VirtualCamera:
         return self.expose(image, (0, 0), np.ones(3), seed, 0)
 
     def expose(
-        self,
-        canvas: Image,
-        corner: tuple[int, int],
-        gains: NDArray[np.float64],
-        seed: int,
-        frame: int,
+        self, canvas: Image, corner: tuple[int, int], gains: Array, seed: int, frame: int
     ) -> Image:
         """Return what the sensor makes of a drawn piece: lens blur, brightness, noise.
 
@@ -270,7 +265,7 @@ class Film:
             drawings[band] = Drawing(config, camera.view, camera.shade, self.trial, time)
         return drawings[band]
 
-    def _gains(self, time: float) -> NDArray[np.float64]:
+    def _gains(self, time: float) -> Array:
         """Return the brightness of blue, green and red as a multiple of that of even light."""
         light, phases = self.camera.config.light, self._phases
         gain = self._base

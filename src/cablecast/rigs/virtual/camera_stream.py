@@ -28,6 +28,8 @@ from cablecast.setup import Setup
 from cablecast.vision.broadcast import Broadcast
 from cablecast.vision.video import encode_jpeg
 
+Array = NDArray[np.float64]
+
 FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
 """Faults of the camera: the same picture again and again, darkness, no stream at all, an exposure
 that something else than we set, and a tag that somebody has moved."""
@@ -50,7 +52,7 @@ _START_TIMEOUT = 60.0
 _AHEAD_MAX = 10
 """Instants by which the laboratory may be ahead of its camera."""
 
-_State = tuple[float, NDArray[np.float64] | None, NDArray[np.float64]]
+_State = tuple[float, Array | None, Array]
 
 
 class LiveFilm(Film):
@@ -100,7 +102,7 @@ class LiveFilm(Film):
         return frame
 
     @property
-    def still(self) -> NDArray[np.float64] | None:
+    def still(self) -> Array | None:
         """Scene of the frame that is due, as one row of numbers; None if anything moves."""
         first, last = _scene(self._states[0]), _scene(self._states[-1])
         return last if _same(first, last) else None
@@ -120,7 +122,7 @@ class LiveFilm(Film):
             arm=self._setup.arm,
         )
 
-    def _gains(self, time: float) -> NDArray[np.float64]:
+    def _gains(self, time: float) -> Array:
         return self.gain * super()._gains(time)
 
 
@@ -196,25 +198,19 @@ class Studio:
         return draw_background(view, config, workspace, layout, self._seed)[0]
 
 
-def _scene(state: _State) -> NDArray[np.float64]:
+def _scene(state: _State) -> Array:
     """Return an instant as one row of numbers."""
     _, joints, nodes = state
     return np.concatenate([np.empty(0) if joints is None else joints, nodes.ravel()])
 
 
-def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+def _same(a: Array, b: Array) -> bool:
     """Return whether two scenes are equal but for what no picture shows."""
     return a.shape == b.shape and float(np.max(np.abs(b - a))) < _STILL
 
 
 def _serve(
-    pipe: Any,
-    room: Any,
-    setup: Setup,
-    config: CameraConfig,
-    seed: int,
-    clock: float,
-    port: int,
+    pipe: Any, room: Any, setup: Setup, config: CameraConfig, seed: int, clock: float, port: int
 ) -> None:
     """Film what comes through a pipe until it ends, and release the room of each instant."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -23,6 +23,7 @@ from cablecast.vision.tags import load_cv2, tag_picture
 from cablecast.vision.tracker import MarkerConfig
 from cablecast.workspace import Workspace
 
+Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Points = Sequence[tuple[float, float]]
 
@@ -101,15 +102,9 @@ def draw_background(
     floor_xy = _smooth_map(view, _FLOOR_Z, config)
     map_x = (table_xy[..., 0] - origin[0]) / _TEXEL
     map_y = (origin[1] - table_xy[..., 1]) / _TEXEL
-    table = cv2.remap(
-        texture,
-        map_x.astype(np.float32),
-        map_y.astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    maps = (map_x.astype(np.float32), map_y.astype(np.float32))
+    image = cv2.remap(texture, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     on_table = workspace.on_table(table_xy)
-    image = table
     image[~on_table] = _floor(floor_xy, ~on_table, rng)
     centre = np.array([config.width, config.height]) / 2
     radius = np.linalg.norm(centre)
@@ -121,7 +116,7 @@ def draw_background(
     return np.clip(shaded, 0, 255, out=shaded).astype(np.uint8), on_table, shade
 
 
-def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.float64]:
+def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> Array:
     """Return the points of a level plane under every pixel [m], shape [v, u, 2]."""
     from scipy.interpolate import RectBivariateSpline
 
@@ -134,9 +129,7 @@ def _smooth_map(view: CameraView, z: float, config: CameraConfig) -> NDArray[np.
     )
 
 
-def _floor(
-    xy: NDArray[np.float64], seen: NDArray[np.bool_], rng: np.random.Generator
-) -> NDArray[np.uint8]:
+def _floor(xy: Array, seen: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.uint8]:
     """Return the colours of the floor's tiles at the points xy [m] where it is seen, [pixel, 3]."""
     cv2 = load_cv2()
     place = xy[seen] / 0.5
@@ -193,16 +186,9 @@ def _foam(columns: int, rows: int, rng: np.random.Generator) -> Image:
     texture = np.clip(grained, 0, 255, out=grained).astype(np.uint8)
     for _ in range(40):
         start = rng.uniform([0, 0], [columns, rows])
-        end = start + rng.normal(0, 120, 2)
-        shade = np.array(_FOAM_BGR) - rng.uniform(6, 22)
-        cv2.line(
-            texture,
-            tuple(np.round(start).astype(int).tolist()),
-            tuple(np.round(end).astype(int).tolist()),
-            shade.tolist(),
-            int(rng.integers(1, 4)),
-            cv2.LINE_AA,
-        )
+        ends = [np.round(p).astype(int).tolist() for p in (start, start + rng.normal(0, 120, 2))]
+        shade = (np.array(_FOAM_BGR) - rng.uniform(6, 22)).tolist()
+        cv2.line(texture, *ends, shade, int(rng.integers(1, 4)), cv2.LINE_AA)
     for top in range(step_y, rows, step_y):
         cv2.line(texture, (0, top), (columns, top), _SEAM_BGR, 3, cv2.LINE_AA)
     for left in range(step_x, columns, step_x):
@@ -254,7 +240,7 @@ def _draw_clutter(
         (x, y), c, s = place, np.cos(angle), np.sin(angle)
         return [(x + c * a - s * b, y + s * a + c * b) for a, b in points]
 
-    shake = rng.uniform(-0.02, 0.02, 6)
+    scatter = rng.uniform(-0.02, 0.02, 6)
     places = [
         clutter_place(x, y, workspace)
         for x, y in ((-1.08, 0.42), (-1.06, 0.44), (1.16, 0.45), (-0.95, 1.18), (1.05, 1.12))
@@ -263,7 +249,7 @@ def _draw_clutter(
     if not (cloth_at and fold_at and driver_at and cap_at and box_at):
         return
     # A folded cloth at the left edge.
-    angle = 0.35 + shake[0]
+    angle = 0.35 + scatter[0]
     cloth = [(-0.11, -0.08), (0.10, -0.09), (0.12, 0.07), (0.02, 0.10), (-0.12, 0.06)]
     polygon(turned(cloth_at, angle, cloth), (96, 148, 84))
     fold = [(-0.07, -0.02), (0.09, -0.07), (0.11, 0.05)]
@@ -272,7 +258,7 @@ def _draw_clutter(
         ends = turned(cloth_at, angle, [(-0.1, offset), (0.1, offset * 0.6)])
         cv2.line(texture, px(*ends[0]), px(*ends[1]), (74, 122, 66), 2, cv2.LINE_AA)
     # A screwdriver at the right edge.
-    angle = 1.1 + shake[1]
+    angle = 1.1 + scatter[1]
     blade = [(0.05, -0.003), (0.17, -0.003), (0.17, 0.003), (0.05, 0.003)]
     polygon(turned(driver_at, angle, blade), (150, 148, 146))
     handle = [(-0.05, -0.010), (-0.03, -0.014), (0.05, -0.009), (0.05, 0.009), (-0.03, 0.014)]
@@ -280,11 +266,11 @@ def _draw_clutter(
     stripe = [(-0.03, -0.003), (0.04, -0.003), (0.04, 0.003), (-0.03, 0.003)]
     polygon(turned(driver_at, angle, stripe), (30, 30, 30))
     # A bottle cap as large as the marker, and a box of another colour.
-    cap = px(cap_at[0], cap_at[1] + shake[2])
+    cap = px(cap_at[0], cap_at[1] + scatter[2])
     cv2.circle(texture, cap, 13, (70, 150, 40), -1, cv2.LINE_AA)
     cv2.circle(texture, cap, 9, (84, 166, 52), 1, cv2.LINE_AA)
     box = [(-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.05, 0.03)]
-    polygon(turned(box_at, 0.2 + shake[3], box), (168, 96, 48))
+    polygon(turned(box_at, 0.2 + scatter[3], box), (168, 96, 48))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -301,8 +287,8 @@ class FilmedTrial:
     """
 
     cable: Cable
-    times: NDArray[np.float64]
-    nodes: NDArray[np.float64]
+    times: Array
+    nodes: Array
     joint_path: JointPath | None
     arm: ArmUR = dataclasses.field(default_factory=ArmUR)
 
@@ -318,11 +304,8 @@ class FilmedTrial:
                 "to film: at most 0.025 s"
             )
 
-    def shape_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cable at some times, held before the first and after the last.
-
-        Args:
-            times: Times [s], shape [time].
+    def shape_at(self, times: Array) -> Array:
+        """Return the cable at times [s], held before the first and after the last.
 
         Returns:
             Nodes [m], shape [time, node, 3].
@@ -330,7 +313,7 @@ class FilmedTrial:
         if len(self.times) == 1:
             return np.repeat(self.nodes, len(times), axis=0)
         clipped = np.clip(times, self.times[0], self.times[-1])
-        # Four neighbours tell a cubic through the two in the middle; a spline over the whole trial
+        # Four neighbours give a cubic through the two in the middle; a spline over the whole trial
         # would be solved anew for every frame.
         last = len(self.times) - 1
         right = np.clip(np.searchsorted(self.times, clipped, side="right"), 1, last)
@@ -387,8 +370,8 @@ class Drawing:
         along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
         self.marker = view.to_image(_capsule_outline(tip, along))
         self.hook = view.to_image(_attachment_outline(trial.cable, tip, along))
-        self.rods: list[NDArray[np.float64]] = []
-        self.shadow: list[NDArray[np.float64]] = []
+        self.rods: list[Array] = []
+        self.shadow: list[Array] = []
         self.light = 1.0
         if np.all(np.isfinite(middle)):
             u, v = np.clip(np.round(middle).astype(int), 0, np.subtract(shade.shape[::-1], 1))
@@ -502,12 +485,12 @@ class Drawing:
         _fill(image, inner, corner, (np.array(_MARKER_LIGHT_BGR) * self.light).tolist())
 
 
-def _fixed(points: NDArray[np.float64], corner: tuple[int, int]) -> NDArray[np.int32]:
+def _fixed(points: Array, corner: tuple[int, int]) -> NDArray[np.int32]:
     """Return pixels as OpenCV takes them with fractional bits."""
     return np.round((points - corner) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _fill(image: Image, outline: NDArray[np.float64], corner: tuple[int, int], colour) -> None:
+def _fill(image: Image, outline: Array, corner: tuple[int, int], colour) -> None:
     """Fill the convex hull of some points."""
     if not np.isfinite(outline).all():
         return
@@ -516,7 +499,7 @@ def _fill(image: Image, outline: NDArray[np.float64], corner: tuple[int, int], c
     cv2.fillConvexPoly(image, hull, colour, cv2.LINE_AA, _SHIFT)
 
 
-def _capsule_outline(tip: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+def _capsule_outline(tip: Array, along: Array) -> Array:
     """Return the outline of the marker about the endpoint [m], shape [time, point, 3]."""
     radius = _MARKER.width / 2
     half = max(_MARKER.length / 2 - radius, 0.0)
@@ -525,9 +508,7 @@ def _capsule_outline(tip: NDArray[np.float64], along: NDArray[np.float64]) -> ND
     return np.concatenate(ends, axis=1)
 
 
-def _attachment_outline(
-    cable: Cable, tip: NDArray[np.float64], along: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _attachment_outline(cable: Cable, tip: Array, along: Array) -> Array:
     """Return the line of the hook or the outline of the magnet [m], shape [time, point, 3]."""
     length = cable.attachment_length
     if cable.attachment is Attachment.NONE or length <= 0:
@@ -548,20 +529,20 @@ def _attachment_outline(
     )
 
 
-def _level_across(along: NDArray[np.float64]) -> NDArray[np.float64]:
+def _level_across(along: Array) -> Array:
     """Return level unit vectors to the left of some directions."""
     across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(along))], axis=-1)
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     return np.where(length > 1e-6, across / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
 
 
-def _level_circle(across: NDArray[np.float64]) -> NDArray[np.float64]:
+def _level_circle(across: Array) -> Array:
     """Return level unit circles about the origin, shape [time, point, 3]."""
     forward = np.stack([across[:, 1], -across[:, 0], np.zeros(len(across))], axis=-1)
     return _COS[:, None] * forward[:, None] + _SIN[:, None] * across[:, None]
 
 
-def _rod_outlines(shape: ArmShape, view: CameraView) -> list[NDArray[np.float64]]:
+def _rod_outlines(shape: ArmShape, view: CameraView) -> list[Array]:
     """Return silhouette, ridge and gloss of every rod [px], each shape [time, 3, point, 2]."""
     towards = np.asarray(view.position) - shape.ends
     towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
@@ -585,7 +566,7 @@ def _rod_outlines(shape: ArmShape, view: CameraView) -> list[NDArray[np.float64]
     return outlines
 
 
-def _shadow_outlines(shape: ArmShape, index: int) -> list[NDArray[np.float64]]:
+def _shadow_outlines(shape: ArmShape, index: int) -> list[Array]:
     """Return the outline of each rod's shadow on the table [m], each shape [point, 3]."""
     lamp = np.asarray(_LAMP)
     shadows = []
@@ -601,7 +582,7 @@ def _shadow_outlines(shape: ArmShape, index: int) -> list[NDArray[np.float64]]:
 
 
 @functools.lru_cache(maxsize=8)
-def _spline_matrix(node_count: int) -> NDArray[np.float64]:
+def _spline_matrix(node_count: int) -> Array:
     """Return weights that put three points between neighbouring nodes of a smooth curve."""
     if node_count < 4:
         return np.eye(node_count)

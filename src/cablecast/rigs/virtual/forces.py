@@ -29,6 +29,8 @@ from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
 from cablecast.rigs.virtual.scene import CableMotion
 from cablecast.workspace import Workspace
 
+Array = NDArray[np.float64]
+
 CELL = 0.005
 """Resolution of the map [m]."""
 
@@ -42,8 +44,8 @@ class FrictionMap:
         factors: Factor of each cell [-], shape [x, y].
     """
 
-    origin: NDArray[np.float64]
-    factors: NDArray[np.float64]
+    origin: Array
+    factors: Array
 
 
 def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
@@ -63,7 +65,7 @@ def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
     return FrictionMap(origin=origin, factors=np.rot90(factors, -quarter_turns))
 
 
-def _face(table: HiddenTable, size: NDArray[np.float64]) -> NDArray[np.float64]:
+def _face(table: HiddenTable, size: Array) -> Array:
     """Return the factors of a table that is not turned, shape [x, y].
 
     Args:
@@ -90,9 +92,7 @@ def _face(table: HiddenTable, size: NDArray[np.float64]) -> NDArray[np.float64]:
     return factors
 
 
-def _boards(
-    places: NDArray[np.float64], first: float, size: float
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def _boards(places: Array, first: float, size: float) -> tuple[NDArray[np.intp], Array]:
     """Return the index of the board at each place, and the distance to its nearest seam [m]."""
     board = np.floor((places - first) / size)
     within = (places - first) - board * size
@@ -226,18 +226,8 @@ def _moment(
 
     The elastic moment is EI (kappa - kappa_0); MuJoCo applies EI kappa. As a material with a yield
     stress and a viscosity, d kappa_0 / dt = (excess of |kappa - kappa_0|) / time.
-
-    Args:
-        behind: Direction of the edge before the vertex [-].
-        ahead: Direction of the edge after it [-].
-        cos: Cosine of the roll of the edge after it [-].
-        sin: Sine of that roll [-].
-        cell: Length that belongs to the vertex [m].
-        elapsed: Time in which the cable yields [s].
-        cable: Properties of the cable.
-        curl: Curvature at rest, sideways and upwards [1/m], shape [world, 2, vertex].
-        world: Index of the cable.
-        vertex: Index of the vertex among those between two edges.
+    The directions of the edges behind and ahead, the cosine and sine of the roll of the latter,
+    and the length [m] that belongs to the vertex are given; curl is in [1/m].
     """
     one = wp.float64(1.0)
     bent = wp.max(one + _dot(ahead, behind), wp.float64(0.1))
@@ -365,10 +355,10 @@ class CableForces:
         cable: Cable,
         truth: HiddenCable,
         friction_map: FrictionMap,
-        arc_lengths: NDArray[np.float64],
-        masses: NDArray[np.float64],
-        friction: NDArray[np.float64],
-        curl: NDArray[np.float64],
+        arc_lengths: Array,
+        masses: Array,
+        friction: Array,
+        curl: Array,
     ):
         start_warp()
         edge = np.diff(arc_lengths)
@@ -417,9 +407,7 @@ class CableForces:
             record_cmd=True,
         )
 
-    def evaluate(
-        self, motion: CableMotion, active: NDArray[np.intp], elapsed: float
-    ) -> NDArray[np.float64]:
+    def evaluate(self, motion: CableMotion, active: NDArray[np.intp], elapsed: float) -> Array:
         """Return the forces on the vertices after the gripped two.
 
         Args:
@@ -447,6 +435,6 @@ class CableForces:
         return self._force_view[:count]
 
 
-def _as_warp(values: NDArray[np.float64]) -> wp.array:
+def _as_warp(values: Array) -> wp.array:
     """Return a Warp array that shares its memory with numpy's."""
     return wp.array(values, dtype=wp.float64, device="cpu", copy=False)

@@ -26,14 +26,7 @@ from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable
 from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.forces import CableForces, friction_map
-from cablecast.rigs.virtual.scene import (
-    Scene,
-    build_scene,
-    cable_motion,
-    cable_vertices,
-    hand_controls,
-    lay_down,
-)
+from cablecast.rigs.virtual.scene import Scene, build_scene
 from cablecast.rigs.virtual.trials import Trial, find_library, initial_curl, reset_shape
 from cablecast.setup import Setup
 
@@ -145,7 +138,7 @@ class Cables:
         for world, trial in enumerate(trials):
             friction[world, ..., 0] *= trial.friction_factor
             tip_friction[world, :, 0] *= trial.friction_factor
-            lay_down(scene, self._qpos[world], poses[world], shapes[world], trial.tip_roll)
+            scene.lay_down(self._qpos[world], poses[world], shapes[world], trial.tip_roll)
         self._forces = CableForces(
             lab.setup.cable,
             lab._truth,
@@ -171,7 +164,7 @@ class Cables:
         from mujoco.batch import SimulationError
 
         lab, rows = self._lab, self._rows(active)
-        motion = cable_motion(lab.scene, self._qpos[rows], self._qvel[rows])
+        motion = lab.scene.motion(self._qpos[rows], self._qvel[rows])
         # Diverged worlds run on until their trials end.
         with np.errstate(all="ignore"):
             force = self._forces.evaluate(motion, active, lab.window * lab.config.dt)
@@ -183,7 +176,7 @@ class Cables:
 
     def vertices(self, active: NDArray[np.intp]) -> Array:
         """Return the vertices of some worlds' cables [m], shape [active, vertex, 3]."""
-        return cable_vertices(self._lab.scene, self._qpos[self._rows(active)])
+        return self._lab.scene.vertices(self._qpos[self._rows(active)])
 
     def warned(self, active: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return of which of some worlds MuJoCo has warned, shape [active]."""
@@ -225,7 +218,7 @@ class _Group:
         for motion in self.arm:
             held = np.repeat(motion.poses[:1], self.reset_windows * lab.window, axis=0)
             poses = np.concatenate([held, motion.poses])
-            controls.append(hand_controls(poses, config.dt, scene.hand_origin))
+            controls.append(scene.controls(poses, config.dt))
         self.controls = np.stack(controls)
         starts = np.stack([motion.poses[0] for motion in self.arm])
         shapes = [lab.reset_shape(*values) for values in zip(starts, trials, strict=True)]
@@ -408,7 +401,7 @@ class LiveCable:
             return
         lab = self._lab
         sampled = np.concatenate([self._poses, poses])
-        controls = hand_controls(sampled, lab.config.dt, lab.scene.hand_origin)[None, 1:]
+        controls = lab.scene.controls(sampled, lab.config.dt)[None, 1:]
         self.is_simulated = True
         world = np.zeros(1, dtype=int)
         with quiet():

@@ -101,9 +101,7 @@ class RigVirtual(RigLifecycle):
         return self._run([trajectory], None)[0]
 
     def execute_many(
-        self,
-        trajectories: Sequence[Trajectory],
-        progress: Callable[[int], None] | None = None,
+        self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None = None
     ) -> list[EndpointTrack]:
         """Reset and execute for each trajectory, at once on all cores.
 
@@ -145,9 +143,7 @@ class RigVirtual(RigLifecycle):
         self._lab = self._camera = self._picture = self._last = None
 
     def _run(
-        self,
-        trajectories: Sequence[Trajectory],
-        progress: Callable[[int], None] | None,
+        self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None
     ) -> list[EndpointTrack]:
         if self._lab is None:
             raise RigError("the rig is closed: make a new one")

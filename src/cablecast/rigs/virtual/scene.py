@@ -8,8 +8,6 @@ through its joints: a mocap body has no velocity, and the rod's length constrain
 The attachment is a rigid body that clamps an edge of the rod beyond the cable's end, so that it
 bends and twists the cable as it turns. A hook has its mass and its bend beside the cable's axis; a
 magnet is a disc that can turn about the axis, and rolls on the table.
-
-The cable in MuJoCo's state: how it is laid down, where its vertices are, how they move.
 """
 
 import dataclasses
@@ -25,9 +23,11 @@ from cablecast.errors import MissingExtraError
 from cablecast.rigs.virtual._hidden import HiddenCable
 from cablecast.workspace import Workspace
 
+Array = NDArray[np.float64]
+
 HAND_DOF_COUNT = 5
-TABLE_THICKNESS = 0.04
-FLOOR_Z = -0.75
+_TABLE_THICKNESS = 0.04
+_FLOOR_Z = -0.75
 
 # The hand weighs hundreds of times what the cable can pull, so it goes where it is driven. Its
 # servo, 60 Hz and critically damped, only removes the drift of the integration.
@@ -68,6 +68,23 @@ _ROLL_DAMPING_PER_MASS = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CableMotion:
+    """Positions and velocities of a batch of cables.
+
+    Attributes:
+        vertices: Positions up to the endpoint [m], shape [world, vertex, 3].
+        velocity: Velocities of the vertices [m/s], same shape.
+        roll: Roll angle of each edge but the gripped one [rad], shape [world, edge - 1].
+        roll_rate: Rate of that angle [rad/s], same shape.
+    """
+
+    vertices: Array
+    velocity: Array
+    roll: Array
+    roll_rate: Array
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Scene:
     """A compiled model, and the places of things in it.
 
@@ -86,14 +103,14 @@ class Scene:
     """
 
     model: Any
-    arc_lengths: NDArray[np.float64]
-    masses: NDArray[np.float64]
+    arc_lengths: Array
+    masses: Array
     endpoint_mass: float
     has_tip: bool
     end_height: float
     extra_count: int
-    hand_origin: NDArray[np.float64]
-    vertex_origin: NDArray[np.float64]
+    hand_origin: Array
+    vertex_origin: Array
 
     @property
     def vertex_slice(self) -> slice:
@@ -114,26 +131,75 @@ class Scene:
         rate = start - (1 if self.has_tip else 0)
         return slice(start, start + count), slice(rate, rate + count)
 
+    def lay_down(self, qpos: Array, pose: Array, shape: Array, tip_roll: float) -> None:
+        """Put the hand and a cable where a reset left them.
 
-def hand_controls(
-    poses: NDArray[np.float64], dt: float, origin: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return servo targets that carry the hand exactly along sampled poses.
+        Args:
+            qpos: Positions of all joints of one world, which are filled, shape [joint position].
+            pose: Pose of the grip: x, y, z [m], yaw, pitch [rad], shape [5].
+            shape: Vertices of the cable [m], shape [vertex, 3].
+            tip_roll: Turn of the lying attachment about the cable [rad].
+        """
+        qpos[:HAND_DOF_COUNT] = pose - self.hand_origin
+        qpos[self.vertex_slice] = (shape[2:] - self.vertex_origin).ravel()
+        if not self.has_tip:
+            return
+        ahead = shape[-1] - shape[-2]
+        # A hook's bend comes down from above: its other side would start within the table.
+        yaw, roll = -np.arctan2(ahead[0], ahead[1]) / 2, -abs(tip_roll) / 2
+        # Turned about its own y, the cable's axis, and then about z.
+        qpos[self.tip_slice] = [
+            np.cos(yaw) * np.cos(roll),
+            -np.sin(yaw) * np.sin(roll),
+            np.cos(yaw) * np.sin(roll),
+            np.sin(yaw) * np.cos(roll),
+        ]
 
-    A semi-implicit step ends at q + dt v, so the velocity that belongs to a step is the backward
-    difference; the servo is told of the velocity and the acceleration through its position target.
+    def vertices(self, qpos: Array) -> Array:
+        """Return the positions of all vertices up to the endpoint [m], shape [world, vertex, 3].
 
-    Args:
-        poses: x, y, z [m], yaw, pitch [rad] at every step, shape [step + 1, 5].
-        dt: Step [s].
-        origin: Pose at joint values 0, shape [5].
+        Args:
+            qpos: Positions of all joints, shape [world, joint position].
+        """
+        count = len(qpos)
+        vertices = np.empty((count, len(self.arc_lengths), 3))
+        pose = qpos[:, :HAND_DOF_COUNT] + self.hand_origin
+        vertices[:, 0] = pose[:, :3]
+        vertices[:, 1] = pose[:, :3] + self.arc_lengths[1] * tangent(pose[:, 3], pose[:, 4])
+        free = qpos[:, self.vertex_slice].reshape(count, -1, 3)
+        np.add(free, self.vertex_origin, out=vertices[:, 2:])
+        return vertices
 
-    Returns:
-        One target per step, shape [step, 5].
-    """
-    velocity = np.diff(poses, axis=0) / dt
-    acceleration = np.diff(velocity, axis=0, prepend=0.0) / dt
-    return poses[1:] - origin + (_SERVO_KV * velocity + _HAND_M * acceleration) / _SERVO_KP
+    def motion(self, qpos: Array, qvel: Array) -> CableMotion:
+        """Return positions and velocities of the cables, from those of all joints."""
+        rolls, roll_rates = self.roll_slices
+        vertices = self.vertices(qpos)
+        velocity = np.empty_like(vertices)
+        # The gripped edge is as short as the jaws: what its turn adds is left out.
+        velocity[:, :2] = qvel[:, None, :3]
+        velocity[:, 2:] = qvel[:, self.vertex_slice].reshape(len(qpos), -1, 3)
+        return CableMotion(
+            vertices=vertices, velocity=velocity, roll=qpos[:, rolls], roll_rate=qvel[:, roll_rates]
+        )
+
+    def controls(self, poses: Array, dt: float) -> Array:
+        """Return servo targets that carry the hand exactly along sampled poses.
+
+        A semi-implicit step ends at q + dt v, so the velocity that belongs to a step is the
+        backward difference; the velocity and the acceleration reach the servo through its position
+        target.
+
+        Args:
+            poses: x, y, z [m], yaw, pitch [rad] at every step, shape [step + 1, 5].
+            dt: Step [s].
+
+        Returns:
+            One target per step, shape [step, 5].
+        """
+        velocity = np.diff(poses, axis=0) / dt
+        acceleration = np.diff(velocity, axis=0, prepend=0.0) / dt
+        feedforward = (_SERVO_KV * velocity + _HAND_M * acceleration) / _SERVO_KP
+        return poses[1:] - self.hand_origin + feedforward
 
 
 def build_scene(
@@ -168,8 +234,7 @@ def build_scene(
     hand_origin = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
     positions = np.zeros((len(arc), 3)) + hand_origin[:3]
     positions[:, 1] += arc
-    rod = _rod(cable, truth, arc, masses, has_tip, positions)
-    xml = _mjcf(dt, workspace, hand_origin, rod)
+    xml = _mjcf(cable, truth, workspace, arc, masses, has_tip, positions, dt)
     return Scene(
         model=MjModel.from_xml_string(xml),
         arc_lengths=arc,
@@ -183,7 +248,7 @@ def build_scene(
     )
 
 
-def _lumped(arc: NDArray[np.float64], density: float) -> NDArray[np.float64]:
+def _lumped(arc: Array, density: float) -> Array:
     """Return the mass at each vertex, half of each edge's at each of its ends [kg]."""
     edge = np.diff(arc) * density / 2
     masses = np.zeros(len(arc))
@@ -192,88 +257,42 @@ def _lumped(arc: NDArray[np.float64], density: float) -> NDArray[np.float64]:
     return masses
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Rod:
-    """Parts of the model that make up the cable and its attachment, as XML.
-
-    Attributes:
-        bodies: Free vertices, the last with the attachment.
-        rolls: Roll joints of the edges.
-        flex: Rod that joins them.
-    """
-
-    bodies: str
-    rolls: str
-    flex: str
-
-
-def _mjcf(dt: float, workspace: Workspace, hand_origin: NDArray[np.float64], rod: _Rod) -> str:
-    """Return the whole model as XML."""
-    depth = workspace.y_max - workspace.y_min
-    table_size = (workspace.half_width, depth / 2, TABLE_THICKNESS / 2)
-    table_pos = (0.0, (workspace.y_min + workspace.y_max) / 2, -TABLE_THICKNESS / 2)
-    hand_joints = ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "hinge 0 0 -1", "hinge 1 0 0")
-    joints, servos = [], []
-    for index, joint in enumerate(hand_joints):
+def _mjcf(
+    cable: Cable,
+    truth: HiddenCable,
+    workspace: Workspace,
+    arc: Array,
+    masses: Array,
+    has_tip: bool,
+    positions: Array,
+    dt: float,
+) -> str:
+    """Return the whole model as XML, with a straight cable at some positions."""
+    radius, count = cable.radius, len(arc)
+    hand_joints, servos = [], []
+    axes = ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "hinge 0 0 -1", "hinge 1 0 0")
+    for index, joint in enumerate(axes):
         kind, axis = joint.split(" ", 1)
-        joints.append(f'<joint name="hand_{index}" type="{kind}" axis="{axis}"/>')
+        hand_joints.append(f'<joint name="hand_{index}" type="{kind}" axis="{axis}"/>')
         servos.append(
             f'<position joint="hand_{index}" kp="{_SERVO_KP[index]:.17g}" '
             f'kv="{_SERVO_KV[index]:.17g}"/>'
         )
-    inertia = _text(np.full(3, _HAND_INERTIA))
-    return f"""<mujoco model="cablecast virtual laboratory">
-<option integrator="discrete" timestep="{dt:.9g}" cone="elliptic">
-  <flag autoreset="disable"/>
-</option>
-<worldbody>
-  <geom name="table" {_TABLE_BITS} type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
-  <geom name="floor" {_TABLE_BITS} type="plane" size="5 5 0.1" pos="0 0 {FLOOR_Z}"/>
-  <body name="hand" pos="{_text(hand_origin[:3])}">
-    <inertial pos="0 0 0" mass="{_HAND_MASS}" diaginertia="{inertia}"/>
-    {"".join(joints)}
-  </body>
-  {rod.bodies}
-  {rod.rolls}
-</worldbody>
-<deformable>{rod.flex}</deformable>
-<equality><flex flex="cable" solref="{_EDGE_SOLREF}" solimp="{_EDGE_SOLIMP}"/></equality>
-<actuator>{"".join(servos)}</actuator>
-</mujoco>"""
-
-
-def _rod(
-    cable: Cable,
-    truth: HiddenCable,
-    arc: NDArray[np.float64],
-    masses: NDArray[np.float64],
-    has_tip: bool,
-    positions: NDArray[np.float64],
-) -> _Rod:
-    """Return the parts of the model that make up the cable and its attachment.
-
-    Args:
-        cable: Geometry of the cable.
-        truth: True properties of the cable.
-        arc: Distance of each vertex from the grip [m], shape [vertex].
-        masses: Mass of the cable lumped at each vertex [kg], shape [vertex].
-        has_tip: Whether the attachment is a body of its own.
-        positions: Straight cable [m], shape [vertex, 3].
-    """
-    radius, count = cable.radius, len(arc)
-    second_moment = math.pi * radius**4 / 4
-    slides = []
+    slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    bodies, rolls = [], []
     for index in range(2, count):
+        mass = float(masses[index])
+        # An attachment that is no body of its own is a part of the last vertex.
+        if index == count - 1 and not has_tip:
+            mass += truth.endpoint_mass
+        body = f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
+        if index == count - 1 and has_tip:
+            body = _tip(cable, truth, mass)
         place = f'pos="{_text(positions[index])}"'
-        if index == count - 1:
-            body = _tip(cable, truth, masses[index]) if has_tip else _bead(_end_mass(truth, masses))
-        else:
-            body = _bead(masses[index])
-        slides.append(f'<body name="cable_{index}" {place}>{_SLIDES}{body}</body>')
-    # The compiler finds the roll joint of each edge by these names.
-    rolls = []
-    # The last edge's has a name of its own; that of a clamped attachment has none.
+        bodies.append(f'<body name="cable_{index}" {place}>{slides}{body}</body>')
     for edge in range(1, count - 1):
+        # The compiler finds the roll joint of each edge by these names. The last edge's has a name
+        # of its own; that of a clamped attachment has none.
         name = "cable_twist" if edge == count - 2 and not has_tip else f"cable_twist_{edge}"
         edge_mass = truth.mass / cable.length * (arc[edge + 1] - arc[edge])
         inertia = max(0.5 * edge_mass * radius**2, 1e-10)
@@ -289,7 +308,26 @@ def _rod(
         owners.append(owners[-1])
         vertices += f"0 {cable.attachment_length:.9g} 0"
     elements = " ".join(f"{edge} {edge + 1}" for edge in range(len(owners) - 1))
-    flex = f"""
+    second_moment = math.pi * radius**4 / 4
+    depth = workspace.y_max - workspace.y_min
+    table_size = (workspace.half_width, depth / 2, _TABLE_THICKNESS / 2)
+    table_pos = (0.0, (workspace.y_min + workspace.y_max) / 2, -_TABLE_THICKNESS / 2)
+    inertia = _text(np.full(3, _HAND_INERTIA))
+    return f"""<mujoco model="cablecast virtual laboratory">
+<option integrator="discrete" timestep="{dt:.9g}" cone="elliptic">
+  <flag autoreset="disable"/>
+</option>
+<worldbody>
+  <geom name="table" {_TABLE_BITS} type="box" size="{_text(table_size)}" pos="{_text(table_pos)}"/>
+  <geom name="floor" {_TABLE_BITS} type="plane" size="5 5 0.1" pos="0 0 {_FLOOR_Z}"/>
+  <body name="hand" pos="{_text(positions[0])}">
+    <inertial pos="0 0 0" mass="{_HAND_MASS}" diaginertia="{inertia}"/>
+    {"".join(hand_joints)}
+  </body>
+  {"".join(bodies)}
+  {"".join(rolls)}
+</worldbody>
+<deformable>
   <flex name="cable" dim="1" radius="{radius:.9g}" body="{" ".join(owners)}" vertex="{vertices}"
         element="{elements}">
     <contact condim="3" friction="{truth.friction:.9g} 0.005 0.0001" priority="1"
@@ -298,36 +336,18 @@ def _rod(
                 shear="{truth.twist_stiffness / (2 * second_moment):.9g}"
                 damping="{truth.bend_damping:.9g}"/>
   </flex>
-"""
-    return _Rod(bodies="".join(slides), rolls="".join(rolls), flex=flex)
-
-
-_SLIDES = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
-
-
-def _bead(mass: float) -> str:
-    """Return the body of a vertex of the cable, as XML."""
-    return f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
-
-
-def _end_mass(truth: HiddenCable, masses: NDArray[np.float64]) -> float:
-    """Return the mass of the last vertex with an attachment that is no body of its own [kg]."""
-    return float(masses[-1]) + truth.endpoint_mass
+</deformable>
+<equality><flex flex="cable" solref="{_EDGE_SOLREF}" solimp="{_EDGE_SOLIMP}"/></equality>
+<actuator>{"".join(servos)}</actuator>
+</mujoco>"""
 
 
 def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
     """Return the attachment as a body that turns freely, but for the cable that it clamps.
 
-    Args:
-        cable: Gives the kind and the length of the attachment.
-        truth: Gives its mass and shape.
-        lumped: Mass of the cable's own end [kg].
+    The mass of the cable's own end [kg] is lumped into it.
     """
-    length, radius, offset = (
-        cable.attachment_length,
-        truth.endpoint_radius,
-        truth.endpoint_offset,
-    )
+    length, radius, offset = cable.attachment_length, truth.endpoint_radius, truth.endpoint_offset
     contact = (
         f'{_TIP_BITS} condim="6" priority="2" solref="{_CONTACT_SOLREF}" '
         f'solimp="{_CONTACT_SOLIMP}" friction="{truth.endpoint_friction:.9g} 0.001 {_DISC_ROLLING}"'
@@ -368,88 +388,3 @@ def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
 
 def _text(values) -> str:
     return " ".join(f"{value:.9g}" for value in values)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class CableMotion:
-    """Positions and velocities of a batch of cables.
-
-    Attributes:
-        vertices: Positions up to the endpoint [m], shape [world, vertex, 3].
-        velocity: Velocities of the vertices [m/s], same shape.
-        roll: Roll angle of each edge but the gripped one [rad], shape [world, edge - 1].
-        roll_rate: Rate of that angle [rad/s], same shape.
-    """
-
-    vertices: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    roll: NDArray[np.float64]
-    roll_rate: NDArray[np.float64]
-
-
-def lay_down(
-    scene: Scene,
-    qpos: NDArray[np.float64],
-    pose: NDArray[np.float64],
-    shape: NDArray[np.float64],
-    tip_roll: float,
-) -> None:
-    """Put the hand and a cable where a reset left them.
-
-    Args:
-        scene: Model that the state belongs to.
-        qpos: Positions of all joints of one world, which are filled, shape [joint position].
-        pose: Pose of the grip: x, y, z [m], yaw, pitch [rad], shape [5].
-        shape: Vertices of the cable [m], shape [vertex, 3].
-        tip_roll: Turn of the lying attachment about the cable [rad].
-    """
-    qpos[:HAND_DOF_COUNT] = pose - scene.hand_origin
-    qpos[scene.vertex_slice] = (shape[2:] - scene.vertex_origin).ravel()
-    if not scene.has_tip:
-        return
-    ahead = shape[-1] - shape[-2]
-    # A hook's bend comes down from above: its other side would begin within the table.
-    yaw, roll = -np.arctan2(ahead[0], ahead[1]) / 2, -abs(tip_roll) / 2
-    # Turned about its own y, the cable's axis, and then about z.
-    qpos[scene.tip_slice] = [
-        np.cos(yaw) * np.cos(roll),
-        -np.sin(yaw) * np.sin(roll),
-        np.cos(yaw) * np.sin(roll),
-        np.sin(yaw) * np.cos(roll),
-    ]
-
-
-def cable_vertices(scene: Scene, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the positions of all vertices up to the endpoint [m], shape [world, vertex, 3].
-
-    Args:
-        scene: Model that the state belongs to.
-        qpos: Positions of all joints, shape [world, joint position].
-    """
-    count = len(qpos)
-    vertices = np.empty((count, len(scene.arc_lengths), 3))
-    pose = qpos[:, :HAND_DOF_COUNT] + scene.hand_origin
-    vertices[:, 0] = pose[:, :3]
-    vertices[:, 1] = pose[:, :3] + scene.arc_lengths[1] * tangent(pose[:, 3], pose[:, 4])
-    free = qpos[:, scene.vertex_slice].reshape(count, -1, 3)
-    np.add(free, scene.vertex_origin, out=vertices[:, 2:])
-    return vertices
-
-
-def cable_motion(scene: Scene, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> CableMotion:
-    """Return positions and velocities of the cables.
-
-    Args:
-        scene: Model that the state belongs to.
-        qpos: Positions of all joints, shape [world, joint position].
-        qvel: Velocities of all joints, shape [world, joint velocity].
-    """
-    rolls, roll_rates = scene.roll_slices
-    vertices = cable_vertices(scene, qpos)
-    velocity = np.empty_like(vertices)
-    # The gripped edge is as short as the jaws: what its turn adds is left out.
-    velocity[:, :2] = qvel[:, None, :3]
-    velocity[:, 2:] = qvel[:, scene.vertex_slice].reshape(len(qpos), -1, 3)
-    return CableMotion(
-        vertices=vertices, velocity=velocity, roll=qpos[:, rolls], roll_rate=qvel[:, roll_rates]
-    )

@@ -28,6 +28,8 @@ from cablecast.rigs.virtual._hidden import is_preset
 from cablecast.rigs.virtual.config import TrialNoise
 from cablecast.setup import Setup
 
+Array = NDArray[np.float64]
+
 FORMAT = "cablecast.reset_library"
 FORMAT_VERSION = 1
 
@@ -62,16 +64,16 @@ class ResetLibrary:
     """
 
     cable: str
-    arc_lengths: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    before_xy: NDArray[np.float64]
+    arc_lengths: Array
+    positions: Array
+    before_xy: Array
     info: dict[str, Any]
 
     def __len__(self) -> int:
         return len(self.positions)
 
     @property
-    def endpoints(self) -> NDArray[np.float64]:
+    def endpoints(self) -> Array:
         """Endpoints seen from the grip, x to the right and y ahead [m], shape [state, 2]."""
         return self.positions[:, -1, :2]
 
@@ -86,7 +88,7 @@ class ResetLibrary:
         near = np.flatnonzero((np.abs(aside) <= ASIDE_MAX) & stretched)
         return near if len(near) else np.arange(len(self))
 
-    def resample(self, index: int, arc_lengths: ArrayLike) -> NDArray[np.float64]:
+    def resample(self, index: int, arc_lengths: ArrayLike) -> Array:
         """Return one state at other nodes.
 
         Args:
@@ -240,16 +242,16 @@ class Trial:
         """Return a generator of this trial for the use of a number."""
         return np.random.default_rng([*self.key, stream])
 
-    def latencies(self, count: int) -> NDArray[np.float64]:
+    def latencies(self, count: int) -> Array:
         """Return the delay of each set point on its way to the arm [s], shape [tick]."""
         return self.noise.latency * np.abs(self.rng(1).normal(size=count))
 
-    def servo_factor(self, count: int) -> NDArray[np.float64]:
+    def servo_factor(self, count: int) -> Array:
         """Return the factor of the frequency of each channel's servo [-], shape [channel]."""
         n = np.clip(self.rng(2).normal(size=JOINT_COUNT), -_SIGMA_MAX, _SIGMA_MAX)
         return np.exp(self.noise.servo * n)[:count]
 
-    def encoder_errors(self, count: int) -> NDArray[np.float64]:
+    def encoder_errors(self, count: int) -> Array:
         """Return errors of the reported angles [rad] and rates [rad/s], [2, tick, joint]."""
         scale = np.array([self.noise.encoder, self.noise.encoder * 20.0])
         return scale[:, None, None] * self.rng(3).normal(size=(2, count, JOINT_COUNT))
@@ -257,12 +259,12 @@ class Trial:
 
 def reset_shape(
     cable: Cable,
-    pose: NDArray[np.float64],
+    pose: Array,
     trial: Trial,
-    arc_lengths: NDArray[np.float64],
+    arc_lengths: Array,
     end_height: float,
     library: ResetLibrary | None = None,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the vertices of the cable as a reset leaves it, along the grip's yaw.
 
     Args:
@@ -293,12 +295,8 @@ def reset_shape(
 
 
 def _drawn_shape(
-    cable: Cable,
-    grip_height: float,
-    trial: Trial,
-    arc_lengths: NDArray[np.float64],
-    end_height: float,
-) -> NDArray[np.float64]:
+    cable: Cable, grip_height: float, trial: Trial, arc_lengths: Array, end_height: float
+) -> Array:
     """Draw a nearly straight shape, seen from the grip but for its heights [m], [vertex, 3]."""
     drop = grip_height - cable.radius
     # A gentle ramp from the grip to the table; gravity finds the true descent within the settling
@@ -322,9 +320,7 @@ def _drawn_shape(
     return positions
 
 
-def initial_curl(
-    trial: Trial, curl: float, arc_lengths: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def initial_curl(trial: Trial, curl: float, arc_lengths: Array) -> Array:
     """Return the curvature of a cable at rest: its own [1/m], and what earlier trials left.
 
     Returns:
