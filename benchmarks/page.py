@@ -23,8 +23,8 @@ from benchmarks.common import has
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
-from cablecast.view.controls import SLIDERS, slid_params
-from cablecast.view.page import Page, make_desk, open_session
+from cablecast.view.desk import Desk
+from cablecast.view.page import SLIDERS, Page, slid_params
 from cablecast.view.worker import Worker
 
 SLOWLY = 0.2
@@ -54,24 +54,16 @@ def main(args: Args) -> None:
         tempfile.TemporaryDirectory(prefix="cablecast-") as folder,
         make_rig("virtual", setup) as rig,
     ):
-        desk = make_desk(rig, pathlib.Path(folder))
-        page = Page(desk, Stepping(), lambda report: None, port=8690)
+        desk = Desk(rig)
+        page = Page(desk, Worker(), lambda report: None, pathlib.Path(folder), port=8690)
         begun = time.perf_counter()
         # As the page does at the end of getting ready.
-        open_session(desk, AimSession(policy, out=pathlib.Path(folder) / "session"))
+        desk.open_session(AimSession(policy, out=pathlib.Path(folder) / "session"))
         print(f"session opened in {time.perf_counter() - begun:.1f} s")
         try:
             measure(page, policy, args)
         finally:
             page.close()
-
-
-class Stepping(Worker):
-    """A worker whose caller waits for the work."""
-
-    def work(self) -> None:
-        while self.busy:
-            self._step()
 
 
 def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> None:
@@ -80,7 +72,7 @@ def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> None:
     print(f"cores {os.cpu_count()}, load {os.getloadavg()[0]:.1f}")
     report("the first plan after a click", lambda k: page.aim(targets[0]), args, 1)
     report("a plan after a click, while the last one plays", lambda k: page.aim(targets[k]), args)
-    page.player.seek(0.0)
+    page.stage.player.seek(0.0)
     preview = desk.aim(targets[0])
     exponents = rng.uniform(-0.5, 0.5, (args.count, len(SLIDERS)))
 
@@ -117,7 +109,7 @@ def measure_memory(page: Page, targets: np.ndarray, args: Args) -> None:
             page.cast()
         else:
             page.correct()
-        page.worker.work()
+        page.worker.drain()
         if page.worker.state.message:
             raise SystemExit(f"cast {k} failed: {page.worker.state.message}")
         if k + 1 in (1, args.casts // 4, args.casts // 2, args.casts):
@@ -155,10 +147,10 @@ def hidden(page: Page) -> Iterator[None]:
 
 def frames_while_playing(page: Page, tab: TablePage, target: np.ndarray) -> str:
     """Return how many frames are drawn and sent while a plan plays slowly enough not to end."""
-    page.player.speed = SLOWLY
+    page.stage.player.speed = SLOWLY
     page.aim(target)
-    before, begun = page.player.frame_count, time.perf_counter()
+    before, begun = page.stage.player.frame_count, time.perf_counter()
     drawn = tab.frames_per_second()
-    sent = (page.player.frame_count - before) / (time.perf_counter() - begun)
-    page.player.speed = 1.0
+    sent = (page.stage.player.frame_count - before) / (time.perf_counter() - begun)
+    page.stage.player.speed = 1.0
     return f"{drawn:.1f} drawn, {sent:.1f} sent"

@@ -24,7 +24,6 @@ from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
 from cablecast.view.film import Camera
 from cablecast.view.page import WIDE
-from cablecast.view.shapes import viewpoint
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -113,14 +112,8 @@ class TablePage:
         """Return where in the window a point of the table [m] is seen before anybody turns it."""
         box = self.tab.locator("canvas").first.bounding_box()
         aspect = min(box["width"] / box["height"], WIDE)
-        position, look_at, fov = viewpoint(self._setup, aspect)
-        camera = Camera(
-            position=position,
-            look_at=look_at,
-            fov=fov,
-            width=round(box["width"]),
-            height=round(box["height"]),
-        )
+        size = round(box["width"]), round(box["height"])
+        camera = Camera.behind_robot(self._setup, *size, aspect)
         (x, y), _ = camera.project(np.append(xy, 0.0))
         return box["x"] + float(x), box["y"] + float(y)
 

@@ -11,9 +11,11 @@ from cablecast.errors import RigError
 from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
+from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
+from cablecast.view.desk import Desk
 
 SETUP = Setup()
 
@@ -44,6 +46,7 @@ class OffsetRig(RigLifecycle):
         failures: Number of casts to come that fail.
         during: Called in the middle of each cast, if any.
         status: End of the casts.
+        sees_cable: Whether it reports the shape of the cable.
     """
 
     def __init__(self):
@@ -54,6 +57,7 @@ class OffsetRig(RigLifecycle):
         self.failures = 0
         self.during = None
         self.status = TrialStatus.OK
+        self.sees_cable = True
         self.cast_count = 0
 
     def execute(self, trajectory):
@@ -73,7 +77,12 @@ class OffsetRig(RigLifecycle):
         endpoint_xy = np.stack([start, (start + landed) / 2, landed])
         nodes = np.zeros((3, 4, 3))
         nodes[:, :, :2] = endpoint_xy[:, None] * np.linspace(0.5, 1.0, 4)[:, None]
-        return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=self.status, nodes=nodes)
+        return EndpointTrack(
+            times=times,
+            endpoint_xy=endpoint_xy,
+            status=self.status,
+            nodes=nodes if self.sees_cable else None,
+        )
 
 
 @pytest.fixture(scope="session")
@@ -96,3 +105,20 @@ def own():
 @pytest.fixture
 def rig(own):
     return make_rig(own, SETUP)
+
+
+@pytest.fixture
+def desk(rig, engine, policy):
+    return Desk(rig, engine, session=AimSession(policy))
+
+
+@pytest.fixture
+def drawn():
+    """Return what viser draws and shows, by the names in the tree of the scene."""
+
+    def nodes(server):
+        # viser has no public way to ask.
+        known = server.scene._handle_from_node_name
+        return {name: node for name, node in known.items() if node.visible}
+
+    return nodes

@@ -8,8 +8,8 @@ from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
-from cablecast.view import page as player
-from cablecast.view.page import Page, make_desk
+from cablecast.view.desk import Desk
+from cablecast.view.page import Page
 from cablecast.view.worker import Worker
 from conftest import SETUP, OffsetRig, linear_model
 
@@ -23,16 +23,17 @@ STOPPED_CAST = 4
 def main() -> None:
     """Serve until somebody ends it."""
     folder, port, kind = pathlib.Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-    player.FRAMES_PER_SECOND = FRAMES_PER_SECOND
     own = OffsetRig()
     own.failures, own.during = 3, lambda: wait_to_be_stopped(own)
     rig = make_rig("virtual" if kind == "virtual" else own, SETUP)
     policy = ForwardSearchPolicy.from_candidates(
         grid_actions(ActionRanges(), (3, 40, 20, 3)), linear_model()
     )
-    desk, worker = make_desk(rig, folder), Worker()
-    desk.set_session(AimSession(policy, out=folder / "session"))
-    page = Page(desk, worker, lambda report: None, port=port, suggestion=folder, home=folder)
+    session = AimSession(policy, out=folder / "aim" / "session")
+    desk, worker = Desk(rig, session=session), Worker()
+    page = Page(
+        desk, worker, lambda report: None, folder / "aim", port=port, rate=FRAMES_PER_SECOND
+    )
     print(page.address, flush=True)
     worker.run()
 

@@ -8,8 +8,9 @@ from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
+from cablecast.view.arm_meshes import JOINT_NAMES, ArmMeshes
 from cablecast.view.look import ShownCast
-from cablecast.view.scene import JOINT_NAMES, ArmMeshes, Figure, start_server, stop_server
+from cablecast.view.scene import Figure, start_server, stop_server
 
 pytest.importorskip("mujoco")
 
@@ -113,7 +114,7 @@ def test_a_missing_file_is_refused(tmp_path):
         ArmMeshes(tmp_path / "none.xml", ArmUR())
 
 
-def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path):
+def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path, drawn):
     pytest.importorskip("viser")
     setup = Setup()
     meshes = ArmMeshes(written(tmp_path, description(setup.arm)), setup.arm)
@@ -125,15 +126,14 @@ def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path):
         cast = ShownCast(
             times=times,
             endpoint_xy=np.zeros((2, 2)),
-            nodes=None,
             joint_path=JointPath(times=times, q=q, qd=np.zeros_like(q)),
         )
         for time, pose in zip(cast.times, q, strict=True):
             figure.show(cast, time)
-            drawn = figure._real_arm._handles[3]
-            assert np.allclose(drawn.position, meshes.poses(pose)[1][3])
-        assert len(figure._arm._rods.batched_positions) == 2
+            piece = drawn(server)[f"/solid/meshes/{meshes.pieces[3].name}"]
+            assert np.allclose(piece.position, meshes.poses(pose)[1][3])
+        assert len(drawn(server)["/solid/arm/rods"].batched_positions) == 2
         figure.visible = False
-        assert not drawn.visible
+        assert drawn(server).keys().isdisjoint({"/solid/arm/rods", piece.name})
     finally:
         stop_server(server)

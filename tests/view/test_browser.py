@@ -164,7 +164,7 @@ def test_a_page_whose_process_dies_in_mid_cast_finds_the_session_again_by_itself
     assert served.address == address
     page.wait_for("Click on the table")
     assert numbers(page) == before
-    assert len(open_collection(served.folder)) == len(before)
+    assert len(open_collection(served.folder / "aim")) == len(before)
     page.point_at(TARGET * [-1, 1])
     page.wait_for("Look at the plan")
     assert np.linalg.norm(page.target() - TARGET * [-1, 1]) < POINTING

@@ -50,13 +50,7 @@ def test_a_camera_sees_what_it_looks_at_in_the_middle_and_far_things_small():
 def test_the_table_is_painted_with_the_cable_where_it_is(shot):
     painter = Painter(SETUP, 320, 180)
     before, after = (np.asarray(painter.frame(shot, time), dtype=int) for time in (0.0, 1.0))
-    camera = Camera(
-        position=painter._camera.position,
-        look_at=painter._camera.look_at,
-        fov=painter._camera.fov,
-        width=320,
-        height=180,
-    )
+    camera = Camera.behind_robot(SETUP, 320, 180)
     (x, y), _ = camera.project(shot.cast.nodes[-1, 6])
     column, row = round(float(x)), round(float(y))
     # The cable is blue and a pixel or two wide, on a table that is nearly red.

@@ -10,12 +10,12 @@ from cablecast.files import write_json
 from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import METRICS_FILE, Parts
+from cablecast.runs.folder import METRICS_FILE
 from cablecast.setup import Setup
 from cablecast.tuning.tune import PARAMS_FILE, write_params
-from cablecast.view.controls import slid_params
 from cablecast.view.desk import Desk
-from cablecast.view.look import Album, open_collection
+from cablecast.view.look import open_collection
+from cablecast.view.page import slid_params
 
 TARGETS = np.array([[0.3, 1.15], [-0.2, 1.2]])
 
@@ -24,7 +24,7 @@ def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_
     casts = collect(rig, count=2, out=tmp_path / "casts")
     found = open_collection(tmp_path / "casts")
     assert len(found) == 2
-    measured = found.casts[1].measured()
+    measured = found.measured(1)
     assert np.allclose(measured.endpoint_xy[-1], casts.endpoint_xy[1], atol=1e-6)
     simulated = found.simulated(1, engine)
     assert simulated.nodes is not None
@@ -36,21 +36,19 @@ def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_
 def test_an_evaluation_knows_its_targets(own, policy, engine, tmp_path):
     evaluate_policy(tmp_path / CASTS_FOLDER, policy, own, TARGETS, repeats=2)
     found = open_collection(tmp_path)
-    assert [one.target_xy.tolist() for one in found.casts] == TARGETS.repeat(2, axis=0).tolist()
-    assert found.casts[0].measured().nodes is not None
+    assert found.target_xy.tolist() == TARGETS.repeat(2, axis=0).tolist()
+    assert found.measured(0).nodes is not None
     assert found.shot(0, engine).result.endswith("% of the cable's length off")
 
 
 def test_a_session_of_aim_is_shown_with_its_tries(rig, engine, policy, tmp_path):
-    album = Album(Parts(tmp_path / "shapes"))
-    session = AimSession(policy, out=tmp_path / "session")
-    desk = Desk(rig, engine, album, session)
+    desk = Desk(rig, engine, session=AimSession(policy, out=tmp_path / "session"))
     desk.aim(TARGETS[0])
     desk.cast()
     desk.cast()
     found = open_collection(tmp_path)
-    assert found.casts[1].label == "cast 1 at 1.19 m, 15°, try 2"
-    assert found.casts[1].measured().nodes is not None
+    assert found.labels[1] == "cast 1 at 1.19 m, 15°, try 2"
+    assert found.measured(1).nodes is not None
     assert found.setup == desk.setup
 
 

@@ -3,8 +3,8 @@ import time
 import numpy as np
 import pytest
 
-from cablecast.view import page as player_module
-from cablecast.view.look import Player, ShownCast
+from cablecast.view.look import ShownCast
+from cablecast.view.scene import Player
 
 
 class Noting:
@@ -18,16 +18,15 @@ class Noting:
 
 
 @pytest.fixture
-def player(monkeypatch):
-    monkeypatch.setattr(player_module, "PAUSE", 0.0)
-    playing = Player()
+def player():
+    playing = Player(pause=0.0)
     yield playing
     playing.close()
 
 
 def cast(duration):
     times = np.linspace(0.0, duration, 3)
-    return ShownCast(times=times, endpoint_xy=np.zeros((3, 2)), nodes=None, joint_path=None)
+    return ShownCast(times=times, endpoint_xy=np.zeros((3, 2)))
 
 
 def rest(player):

@@ -58,16 +58,16 @@ def test_a_thin_cable_is_drawn_as_a_tube_that_can_be_seen():
 
 
 def test_the_map_knows_the_reach_and_the_misses(policy):
-    shown = miss_map(policy, step=0.1)
-    radius = np.hypot(shown.xy[..., 0], shown.xy[..., 1])
+    xy, miss = miss_map(policy, step=0.1)
+    radius = np.hypot(xy[..., 0], xy[..., 1])
     reach = policy.setup.workspace.reach(policy.setup.cable.length)
-    assert np.array_equal(np.isfinite(shown.miss), radius <= reach)
-    inside = policy.inside_coverage(shown.xy) & np.isfinite(shown.miss)
-    assert np.median(shown.miss[inside]) < np.median(shown.miss[np.isfinite(shown.miss) & ~inside])
-    image = map_image(shown, policy.setup.cable.length)
-    assert image.shape == (*shown.miss.shape, 4)
+    assert np.array_equal(np.isfinite(miss), radius <= reach)
+    inside = policy.inside_coverage(xy) & np.isfinite(miss)
+    assert np.median(miss[inside]) < np.median(miss[np.isfinite(miss) & ~inside])
+    image = map_image(miss, policy.setup.cable.length)
+    assert image.shape == (*miss.shape, 4)
     # The first row of the picture is the far edge.
-    assert np.array_equal(image[0, :, 3] > 0, np.isfinite(shown.miss[-1]))
+    assert np.array_equal(image[0, :, 3] > 0, np.isfinite(miss[-1]))
 
 
 @pytest.mark.parametrize("radius", [0.01, 0.16])

@@ -56,7 +56,7 @@ def test_work_is_done_in_the_thread_of_the_worker_and_reports():
     assert state.name == "sweeping"
     assert state.progress.done == 2
     assert state.seconds_left == pytest.approx(0.0)
-    assert (worker.state.message, worker.state.failed) == ("", False)
+    assert worker.state.message == ""
 
 
 def test_a_second_work_is_refused_while_one_is_under_way():
@@ -92,7 +92,6 @@ def test_a_stop_interrupts_the_work_and_runs_its_cleanup():
     run_with(worker, scenario)
     assert events == ["begun", "arm stopped"]
     assert worker.state.message == "stopped: a cast"
-    assert not worker.state.failed
 
 
 def test_a_stop_without_work_does_nothing():
@@ -118,7 +117,6 @@ def test_work_that_fails_leaves_a_sentence_and_a_worker_that_goes_on(error, word
         worker.submit("a cast", fail)
         wait_until(lambda: not worker.busy)
         assert worker.state.message == words
-        assert worker.state.failed
         worker.submit("another", lambda report: done.append(1))
         wait_until(lambda: done)
 

@@ -1,14 +1,13 @@
 """Desk: what a person does at the table, without a page: point, look at the plan, cast, correct.
 
-The casts and what they teach are those of a session of `aim` (pipeline/aim_session.py). Every value
-that comes from a page is checked here. Methods may be called from any thread; a cast takes the desk
-for itself, so that two people never cast at once.
+The casts are those of a session of `aim`. Every value that comes from a page is checked here.
+Methods may be called from any thread; a cast takes the desk for itself, so that two people never
+cast at once.
 """
 
 import dataclasses
 import enum
 import threading
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,22 +15,30 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import CableParams
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError, TargetError
 from cablecast.motion.action import mirror_actions
-from cablecast.motion.feasibility import Feasibility, check_grip_paths
+from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.aim_session import AimProposal, AimSession, AimTrial
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.engine import status_of
+from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
-from cablecast.view.look import FRAME_DT, Album, ShownCast
+from cablecast.view.look import ShownCast
+
+SEGMENT_COUNT, STEP = 30, 1e-3
+"""Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
+cable's length from that of the full resolution (docs/view.md)."""
+
+UNDONE_FOLDER = "shapes"
+"""Folder beside a session that keeps the numbers of the tries that were taken back."""
 
 
 class Phase(enum.Enum):
     """State of the table; the value says what to do next."""
 
-    NO_MODEL = "Get ready first: five casts, and a model that learns from them."
+    NO_MODEL = "Get ready first: five casts, and a model that is trained for this cable."
     READY = "Click on the table to choose a target."
     PLANNED = "Look at the plan, then cast."
     CASTING = "The arm moves: keep clear."
@@ -45,13 +52,13 @@ class Preview:
     Attributes:
         proposal: Planned cast, with its ellipse.
         cast: Simulated cast.
-        limits: Peaks of the joints and their bounds.
+        limit_shares: Largest share of each joint's speed and acceleration limits [-], shape [2, 6].
         margin: Predicted distance of the free end from the table's edges [m]; negative off it.
     """
 
     proposal: AimProposal
     cast: ShownCast
-    limits: Feasibility
+    limit_shares: NDArray[np.float64]
     margin: float
 
     @property
@@ -59,23 +66,19 @@ class Preview:
         """Target [m], shape [2]."""
         return self.proposal.target_xy
 
-    @property
-    def limit_shares(self) -> NDArray[np.float64]:
-        """Largest share of each joint's speed and acceleration limits [-], shape [2, 6]."""
-        return np.asarray(self.limits.peaks[0, 1:] / self.limits.bounds[1:])
-
 
 class Desk:
     """State of the table and of the tries at it.
 
     Args:
         rig: Rig that casts.
-        engine: Simulator of the previews.
-        album: Shapes of the casts that were seen.
-        session: Session that plans and learns; None until one was prepared.
+        engine: Simulator of the previews; the usual one where None.
+        session: Session that plans; None until one was prepared.
+        parts: Folder that keeps which tries were taken back; they are kept in memory where None.
 
     Attributes:
         setup: Set-up of the rig.
+        session: Session that plans; None until one was prepared.
         preview: Plan for the current target; None before the first.
         message: Latest news in one sentence; empty if there are none.
     """
@@ -83,30 +86,29 @@ class Desk:
     def __init__(
         self,
         rig: CheckedRig,
-        engine: Engine,
-        album: Album | None = None,
+        engine: Engine | None = None,
+        *,
         session: AimSession | None = None,
+        parts: Parts | None = None,
     ):
-        self.rig, self.engine = rig, engine
+        self.rig = rig
+        self.engine = engine or EngineWarp(segment_count=SEGMENT_COUNT, dt=STEP)
         self.setup: Setup = rig.setup
-        self.album = album or Album()
-        self._session: AimSession | None = None
+        self.session: AimSession | None = None
+        self.preview: Preview | None = None
+        self.message = ""
         self._dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
         self._casting = False
-        self.preview: Preview | None = None
-        self.message = ""
+        self._parts = parts
+        noted = None if parts is None else parts.get("undone")
+        self._undone: set[int] = set() if noted is None else set(noted["numbers"])
         if session is not None:
             self.set_session(session)
 
     @property
-    def session(self) -> AimSession | None:
-        """Session that plans and learns."""
-        return self._session
-
-    @property
     def params(self) -> CableParams:
-        """Parameters of the simulated cable: those that the model learned from."""
+        """Parameters of the simulated cable: those that the model was trained with."""
         return self._dynamics.params
 
     @property
@@ -115,17 +117,17 @@ class Desk:
         with self._lock:
             if self._casting:
                 return Phase.CASTING
-            if self._session is None:
+            if self.session is None:
                 return Phase.NO_MODEL
             if self.preview is None:
                 return Phase.READY
-            done = self.preview.proposal.number < len(self._session.history)
+            done = self.preview.proposal.number < len(self.session.history)
             return Phase.LANDED if done else Phase.PLANNED
 
     @property
     def tries(self) -> list[AimTrial]:
         """Casts at targets, in order, with those that were undone."""
-        history = () if self._session is None else self._session.history
+        history = () if self.session is None else self.session.history
         return [trial for trial in history if trial.try_number > 0]
 
     @property
@@ -135,16 +137,21 @@ class Desk:
 
     def is_undone(self, trial: AimTrial) -> bool:
         """Return whether a try was taken back."""
-        return trial.number in self.album.undone
+        return trial.number in self._undone
 
     def tries_at(self, target_xy: NDArray[np.float64]) -> list[AimTrial]:
         """Return the tries at a target [m] that were not undone, in order."""
-        if self._session is None:
+        if self.session is None:
             return []
-        return [one for one in self._session.trials_at(target_xy) if not self.is_undone(one)]
+        return [one for one in self.session.trials_at(target_xy) if not self.is_undone(one)]
+
+    @property
+    def refit_reason(self) -> str:
+        """Why the simulator should be fitted to all casts now; empty where it need not be."""
+        return "" if self.session is None else self.session.refit_reason
 
     def set_session(self, session: AimSession) -> None:
-        """Plan with a session from now on, and simulate with the cable that its model knows.
+        """Plan with a session from now on, and simulate with the cable of its model.
 
         Raises:
             InputError: It was made for another set-up, or a cast is under way.
@@ -154,14 +161,28 @@ class Desk:
         settings = session.aimer.policy.model.settings
         with self._lock:
             self._refuse_casting()
-            self._session, self.preview = session, None
+            self.session, self.preview = session, None
             if settings.is_simulated:
                 self._dynamics = settings.dynamics
-            if self.album.undone:
-                self._forget_undone()
+            if self._undone:
+                session.relearn(without=self._undone)
+
+    def open_session(self, session: AimSession, report: ProgressCallback = ignore) -> None:
+        """Plan with a session from now on, once its first plan will be as quick as the others.
+
+        Args:
+            session: Session that `prepare_aim` returned.
+            report: Told what is done.
+
+        Raises:
+            InputError: It was made for another set-up, or a cast is under way.
+        """
+        report(Progress(task="A first plan"))
+        self._rehearse(session)
+        self.set_session(session)
 
     def refit(self, report: ProgressCallback = ignore) -> None:
-        """Fit the simulator to all casts that were not undone, and plan with what it teaches.
+        """Fit the simulator to all casts that were not undone, and plan with its model.
 
         Targets can be planned meanwhile, with the model of before.
 
@@ -177,16 +198,11 @@ class Desk:
         with self._lock:
             session.take_up(learned)
             self.set_session(session)
-        self.rehearse(session)
+        self._rehearse(session)
         self.message = f"The simulator fits {session.fitted_count} casts now."
 
-    @property
-    def refit_reason(self) -> str:
-        """Why the simulator should be fitted to all casts now; empty where it need not be."""
-        return "" if self._session is None else self._session.refit_reason
-
     def aim(self, target_xy: ArrayLike) -> Preview:
-        """Choose a target and plan the next cast at it, corrected by what earlier casts taught.
+        """Choose a target and plan the next cast at it, corrected by earlier casts.
 
         Args:
             target_xy: Target [m], shape [2].
@@ -208,27 +224,6 @@ class Desk:
             self.message = ""
             return self.preview
 
-    def rehearse(self, session: AimSession) -> None:
-        """Plan once for nobody: the first plan of a session takes several times as long as others.
-
-        Args:
-            session: Session that `set_session` is about to get.
-        """
-        landings = session.aimer.policy.predicted_xy
-        away = np.linalg.norm(landings - np.median(landings, axis=0), axis=1)
-        self._plan(session, landings[np.argmin(away)])
-
-    def _plan(self, session: AimSession, target: NDArray[np.float64]) -> Preview:
-        proposal = session.propose(target)
-        action = proposal.action.to_array()
-        side = action if action[1] > 0 else mirror_actions(action)
-        return Preview(
-            proposal=proposal,
-            cast=self.simulate(proposal.trajectory),
-            limits=check_grip_paths(proposal.trajectory.grip_path, self.setup),
-            margin=float(session.aimer.policy.model.predict_margin(side[None])[0]),
-        )
-
     def correct(self) -> Preview:
         """Plan the next cast at the target of the last one.
 
@@ -243,7 +238,7 @@ class Desk:
             return self.aim(last.target_xy)
 
     def cast(self) -> AimTrial:
-        """Cast as planned, see where the free end comes to rest, and learn from it.
+        """Cast as planned, and see where the free end comes to rest.
 
         To be called in the thread that may use the rig.
 
@@ -262,9 +257,6 @@ class Desk:
         try:
             proposal = preview.proposal
             track = session.play(self.rig, proposal.trajectory, proposal.number)
-            # The shape comes first: a cast that is in the session can always be shown.
-            shown = ShownCast.of_track(track, proposal.trajectory)
-            self.album.keep(proposal.number, shown)
             trial = session.observe(proposal, track)
             with self._lock:
                 seen = np.isfinite(trial.miss_pct)
@@ -275,7 +267,7 @@ class Desk:
                 self._casting = False
 
     def undo(self) -> AimTrial:
-        """Take the last try back: it is kept, and teaches nothing from now on.
+        """Take the last try back: it is kept, and no plan uses it from now on.
 
         Raises:
             InputError: There is none, or a cast is under way.
@@ -285,48 +277,45 @@ class Desk:
             last = self.last
             if last is None:
                 raise InputError("there is no try to undo")
-            self.album.mark_undone(last.number)
-            self._forget_undone()
+            self._undone = self._undone | {last.number}
+            if self._parts is not None:
+                self._parts.put("undone", {"numbers": sorted(self._undone)})
+            self._need_session().relearn(without=self._undone)
             self.preview = None
-            self.message = f"Try {last.number} is taken back: it teaches nothing from now on."
+            self.message = f"Try {last.number} is taken back: no plan uses it from now on."
             return last
 
     def shown(self, trial: AimTrial) -> ShownCast:
         """Return a try as it was seen."""
-        known = self.album.get(trial.number)
-        if known is not None:
-            return known
-        values = self._need_session().store.casts[trial.number].values
-        return ShownCast.of_values(values)
+        return ShownCast.of_values(self._need_session().store.casts[trial.number].values)
 
-    def simulate(
-        self, trajectory: Trajectory, params: CableParams | None = None, engine: Any = None
-    ) -> ShownCast:
-        """Return a motion as the simulator sees it.
+    def simulate(self, trajectory: Trajectory, params: CableParams | None = None) -> ShownCast:
+        """Return a motion as the simulator sees it, with other parameters if they are given."""
+        dynamics = self._dynamics.with_params(params)
+        return ShownCast.simulated(trajectory, self.setup, self.engine, dynamics)
 
-        Args:
-            trajectory: Motion.
-            params: Parameters of the cable; those of the desk if None.
-            engine: Another engine than that of the desk.
-        """
-        rollout = self._dynamics.with_params(params).rollout(
-            engine or self.engine,
-            self.setup,
-            trajectory.grip_path,
-            sample_dt=FRAME_DT,
-            record_nodes=True,
+    def _plan(self, session: AimSession, target: NDArray[np.float64]) -> Preview:
+        proposal = session.propose(target)
+        action = proposal.action.to_array()
+        rightward = action if action[1] > 0 else mirror_actions(action, -1)
+        limits = check_grip_paths(proposal.trajectory.grip_path, self.setup)
+        return Preview(
+            proposal=proposal,
+            cast=self.simulate(proposal.trajectory),
+            limit_shares=np.asarray(limits.peaks[0, 1:] / limits.bounds[1:]),
+            margin=float(session.aimer.policy.model.predict_margin(rightward[None])[0]),
         )
-        status = status_of(rollout.endpoint_xy[0], self.setup.workspace)
-        return ShownCast.of_rollout(rollout, trajectory, status=status)
 
-    def _forget_undone(self) -> None:
-        """Let a new aimer learn from all casts but those that were undone."""
-        self._need_session().relearn(without=self.album.undone)
+    def _rehearse(self, session: AimSession) -> None:
+        """Plan for nobody: the first plan of a session takes several times as long as others."""
+        landings = session.aimer.policy.predicted_xy
+        away = np.linalg.norm(landings - np.median(landings, axis=0), axis=1)
+        self._plan(session, landings[np.argmin(away)])
 
     def _need_session(self) -> AimSession:
-        if self._session is None:
+        if self.session is None:
             raise InputError("there is no model yet: make one first")
-        return self._session
+        return self.session
 
     def _refuse_casting(self) -> None:
         if self._casting:

@@ -1,9 +1,7 @@
-"""Pictures of the table without a display: a pinhole camera and a painter, in pure Pillow.
+"""Films of casts: one HTML file to turn and zoom, an MP4 or a GIF; no display is needed.
 
-Far things are painted first. That is exact enough for an arm above a table with a cable on it, and
-needs no graphics driver.
-
-Films of casts: one HTML file to turn and zoom, an MP4 or a GIF; no display is needed.
+The pictures of MP4 and GIF are painted by Pillow, far things first. That is exact enough for an arm
+above a table with a cable on it, and needs no graphics driver.
 """
 
 import dataclasses
@@ -14,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.errors import InputError, MissingExtraError, check_count, check_number
 from cablecast.files import write_bytes, write_text
@@ -28,24 +25,97 @@ from cablecast.view.shapes import (
     LIGHT,
     PURPLE,
     VERMILLION,
+    Array,
     Color,
     arm_rods,
-    circle,
     level,
     reach_arc,
     table_lines,
+    target_marks,
     viewpoint,
 )
 
 if TYPE_CHECKING:
     from PIL import Image
 
-Array = NDArray[np.float64]
+KINDS = (".html", ".mp4", ".gif")
 
+REST = 1.2
+"""Time that a cable at rest is shown before the next cast [s]."""
+
+_GIF_COLORS = 96
+_SIZE_MAX = 3840
+_CAST_COUNT_MAX = 200
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
 _SHADOW = 60  # Darkness of shadows, of 255.
 _SHADOW_SLOPE = np.array([0.12, 0.05, -1.0])  # Shift per height of what casts a shadow.
 _NEAR = 0.05  # Nothing nearer to the camera is drawn [m].
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FilmConfig:
+    """Size and speed of a film.
+
+    Attributes:
+        width: Width [pixel], even.
+        height: Height [pixel], even.
+        frames_per_second: Frames a second.
+        speed: Shown seconds per second: 0.5 is slow motion.
+        dark: True for dark colours.
+    """
+
+    width: int = 960
+    height: int = 540
+    frames_per_second: int = 25
+    speed: float = 1.0
+    dark: bool = False
+
+    def __post_init__(self):
+        for name in ("width", "height"):
+            if check_count(name, getattr(self, name), 64, _SIZE_MAX) % 2:
+                raise InputError(f"{name} = {getattr(self, name)} must be even: films have no odd")
+        check_count("frames_per_second", self.frames_per_second, 1, 60)
+        check_number("speed", self.speed, 0.01, 10.0)
+
+
+def write_film(
+    path: pathlib.Path,
+    setup: Setup,
+    shots: Sequence[Shot],
+    config: FilmConfig | None = None,
+    progress: ProgressCallback = ignore,
+) -> None:
+    """Write casts, one after another, as one file.
+
+    Args:
+        path: File to write; its ending says the kind: .html, .mp4 or .gif.
+        setup: Set-up with table, arm and cable.
+        shots: Casts in order.
+        config: Size and speed.
+        progress: Told how many frames are done.
+
+    Raises:
+        InputError: The ending is unknown, or there is nothing to film.
+        MissingExtraError: A library of the film is not installed.
+    """
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise InputError(f"{path} ends in {kind!r}: a film ends in one of {', '.join(KINDS)}")
+    check_count("casts to film", len(shots), 1, _CAST_COUNT_MAX)
+    config = config or FilmConfig()
+    if kind == ".html":
+        write_text(path, film_html(setup, shots, config, progress))
+        return
+    frames = film_frames(setup, shots, config, progress)
+    encode = mp4_bytes if kind == ".mp4" else gif_bytes
+    write_bytes(path, encode(frames, config))
+
+
+def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
+    """Return the times of the frames of a cast [s], with those of its rest, shape [frame]."""
+    step = config.speed / config.frames_per_second
+    end = shot.cast.duration + config.speed * REST
+    return np.arange(0.0, end + 1e-9, step)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,6 +135,14 @@ class Camera:
     fov: float
     width: int
     height: int
+
+    @classmethod
+    def behind_robot(
+        cls, setup: Setup, width: int, height: int, aspect: float = 16 / 9
+    ) -> "Camera":
+        """Return the camera of a picture at the place that `viewpoint` gives for an aspect [-]."""
+        position, look_at, fov = viewpoint(setup, aspect)
+        return cls(position=position, look_at=look_at, fov=fov, width=width, height=height)
 
     @property
     def focal_length(self) -> float:
@@ -114,14 +192,7 @@ class Painter:
         self._image, self._draw, self._font, self._chops = _pillow()
         self.setup = setup
         self.size = (width, height)
-        position, look_at, fov = viewpoint(setup)
-        self._camera = Camera(
-            position=position,
-            look_at=look_at,
-            fov=fov,
-            width=_SAMPLES * width,
-            height=_SAMPLES * height,
-        )
+        self._camera = Camera.behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
         self._paint = DARK if dark else LIGHT
         self._backdrop = self._painted_backdrop()
 
@@ -131,7 +202,7 @@ class Painter:
         Args:
             shot: Cast.
             time: Time [s]; beyond the end of the cast the cable rests.
-            tries: Earlier casts, whose landings are marked.
+            tries: Earlier casts at the same target, whose landings are marked.
         """
         image = self._backdrop.copy()
         pen = self._draw.Draw(image, "RGBA")
@@ -227,12 +298,8 @@ class Painter:
             pen.line([tuple(p) for p in path], fill=(*color, 110), width=round(1.2 * _SAMPLES))
 
     def _mark_target(self, pen: Any, xy: Array) -> None:
-        for radius in (0.02, 0.045):
-            for segment in circle(xy, radius, 0.0):
-                self._line(pen, segment, VERMILLION, 1.6)
-        for offset in ([0.065, 0.0], [0.0, 0.065]):
-            ends = level(np.stack([xy - offset, xy + np.array(offset)]), 0.0)
-            self._line(pen, ends, VERMILLION, 1.6)
+        for segment in target_marks(xy, 0.0):
+            self._line(pen, segment, VERMILLION, 1.6)
 
     def _mark_miss(self, pen: Any, shot: Shot) -> None:
         landed = shot.cast.endpoint_xy[-1]
@@ -282,81 +349,6 @@ def _pillow() -> tuple[Any, Any, Any, Any]:
     return Image, ImageDraw, ImageFont, ImageChops
 
 
-KINDS = (".html", ".mp4", ".gif")
-REST = 1.2
-"""Time that a cable at rest is shown before the next cast [s]."""
-
-_GIF_COLORS = 96
-_SIZE_MAX = 3840
-_CAST_COUNT_MAX = 200
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class FilmConfig:
-    """Size and speed of a film.
-
-    Attributes:
-        width: Width [pixel], even.
-        height: Height [pixel], even.
-        frames_per_second: Frames a second.
-        speed: Shown seconds per second: 0.5 is slow motion.
-        dark: True for dark colours.
-    """
-
-    width: int = 960
-    height: int = 540
-    frames_per_second: int = 25
-    speed: float = 1.0
-    dark: bool = False
-
-    def __post_init__(self):
-        for name in ("width", "height"):
-            if check_count(name, getattr(self, name), 64, _SIZE_MAX) % 2:
-                raise InputError(f"{name} = {getattr(self, name)} must be even: films have no odd")
-        check_count("frames_per_second", self.frames_per_second, 1, 60)
-        check_number("speed", self.speed, 0.01, 10.0)
-
-
-def write_film(
-    path: pathlib.Path,
-    setup: Setup,
-    shots: Sequence[Shot],
-    config: FilmConfig | None = None,
-    progress: ProgressCallback = ignore,
-) -> None:
-    """Write casts, one after another, as one file.
-
-    Args:
-        path: File to write; its ending says the kind: .html, .mp4 or .gif.
-        setup: Set-up with table, arm and cable.
-        shots: Casts in order.
-        config: Size and speed.
-        progress: Told how many frames are done.
-
-    Raises:
-        InputError: The ending is unknown, or there is nothing to film.
-        MissingExtraError: A library of the film is not installed.
-    """
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise InputError(f"{path} ends in {kind!r}: a film ends in one of {', '.join(KINDS)}")
-    check_count("casts to film", len(shots), 1, _CAST_COUNT_MAX)
-    config = config or FilmConfig()
-    if kind == ".html":
-        write_text(path, film_html(setup, shots, config, progress))
-        return
-    frames = film_frames(setup, shots, config, progress)
-    encode = mp4_bytes if kind == ".mp4" else gif_bytes
-    write_bytes(path, encode(frames, config))
-
-
-def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
-    """Return the times of the frames of a cast [s], with those of its rest, shape [frame]."""
-    step = config.speed / config.frames_per_second
-    end = shot.cast.duration + config.speed * REST
-    return np.arange(0.0, end + 1e-9, step)
-
-
 def film_frames(
     setup: Setup,
     shots: Sequence[Shot],
@@ -365,14 +357,29 @@ def film_frames(
 ) -> "Iterator[Image.Image]":
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height, dark=config.dark)
+    for number, time in _instants(shots, config, progress):
+        shot = shots[number]
+        same = [one for one in shots[:number] if _same_target(one, shot)]
+        yield painter.frame(shot, time, same)
+
+
+def _instants(
+    shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
+) -> Iterator[tuple[int, float]]:
+    """Yield the number of the shot and its time [s] for each frame, and report those done."""
     times = [frame_times(shot, config) for shot in shots]
     total, done = sum(map(len, times)), 0
-    for number, shot in enumerate(shots):
-        same = [one for one in shots[:number] if _same_target(one, shot)]
-        for time in times[number]:
-            yield painter.frame(shot, float(time), same)
+    for number, shot_times in enumerate(times):
+        for time in shot_times:
+            yield number, float(time)
             done += 1
             progress(Progress(task="Filming", done=done, total=total, unit="frames"))
+
+
+def _same_target(one: Shot, other: Shot) -> bool:
+    if one.target_xy is None or other.target_xy is None:
+        return False
+    return bool(np.allclose(one.target_xy, other.target_xy, atol=1e-6))
 
 
 def gif_bytes(frames: "Iterator[Image.Image]", config: FilmConfig) -> bytes:
@@ -433,38 +440,28 @@ def film_html(
     Raises:
         MissingExtraError: viser is not installed.
     """
-    from cablecast.view.scene import Figure, Marks, Room, start_server, stop_server
+    from cablecast.view.scene import Figure, Table, start_server, stop_server
 
     server = start_server("127.0.0.1", 0)
     try:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(setup)
         paint = DARK if config.dark else LIGHT
-        Room(server, setup, paint)
-        marks = Marks(server, setup)
+        table = Table(server, setup, paint)
         solid = Figure(server, "/solid", setup, paint.cable, paint=paint)
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)
         serializer = server.get_scene_serializer()
-        times = [frame_times(shot, config) for shot in shots]
-        total, done = sum(map(len, times)), 0
-        for shot, shot_times in zip(shots, times, strict=True):
-            if shot.target_xy is not None:
-                marks.target(shot.target_xy)
-            ghost.visible = shot.other is not None
-            for time in shot_times:
-                solid.show(shot.cast, float(time))
-                if shot.other is not None:
-                    ghost.show(shot.other, float(time))
-                serializer.insert_sleep(1.0 / config.frames_per_second)
-                done += 1
-                progress(Progress(task="Filming", done=done, total=total, unit="frames"))
+        for number, time in _instants(shots, config, progress):
+            shot = shots[number]
+            if time == 0.0:
+                ghost.visible = shot.other is not None
+                if shot.target_xy is not None:
+                    table.target(shot.target_xy)
+            solid.show(shot.cast, time)
+            if shot.other is not None:
+                ghost.show(shot.other, time)
+            serializer.insert_sleep(1.0 / config.frames_per_second)
         return serializer.as_html(dark_mode=config.dark)
     finally:
         stop_server(server)
-
-
-def _same_target(one: Shot, other: Shot) -> bool:
-    if one.target_xy is None or other.target_xy is None:
-        return False
-    return bool(np.allclose(one.target_xy, other.target_xy, atol=1e-6))

@@ -1,49 +1,49 @@
-"""Player: moves figures through their casts in time, 25 times a second.
-
-A server of the page, started without a banner.
-
-The page: the scene and the controls of a desk, for any number of tabs that see the same.
-
-serve: a rig, a session and a page together, until somebody ends them.
-"""
+"""The page: the scene and the controls of a desk, for any number of tabs that see the same."""
 
 import dataclasses
 import os
 import pathlib
+import tempfile
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from cablecast.cable import PARAMS, CableParams
+from cablecast.cast import TrialStatus
 from cablecast.conventions import polar_to_xy
-from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import CablecastError, InputError
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.places import require
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import METRICS_FILE, Parts
 from cablecast.runs.places import MODEL_FOLDER
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.view.controls import (
-    CameraControls,
-    CastControls,
-    LookControls,
-    PlaybackControls,
-    ShareControls,
-    WorkControls,
+from cablecast.runs.progress import ProgressCallback
+from cablecast.view.arm_meshes import ArmMeshes
+from cablecast.view.desk import UNDONE_FOLDER, Desk, Phase, Preview
+from cablecast.view.film import KINDS, FilmConfig, write_film
+from cablecast.view.look import Collection, Shot, ShownCast, open_collection
+from cablecast.view.scene import FIGURE_COLORS, Stage, start_server, stop_server, update
+from cablecast.view.shapes import BLUE, miss_map, viewpoint
+from cablecast.view.words import (
+    legend_text,
+    plan_text,
+    status_text,
+    swatch,
+    tour_text,
+    tries_text,
+    try_name,
+    work_text,
 )
-from cablecast.view.desk import Desk
-from cablecast.view.look import ALBUM_FOLDER, Album, Player, ShownCast
-from cablecast.view.scene import ArmMeshes, Figure, Marks, Room, start_server, stop_server
-from cablecast.view.shapes import BLUE, DARK, LIGHT, PURPLE, map_image, miss_map, viewpoint
-from cablecast.view.worker import Work, Worker
+from cablecast.view.worker import WORKS, Work, Worker, WorkState, long_work
 
 if TYPE_CHECKING:
     import viser
-
 
 HOST = "127.0.0.1"
 PORT = 8080
@@ -51,14 +51,30 @@ PORT = 8080
 WIDE = 1.3
 """Pictures of the scene at least this wide for their height see the table from one place."""
 
-_RESHAPED = 0.02
-"""Change of the picture's shape that moves the camera."""
-
-_ROUNDS = 3
-"""Number of times that a ghost plays before it rests: a page that always moves keeps a fan busy."""
-
 SIMULATED_RIGS = ("virtual", "engine", "twin")
 """Kinds of rigs that move nothing: any other is asked for twice."""
+
+SLIDERS = (
+    "bend_stiffness",
+    "twist_stiffness",
+    "mass",
+    "endpoint_mass",
+    "worksurface_friction",
+    "rolling_friction",
+    "linear_damping",
+)
+"""Parameters that have a slider; of both frictions the product alone counts."""
+
+FACTOR_MAX = 10.0
+"""Sliders multiply a parameter by up to this factor, or divide it."""
+
+_RESHAPED = 0.02  # Change of the picture's shape that moves the camera.
+_ROUNDS = 3  # Times that a ghost plays: a page that always moves keeps a fan busy.
+_SPEEDS = {"1": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1}
+_SIZES = {"640 x 360": (640, 360), "960 x 540": (960, 540), "1280 x 720": (1280, 720)}
+_TIME_STEP = 0.2  # Least change that moves the time slider [s]: each is sent to every tab.
+_CAMERA_EVERY = 0.5  # Time between two looks at the camera [s].
+_CAMERA_WIDTH = 480  # Largest width of the picture that is sent [pixel].
 
 
 class Page:
@@ -68,12 +84,17 @@ class Page:
         desk: State of the table.
         worker: Thread for casts and long work.
         prepare: Gets the desk ready for the first target; called by the worker.
+        folder: Folder of the session, in that of the cable's results.
         host: Address to listen on; only this computer by default.
         port: Port to listen on; the next free one if it is taken.
-        dark: True for a page that begins dark.
-        suggestion: Folder that is suggested to look at.
-        home: Folder of the cable's results, e.g. runs/cable_1.
+        dark: True for a page that starts dark.
         meshes: Meshes of the arm; drawn as rods where None.
+        rate: Frames a second [1/s].
+
+    Attributes:
+        server: Server of the page.
+        stage: What is seen of the table.
+        look: Casts of a folder.
     """
 
     def __init__(
@@ -81,39 +102,43 @@ class Page:
         desk: Desk,
         worker: Worker,
         prepare: Work,
+        folder: pathlib.Path,
         *,
         host: str = HOST,
         port: int = PORT,
         dark: bool = False,
-        suggestion: pathlib.Path | None = None,
-        home: pathlib.Path | None = None,
         meshes: ArmMeshes | None = None,
+        rate: float = 25.0,
     ):
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._lock = threading.RLock()
+        self._show_time: Callable[[float], None] = lambda time: None
         self.server = start_server(host, port)
-        self.server.gui.set_panel_label("cablecast")
-        self.server.gui.main_panel.dock_right()
-        self._room = Room(self.server, desk.setup, LIGHT)
-        self._marks = Marks(self.server, desk.setup)
-        self.solid = Figure(self.server, "/solid", desk.setup, BLUE, meshes=meshes)
-        self.ghost = Figure(self.server, "/ghost", desk.setup, PURPLE, opacity=0.5)
-        self.player = Player(self._on_frame)
-        self._place_camera()
-        tabs = self.server.gui.add_tab_group()
+        gui: Any = self.server.gui
+        gui.set_panel_label("cablecast")
+        gui.main_panel.dock_right()
+        self.stage = Stage(
+            self.server, desk.setup, lambda time: self._show_time(time), rate=rate, meshes=meshes
+        )
+        camera = self.server.initial_camera
+        camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE)
+        self._refreshers: list[Callable[[], None]] = []
+        self._ended = threading.Event()
+        tabs = gui.add_tab_group()
         with tabs.add_tab("Cast"):
-            self.cast_controls = CastControls(self)
+            self._add_cast_tab(gui)
         with tabs.add_tab("Look"):
-            self.look_controls = LookControls(self, suggestion)
+            self.look = LookTab(self, gui, folder)
         with tabs.add_tab("Work"):
-            self.work_controls = WorkControls(self, home or pathlib.Path("runs"))
+            self._add_work_tab(gui, folder.parent)
         with tabs.add_tab("Share"):
-            self.share_controls = ShareControls(self)
-        self.playback = PlaybackControls(self, dark)
-        self.camera_controls = CameraControls(self)
+            self._add_share_tab(gui)
+        self._add_playback(gui)
+        self._add_view(gui, dark)
+        if hasattr(desk.rig, "picture"):
+            self._add_camera(gui)
         self.set_dark(dark)
         self._rest: ShownCast | None = None
-        self._map: Any = None
         self.server.scene.on_click()(self._clicked)
         self.server.on_client_connect(self._welcome)
         worker.notify = self.refresh
@@ -133,15 +158,15 @@ class Page:
 
     def close(self) -> None:
         """Stop serving."""
-        self.camera_controls.close()
-        self.player.close()
+        self._ended.set()
+        self.stage.player.close()
         stop_server(self.server)
 
     # What a person can do. Each answers an error of cablecast with its sentence.
 
-    def aim(self, xy: Any) -> None:
+    def aim(self, xy: ArrayLike) -> None:
         """Choose a target and show its plan."""
-        self.guard(lambda: self._show_plan(lambda: self.desk.aim(xy)))
+        self.guard(lambda: self._show_plan(self.desk.aim(xy)))
 
     def aim_polar(self, r: float, theta_deg: float) -> None:
         """Choose a target by its distance [m] and its angle [deg]."""
@@ -154,8 +179,8 @@ class Page:
     def correct(self) -> None:
         """Plan again against the last miss, and cast."""
 
-        def work(report: Any) -> None:
-            self._show_plan(self.desk.correct)
+        def work(report: ProgressCallback) -> None:
+            self._show_plan(self.desk.correct())
             self._cast()
 
         self.guard(lambda: self.worker.submit("a corrected cast", work))
@@ -166,37 +191,24 @@ class Page:
         self.show_rest()
         self.refresh()
 
-    def stop(self) -> None:
-        """Stop the work under way."""
-        self.worker.stop()
-
     def prepare(self) -> None:
         """Get ready for the first target: casts, fit, simulation, training."""
         self.guard(lambda: self.worker.submit("getting ready", self._prepare))
 
     def refit(self) -> None:
-        """Fit the simulator to all casts of the session, and learn anew from it."""
+        """Fit the simulator to all casts of the session, and plan with its model."""
         self.guard(lambda: self.worker.submit("a fit to all casts", self.desk.refit))
 
     def replay(self, number: int) -> None:
-        """Show a cast of the session again.
-
-        Args:
-            number: Number of the cast in its session, from 0.
-        """
-        one = next((trial for trial in self.desk.tries if trial.number == number), None)
-        if one is None:
-            return
-        self.look_controls.hide()
-        self.ghost.visible = False
-        self.solid.visible = True
-        self._marks.target(one.target_xy)
-        self._marks.landings(self.desk.tries_at(one.target_xy))
-        self.player.play([(self.solid, self.desk.shown(one))])
+        """Show a cast of the session again, by its number."""
+        for one in self.desk.tries:
+            if one.number == number:
+                self.stage.table.target(one.target_xy)
+                self.stage.table.landings(self.desk.tries_at(one.target_xy))
+                self.stage.play({"measured": self.desk.shown(one)})
 
     def set_dark(self, dark: bool) -> None:
         """Make the page dark or light."""
-        paint = DARK if dark else LIGHT
         self.server.gui.configure_theme(
             dark_mode=dark,
             show_logo=False,
@@ -204,10 +216,7 @@ class Page:
             brand_color=BLUE,
             control_width="medium",
         )
-        self._room.draw(paint)
-        self.solid.repaint(paint)
-        self.solid.recolor(paint.cable)
-        self._marks.repaint(paint)
+        self.stage.set_dark(dark)
 
     def show_map(self, visible: bool) -> None:
         """Show or hide how far casts are expected to miss.
@@ -215,28 +224,12 @@ class Page:
         Raises:
             InputError: There is no model yet that could tell.
         """
-        session = self.desk.session
-        if not visible:
-            if self._map is not None:
-                self._map.visible = False
-            self.playback.explain_map(None)
-            return
-        if session is None:
-            raise InputError("there is no model yet that knows where casts land: get ready first")
-        shown, table = miss_map(session.aimer.policy), self.desk.setup.workspace
-        self.playback.explain_map(shown)
-        # An image lies in its own x-y plane with y down, so it is turned about x.
-        self._map = self.server.scene.add_image(
-            "/map",
-            map_image(shown, self.desk.setup.cable.length),
-            2 * table.half_width,
-            table.y_max - table.y_min,
-            format="png",
-            wxyz=(0.0, 1.0, 0.0, 0.0),
-            position=(0.0, (table.y_min + table.y_max) / 2, 0.001),
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        miss = None
+        if visible:
+            if self.desk.session is None:
+                raise InputError("no model predicts yet where casts land: get ready first")
+            miss = miss_map(self.desk.session.aimer.policy)[1]
+        self.stage.table.show_map(miss)
 
     # How it is shown.
 
@@ -260,36 +253,25 @@ class Page:
         """Bring the controls up to date with the desk and the worker."""
         with self._lock:
             session = self.desk.session
-            self._room.set_sight(None if session is None else session.sight)
-            self.cast_controls.refresh()
-            self.work_controls.refresh()
-            self.playback.refresh()
-
-    def clear_stage(self) -> None:
-        """Hide the figures and the marks of plan and cast."""
-        self.solid.visible = self.ghost.visible = False
-        self._marks.clear()
+            self.stage.table.set_sight(None if session is None else session.sight)
+            for refresh in self._refreshers:
+                refresh()
 
     def show_rest(self) -> None:
         """Show the arm and the cable as they are before a cast."""
-        last = self.desk.last
-        preview = self.desk.preview
-        self.ghost.visible = False
+        last, preview = self.desk.last, self.desk.preview
         if last is not None:
-            self._marks.target(last.target_xy)
-            self._marks.landings(self.desk.tries_at(last.target_xy))
+            self.stage.table.target(last.target_xy)
+            self.stage.table.landings(self.desk.tries_at(last.target_xy))
             shown = self.desk.shown(last)
-            self.player.show([(self.solid, shown)], shown.duration)
+            self.stage.show({"measured": shown}, shown.duration)
         elif preview is not None:
-            self.player.show([(self.solid, preview.cast)], 0.0)
+            self.stage.show({"measured": preview.cast}, 0.0)
         elif (rest := self._resting()) is not None:
-            self.player.show([(self.solid, rest)], 0.0)
+            self.stage.show({"measured": rest}, 0.0)
 
     def _resting(self) -> ShownCast | None:
         """Return the arm and the cable after a reset."""
-        from cablecast.motion.action import Action
-        from cablecast.motion.trajectory import plan_trajectory
-
         if self._rest is None:
             action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
             try:
@@ -298,50 +280,35 @@ class Page:
                 return None
         return self._rest
 
-    def _show_plan(self, plan: Callable[[], Any]) -> None:
-        preview = plan()
-        self.look_controls.hide()
-        self.ghost.visible = True
-        self._marks.target(preview.target_xy)
-        self._marks.expectation(preview.proposal)
-        self._marks.landings(self.desk.tries_at(preview.target_xy))
-        self.solid.visible = True
-        self.player.play(
-            [(self.ghost, preview.cast), (self.solid, _still(preview.cast))], rounds=_ROUNDS
-        )
+    def _show_plan(self, preview: Preview) -> None:
+        table = self.stage.table
+        table.target(preview.target_xy)
+        table.expectation(preview.proposal)
+        table.landings(self.desk.tries_at(preview.target_xy))
+        casts = {"plan": preview.cast, "measured": preview.cast.start}
+        self.stage.play(casts, rounds=_ROUNDS)
         self.refresh()
 
     def _cast(self) -> None:
         self.refresh()
         one = self.desk.cast()
-        preview = self.desk.preview
-        acts: list[tuple[Any, ShownCast]] = [(self.solid, self.desk.shown(one))]
-        if preview is not None:
-            acts.append((self.ghost, preview.cast))
-        landings = self.desk.tries_at(one.target_xy)
-        self._marks.landings(landings[:-1])
-        self.player.play(acts, done=lambda: self._landed(one.target_xy))
+        casts = {"measured": self.desk.shown(one)}
+        if self.desk.preview is not None:
+            casts["plan"] = self.desk.preview.cast
+        tries = self.desk.tries_at(one.target_xy)
+        self.stage.table.landings(tries[:-1])
 
-    def _landed(self, target_xy: Any) -> None:
-        self._marks.landings(self.desk.tries_at(target_xy))
-        self.ghost.visible = False
+        def landed() -> None:
+            self.stage.table.landings(tries)
+            self.stage.hide("plan")
+
+        self.stage.play(casts, done=landed)
 
     def _clicked(self, event: "viser.SceneClickEvent") -> None:
         """Aim where the ray through the pointer meets the table."""
         origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
-        if direction[2] >= -1e-6:
-            return
-        self.aim((origin - direction * origin[2] / direction[2])[:2])
-
-    def _on_frame(self, time: float) -> None:
-        controls = getattr(self, "playback", None)
-        if controls is not None:
-            controls.show_time(time, self.player.duration)
-
-    def _place_camera(self) -> None:
-        camera = self.server.initial_camera
-        seen = viewpoint(self.desk.setup, WIDE)
-        camera.position, camera.look_at, camera.fov = seen
+        if direction[2] < -1e-6:
+            self.aim((origin - direction * origin[2] / direction[2])[:2])
 
     def _welcome(self, client: "viser.ClientHandle") -> None:
         """Step back where the picture is narrow, so that the whole table is seen.
@@ -360,81 +327,432 @@ class Page:
         place(client.camera)
         client.camera.on_update(place)
 
+    # Controls. Each knows how to bring itself up to date, and holds no other state.
 
-def _still(cast: ShownCast) -> ShownCast:
-    """Return the first instant of a cast."""
-    joints = cast.joint_path
-    if joints is not None:
-        first = {name: getattr(joints, name)[:1] for name in ("times", "q", "qd")}
-        joints = dataclasses.replace(joints, **first)
-    return dataclasses.replace(
-        cast,
-        joint_path=joints,
-        times=cast.times[:1],
-        endpoint_xy=cast.endpoint_xy[:1],
-        nodes=None if cast.nodes is None else cast.nodes[:1],
-    )
+    def _add_cast_tab(self, gui: Any) -> None:
+        """Add target, plan, cast, correct, undo, and the tries so far."""
+        desk, worker = self.desk, self.worker
+        status = gui.add_markdown("")
+        make = gui.add_button("Get ready", color="blue", icon="wand")
+        make.on_click(lambda _: self.prepare())
+        cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
+        cast.on_click(lambda _: self._confirm(gui, self.cast))
+        correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
+        correct.on_click(lambda _: self._confirm(gui, self.correct))
+        stop = gui.add_button("Stop", color="red", icon="hand-stop")
+        stop.on_click(lambda _: worker.stop())
+        bar = gui.add_progress_bar(0.0, animated=True)
+        plan = gui.add_markdown("")
+        tour = gui.add_markdown("", visible=False)
+        with gui.add_folder("Target", expand_by_default=False):
+            reach = desk.setup.workspace.reach(desk.setup.cable.length)
+            r = gui.add_number("r [m]", 1.1, min=0.0, max=round(reach, 3), step=0.01)
+            theta = gui.add_number("theta [deg]", 0.0, min=-90.0, max=90.0, step=0.5)
+            gui.add_button("Plan", color="gray").on_click(
+                lambda _: self.aim_polar(r.value, theta.value)
+            )
+        tries = gui.add_folder("Tries")
+        with tries:
+            table = gui.add_markdown("")
+            chosen = gui.add_dropdown("Try", ("-",))
+            replay = gui.add_button("Replay", color="gray", icon="repeat")
+            undo = gui.add_button("Undo the last try", color="gray", icon="arrow-back-up")
+            undo.on_click(lambda _: self.undo())
+            due = gui.add_markdown("", visible=False)
+            refit = gui.add_button("Fit to all casts", color="gray", icon="refresh")
+            refit.on_click(lambda _: self.refit())
 
+        @replay.on_click
+        def _(event: Any) -> None:
+            for one in desk.tries:
+                if try_name(one) == chosen.value:
+                    self.guard(lambda number=one.number: self.replay(number))
 
-SEGMENT_COUNT, STEP = 30, 1e-3
-"""Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
-cable's length from that of the full resolution (docs/view.md)."""
+        def refresh() -> None:
+            phase, state, preview = desk.phase, worker.state, desk.preview
+            busy = bool(state.name)
+            update(status, content=status_text(desk, state))
+            update(make, visible=phase is Phase.NO_MODEL, disabled=busy)
+            can_cast = phase in (Phase.READY, Phase.PLANNED, Phase.CASTING)
+            update(cast, visible=can_cast, disabled=busy or preview is None)
+            update(correct, visible=phase is Phase.LANDED, disabled=busy)
+            update(stop, visible=busy)
+            _refresh_bar(bar, state)
+            update(plan, content="" if preview is None else plan_text(preview, desk))
+            steps = tour_text(desk, state)
+            update(tour, visible=bool(steps), content=steps)
+            update(tries, visible=bool(desk.tries))
+            update(table, content=tries_text(desk))
+            names = tuple(try_name(one) for one in desk.tries) or ("-",)
+            if tuple(chosen.options) != names:
+                chosen.options, chosen.value = names, names[-1]
+            update(undo, disabled=busy or desk.last is None)
+            reason = desk.refit_reason
+            update(due, visible=bool(reason), content=f"A new fit is worth it: {reason}.")
+            update(refit, color="blue" if reason else "gray", disabled=busy)
 
+        self._refreshers.append(refresh)
 
-def make_desk(rig: CheckedRig, folder: pathlib.Path | None = None) -> Desk:
-    """Return the desk of a session, still without a model.
+    def _confirm(self, gui: Any, action: Callable[[], None]) -> None:
+        """Do something, after asking where a real arm moves."""
+        if not self.rig_is_real:
+            action()
+            return
+        with gui.add_modal("The arm will move") as modal:
+            gui.add_markdown("Is everybody out of its reach, and the emergency stop at hand?")
+            yes = gui.add_button("Yes, cast", color="red")
+            no = gui.add_button("No")
+        no.on_click(lambda _: modal.close())
 
-    Args:
-        rig: Rig that `make_rig` returned.
-        folder: Folder of the session; nothing is kept where None.
-    """
-    album = Album(None if folder is None else Parts(folder / ALBUM_FOLDER))
-    return Desk(rig, EngineWarp(segment_count=SEGMENT_COUNT, dt=STEP), album)
+        @yes.on_click
+        def _(event: Any) -> None:
+            modal.close()
+            action()
 
-
-def preparation(
-    desk: Desk,
-    folder: pathlib.Path | None,
-    *,
-    calibration_count: int,
-    count: int,
-    seed: int,
-) -> Work:
-    """Return the work that gets a desk ready: casts, fit, simulation, training.
-
-    Args:
-        desk: Desk to hand the session to.
-        folder: Folder of the session; what is done there is not done again.
-        calibration_count: Casts that the rig makes.
-        count: Simulated casts that the model learns from.
-        seed: Seed of everything that is drawn by chance.
-    """
-
-    def work(report: ProgressCallback) -> None:
-        session = prepare_aim(
-            desk.rig,
-            calibration_count=calibration_count,
-            count=count,
-            seed=seed,
-            out=folder,
-            progress=report,
+    def _add_work_tab(self, gui: Any, home: pathlib.Path) -> None:
+        """Add kind and amount of some work in a folder, its progress, and a stop."""
+        gui.add_markdown(
+            f"The steps of the pipeline, in `{home}`. What was stopped goes on when it is started "
+            "again, here or by its verb on the command line."
         )
-        open_session(desk, session, report)
+        kind = gui.add_dropdown("Work", tuple(WORKS))
+        amount = gui.add_number("casts", WORKS["collect"].amount, min=1, step=1)
+        says = gui.add_markdown("")
+        start = gui.add_button("Start, or go on", color="blue", icon="player-play-filled")
+        stop = gui.add_button("Stop the work", color="red", icon="hand-stop")
+        stop.on_click(lambda _: self.worker.stop())
+        bar = gui.add_progress_bar(0.0)
+        status = gui.add_markdown("")
 
-    return work
+        def suggest() -> None:
+            work = WORKS[str(kind.value)]
+            amount.visible, amount.label = bool(work.unit), work.unit or "amount"
+            amount.value = work.amount
+            says.content = f"`{kind.value}`: {work.says}, into `{work.folder}`."
+
+        def submit() -> None:
+            name = str(kind.value)
+            work = long_work(name, self.desk.rig, home, int(amount.value))
+            self.worker.submit(name, work)
+
+        def refresh() -> None:
+            state = self.worker.state
+            busy = bool(state.name)
+            update(start, disabled=busy)
+            update(stop, visible=busy)
+            _refresh_bar(bar, state)
+            update(status, content=work_text(state) if busy else state.message)
+
+        kind.on_update(lambda _: suggest())
+        start.on_click(lambda _: self.guard(submit))
+        suggest()
+        self._refreshers.append(refresh)
+
+    def _add_share_tab(self, gui: Any) -> None:
+        """Add casts, kind and size of a film, which is sent to the browser."""
+        desk = self.desk
+        gui.add_markdown("A film of the session, to keep or to send.")
+        what = gui.add_dropdown("Casts", ("the last try", "this target", "all tries"))
+        kind = gui.add_dropdown("Kind", tuple(kind[1:].upper() for kind in KINDS))
+        size = gui.add_dropdown("Size", tuple(_SIZES), initial_value="960 x 540")
+        button = gui.add_button("Film", color="blue", icon="movie")
+        gui.add_markdown("`cablecast film` does the same without a page.")
+
+        def film(report: ProgressCallback) -> None:
+            if desk.last is None:
+                raise InputError("there is nothing to film yet: cast first")
+            trials = {
+                "the last try": [desk.last],
+                "this target": desk.tries_at(desk.last.target_xy),
+                "all tries": [one for one in desk.tries if not desk.is_undone(one)],
+            }[str(what.value)]
+            shots = []
+            for one in trials:
+                end = f"{one.miss_pct:.1f} % of the cable's length off"
+                if one.status is not TrialStatus.OK:
+                    end = one.status.value
+                shots.append(
+                    Shot(
+                        cast=desk.shown(one),
+                        target_xy=one.target_xy,
+                        caption=f"try {one.try_number}",
+                        result=f"try {one.try_number}: {end}",
+                    )
+                )
+            width, height = _SIZES[str(size.value)]
+            name = f"casts.{str(kind.value).lower()}"
+            with tempfile.TemporaryDirectory(prefix="cablecast-") as folder:
+                path = pathlib.Path(folder) / name
+                write_film(path, desk.setup, shots, FilmConfig(width=width, height=height), report)
+                self.server.send_file_download(name, path.read_bytes())
+
+        button.on_click(lambda _: self.guard(lambda: self.worker.submit("a film", film)))
+
+    def _add_playback(self, gui: Any) -> None:
+        """Add the time slider, pause and speed of plans, tries and casts of a folder."""
+        player, shown_time = self.stage.player, -1.0
+        with gui.add_folder("Playback"):
+            slider = gui.add_slider("time [s]", 0.0, 5.0, 0.02, 0.0)
+            speed = gui.add_dropdown("speed", tuple(_SPEEDS), initial_value="1")
+            play = gui.add_button("Play or pause", color="gray", icon="player-play")
+        play.on_click(lambda _: player.toggle())
+
+        @slider.on_update
+        def _(event: Any) -> None:
+            # Setting the value from here comes without a client.
+            if event.client is not None:
+                player.seek(float(slider.value))
+
+        @speed.on_update
+        def _(event: Any) -> None:
+            player.speed = _SPEEDS[str(speed.value)]
+
+        def show_time(time: float) -> None:
+            nonlocal shown_time
+            duration = player.duration
+            if abs(time - shown_time) < _TIME_STEP and 0.0 < time < duration:
+                return
+            shown_time = time
+            if duration > 0 and abs(slider.max - duration) > 1e-6:
+                slider.max = round(duration, 2)
+            update(slider, value=round(min(time, duration), 2))
+
+        self._show_time = show_time
+
+    def _add_view(self, gui: Any, dark: bool) -> None:
+        """Add the map of expected misses, and dark colours."""
+        with gui.add_folder("View", expand_by_default=False):
+            box = gui.add_checkbox("Where it can land", False, disabled=True)
+            legend = gui.add_markdown(legend_text(), visible=False)
+            dark_box = gui.add_checkbox("Dark", dark)
+        dark_box.on_update(lambda _: self.set_dark(dark_box.value))
+
+        def show_map() -> None:
+            self.show_map(box.value)
+            update(legend, visible=box.value)
+
+        box.on_update(lambda _: self.guard(show_map))
+        self._refreshers.append(lambda: update(box, disabled=self.desk.session is None))
+
+    def _add_camera(self, gui: Any) -> None:
+        """Add the latest picture of the rig's camera; a thread asks for it, also in mid-cast."""
+        folder = gui.add_folder("Camera", visible=False)
+        with folder:
+            image = gui.add_image(
+                np.zeros((9, 16, 3), dtype=np.uint8), format="jpeg", jpeg_quality=80
+            )
+            trouble = gui.add_markdown("", visible=False)
+
+        def watch() -> None:
+            last = None
+            while not self._ended.wait(_CAMERA_EVERY):
+                picture, words = None, ""
+                try:
+                    picture = self.desk.rig.picture()
+                except CablecastError as error:
+                    words = str(error)
+                update(trouble, content=words, visible=bool(words))
+                if picture is not None and picture is not last:
+                    last = picture
+                    image.image = shrunk(picture)
+                update(folder, visible=last is not None or bool(words))
+
+        threading.Thread(target=watch, name="camera", daemon=True).start()
 
 
-def open_session(desk: Desk, session: AimSession, report: ProgressCallback = ignore) -> None:
-    """Hand a session to a desk, once its first plan will be as quick as the others.
+def _refresh_bar(bar: Any, state: WorkState) -> None:
+    """Show how far some work is; a full bar where it does not say."""
+    update(bar, visible=bool(state.name))
+    progress = state.progress
+    if progress is not None and progress.total:
+        update(bar, value=round(100.0 * progress.done / progress.total, 1))
+    elif state.name:
+        update(bar, value=100.0)
+
+
+def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np.uint8]:
+    """Return a picture, BGR, shape [v, u, 3], as RGB of at most some width [pixel]."""
+    from PIL import Image
+
+    image = Image.fromarray(np.ascontiguousarray(picture[..., ::-1]))
+    return np.asarray(image.reduce(max(1, -(-image.width // width))))
+
+
+def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
+    """Return parameters multiplied by powers of ten, within their bounds.
 
     Args:
-        desk: Desk to hand the session to.
-        session: Session that `prepare_aim` returned.
-        report: Told what is done.
+        base: Parameters where all sliders are at zero.
+        exponents: Powers of ten by the name of the parameter, from -1 to 1.
+
+    Raises:
+        InputError: A name or a power is out of bounds: nothing from a browser is trusted.
     """
-    report(Progress(task="A plan to begin with"))
-    desk.rehearse(session)
-    desk.set_session(session)
+    changes = {}
+    for name, exponent in exponents.items():
+        if name not in PARAMS or not abs(exponent) <= np.log10(FACTOR_MAX) + 1e-9:
+            raise InputError(f"slider {name} = {exponent:g} is outside [-1, 1]")
+        low, high = PARAMS[name].bounds
+        value = float(np.asarray(getattr(base, name))) * 10.0**exponent
+        changes[name] = float(np.clip(value, low, high))
+    return dataclasses.replace(base, **changes)
+
+
+class LookTab:
+    """Casts of a folder, measured and simulated side by side, with sliders of the parameters.
+
+    Args:
+        page: Page with the desk and the stage.
+        gui: Controls of the page.
+        folder: Folder that is suggested.
+
+    Attributes:
+        shown: Motions of the chosen cast that are shown, by the names of their figures.
+    """
+
+    def __init__(self, page: Page, gui: Any, folder: pathlib.Path):
+        self.shown: dict[str, ShownCast] = {}
+        self._page = page
+        self._collection: Collection | None = None
+        self._index = 0
+        gui.add_markdown("Casts of `collect`, `tune`, `evaluate`, `simulate` or `aim`.")
+        place = gui.add_text("Folder", str(folder))
+        gui.add_button("Open", color="blue", icon="folder-open").on_click(
+            lambda _: page.guard(lambda: self.open(str(place.value)))
+        )
+        self._cast = gui.add_dropdown("Cast", ("-",))
+        self._cast.on_update(self._by_hand(lambda: self._choose(str(self._cast.value))))
+        self._boxes = {
+            kind: gui.add_checkbox(kind, kind == "measured", disabled=True)
+            for kind in ("measured", "believed", "tuned", "sliders")
+        }
+        for kind, box in self._boxes.items():
+            box.on_update(self._by_hand(lambda kind=kind, box=box: self.tick(kind, box.value)))
+        self._mujoco = gui.add_button("Compare with MuJoCo", color="gray", disabled=True)
+        self._mujoco.on_click(lambda _: page.guard(lambda: self.tick("MuJoCo", True)))
+        self._text = gui.add_markdown("")
+        with gui.add_folder("Parameters of the cable (powers of ten)"):
+            self._sliders = {
+                name: gui.add_slider(name.replace("_", " "), -1.0, 1.0, 0.05, 0.0, disabled=True)
+                for name in SLIDERS
+            }
+        self._slid = threading.Event()
+        for slider in self._sliders.values():
+            slider.on_update(self._by_hand(self._slide))
+        threading.Thread(target=self._follow_sliders, name="sliders", daemon=True).start()
+
+    def open(self, folder: str) -> None:
+        """Show the first cast of a folder.
+
+        Raises:
+            DatasetError: It holds none.
+        """
+        collection = open_collection(pathlib.Path(folder.strip()).expanduser())
+        if not len(collection):
+            raise InputError(f"{folder} holds no cast yet")
+        if collection.setup.workspace != self._page.desk.setup.workspace:
+            raise InputError("these casts were made on another table than the page shows")
+        self._collection = collection
+        self._cast.options = collection.labels
+        for handle in (*self._boxes.values(), *self._sliders.values(), self._mujoco):
+            handle.disabled = False
+        self._boxes["tuned"].disabled = collection.tuned is None
+        self.show(0)
+
+    def show(self, index: int) -> None:
+        """Show a cast of the open folder in all kinds that are ticked."""
+        self._index, self.shown = index, {}
+        for kind, box in self._boxes.items():
+            if box.value and not box.disabled:
+                self._make(kind)
+        if not self.shown:
+            # Nobody saw it.
+            self._boxes["believed"].value = True
+            self._make("believed")
+        self._play()
+
+    def tick(self, kind: str, on: bool) -> None:
+        """Show one kind of motion of the cast, or hide it."""
+        if self._collection is None:
+            return
+        self.shown.pop(kind, None)
+        if on:
+            self._make(kind)
+        self._play()
+
+    def _by_hand(self, action: Callable[[], None]) -> Callable[[Any], None]:
+        """Return an answer to changes that a person made: those from here have no client."""
+        return lambda event: self._page.guard(action) if event.client is not None else None
+
+    def _choose(self, label: str) -> None:
+        if self._collection is not None and label in self._collection.labels:
+            self.show(self._collection.labels.index(label))
+
+    def _make(self, kind: str) -> None:
+        """Compute one kind of motion of the cast; nothing where it was not seen."""
+        collection, index, engine = self._need(), self._index, self._page.desk.engine
+        tuned = collection.tuned or collection.believed
+        if kind == "measured":
+            cast = collection.measured(index)
+        elif kind == "MuJoCo":
+            from cablecast.engines.mujoco_ import EngineMujoco
+
+            # MuJoCo's cable has no material beside the ten parameters.
+            plain = tuned.with_params(tuned.params.without_material())
+            cast = collection.simulated(index, EngineMujoco(), plain)
+        elif kind == "sliders":
+            exponents = {name: float(slider.value) for name, slider in self._sliders.items()}
+            slid = tuned.with_params(slid_params(tuned.params, exponents))
+            cast = collection.simulated(index, engine, slid)
+        else:
+            dynamics = collection.tuned if kind == "tuned" else collection.believed
+            cast = collection.simulated(index, engine, dynamics)
+        if cast is not None:
+            self.shown[kind] = cast
+
+    def _slide(self) -> None:
+        self._boxes["sliders"].value = True
+        self._slid.set()
+
+    def _follow_sliders(self) -> None:
+        """Simulate for the latest place of the sliders; places that were passed are left out."""
+        while True:
+            self._slid.wait()
+            self._slid.clear()
+            if self._collection is not None:
+                self._page.guard(self.slide)
+
+    def slide(self) -> None:
+        """Show the cast with the parameters of the sliders, at rest."""
+        self._make("sliders")
+        player = self._page.stage.player
+        self._page.stage.table.clear()
+        end = self.shown["sliders"].duration
+        self._page.stage.show(self.shown, end if player.playing else player.time)
+        self._describe()
+
+    def _play(self) -> None:
+        self._page.stage.table.clear()
+        self._page.stage.play(self.shown)
+        self._describe()
+
+    def _describe(self) -> None:
+        """Say which colour is which, and how far each ends from the measured cast."""
+        length = self._need().setup.cable.length
+        ends = {kind: cast.endpoint_xy[-1] for kind, cast in self.shown.items()}
+        lines = ["| motion | ends at | from measured |", "|---|---|---|"]
+        for kind, end in ends.items():
+            apart = ""
+            if "measured" in ends and kind != "measured":
+                apart = f"{100 * float(np.linalg.norm(end - ends['measured'])) / length:.1f} %"
+            color = swatch(FIGURE_COLORS[kind])
+            lines.append(f"| {color} {kind} | {end[0]:.2f}, {end[1]:.2f} m | {apart} |")
+        update(self._text, content="\n".join(lines))
+
+    def _need(self) -> Collection:
+        if self._collection is None:
+            raise InputError("no folder is open: name one, and open it")
+        return self._collection
 
 
 def serve(
@@ -455,12 +773,12 @@ def serve(
     Args:
         rig: Rig that `make_rig` returned.
         folder: Folder of the session, the same as that of `cablecast aim`.
-        calibration_count: Casts that the rig makes to begin with.
-        count: Simulated casts that the model learns from.
-        seed: Seed of everything that is drawn by chance.
+        calibration_count: Casts that the rig makes first.
+        count: Simulated casts that the model is trained with.
+        seed: Seed of all random numbers.
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
-        dark: True for a page that begins dark.
+        dark: True for a page that starts dark.
         arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
         ready: Told the address once the page can be opened.
 
@@ -471,25 +789,20 @@ def serve(
     require("the page", "viser", "trimesh", "torch", "safetensors")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
     folder = pathlib.Path(folder)
-    desk, worker = make_desk(rig, folder), Worker()
-    prepare = preparation(
-        desk,
-        folder,
-        calibration_count=calibration_count,
-        count=count,
-        seed=seed,
-    )
-    page = Page(
-        desk,
-        worker,
-        prepare,
-        host=host,
-        port=port,
-        dark=dark,
-        suggestion=folder,
-        home=folder.parent,
-        meshes=meshes,
-    )
+    desk, worker = Desk(rig, parts=Parts(folder / UNDONE_FOLDER)), Worker()
+
+    def prepare(report: ProgressCallback) -> None:
+        session = prepare_aim(
+            rig,
+            calibration_count=calibration_count,
+            count=count,
+            seed=seed,
+            out=folder,
+            progress=report,
+        )
+        desk.open_session(session, report)
+
+    page = Page(desk, worker, prepare, folder, host=host, port=port, dark=dark, meshes=meshes)
     try:
         if ready is not None:
             ready(page.address)

@@ -1,51 +1,48 @@
-"""The arm as its maker drew it: the meshes of an MJCF or URDF file, placed by the arm's joints.
+"""What is seen in the browser, drawn with viser: table, marks, arms and cables that move.
 
-Figures in the browser: arm and cable of one cast, drawn with viser.
-
-Table, scale, target and landings in the browser.
+A browser that draws in software decides how: few meshes whose vertices move instead of lines whose
+number changes, words as small pictures, no shadows, no surroundings (docs/view.md).
 """
 
 import contextlib
-import dataclasses
 import io
-import os
-import pathlib
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cablecast.errors import InputError, MissingExtraError
-from cablecast.view.look import ShownCast
-from cablecast.view.shapes import LIGHT
-
-if TYPE_CHECKING:
-    import viser
-
-from typing import TYPE_CHECKING
-
-from numpy.typing import NDArray
-
-from cablecast.arm.ur import ArmUR
 from cablecast.camera.settings import CameraSight
+from cablecast.errors import InputError, MissingExtraError
 from cablecast.pipeline.aim import ellipse_points
 from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
+from cablecast.view.arm_meshes import ArmMeshes
+from cablecast.view.look import ShownCast
 from cablecast.view.shapes import (
+    BLUE,
+    DARK,
     GREEN,
+    LIGHT,
+    PURPLE,
     VERMILLION,
+    Array,
     Color,
     Paint,
     Rods,
-    add_text,
     arm_rods,
     circle,
     gripper_rods,
     hatched_circle,
     level,
+    map_image,
     polyline,
     reach_arc,
     ribbon,
     table_lines,
+    target_marks,
+    text_image,
     thinned,
     tube,
 )
@@ -53,129 +50,69 @@ from cablecast.view.shapes import (
 if TYPE_CHECKING:
     import viser
 
-Array = NDArray[np.float64]
+LIFT = 0.002
+"""Height of lines above the table, so that they are not hidden in it [m]."""
 
-JOINT_NAMES = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
-"""Joints of the file, as the maker's own robot description names them; a prefix may precede."""
+EXPECTED_SHARE = 0.9
+"""Share of the landings that the ellipse of a plan holds."""
 
-MISFIT_MAX = 0.005
-"""Largest distance of a wrist of the file from that of the set-up's arm [m]."""
+FIGURE_COLORS: dict[str, Color] = {
+    "measured": BLUE,
+    "plan": PURPLE,
+    "believed": VERMILLION,
+    "tuned": GREEN,
+    "sliders": PURPLE,
+    "MuJoCo": (230, 159, 0),
+}
+"""Colours of the figures of a stage; that of the measured cast is the paint's."""
 
-_FACE_COUNT_MAX = 400_000
-_POSE_COUNT = 24  # Poses at which the two arms are compared.
-_WRISTS = (4, 5)  # DH frames whose origins are the places of the last two joints.
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Piece:
-    """One body of the arm.
-
-    Attributes:
-        name: Name of the body in the file.
-        vertices: Vertices in the frame of the body [m], shape [vertex, 3].
-        faces: Vertex numbers, shape [face, 3].
-        colors: Red, green, blue and opacity of each face, shape [face, 4].
-    """
-
-    name: str
-    vertices: Array
-    faces: NDArray[np.int32]
-    colors: NDArray[np.uint8]
+_PLAN_OPACITY = 0.5
+_EARLIER = (123, 135, 148)  # Colour of the landings before the last.
+_TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
+_TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
+_TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier number is left out [m].
+_TEXT_LIFT = 0.03  # Height of that text, above any cable on the table [m].
+_BALL_RADIUS = 0.016  # Of the attachment at the free end [m].
+_THICKNESS = 0.04  # Of the table's top [m].
+_AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
+# An image of viser lies in its own x-y plane with y down, so it is turned about x.
+_FLAT = (0.0, 1.0, 0.0, 0.0)
 
 
-class ArmMeshes:
-    """Meshes of an arm and where they are at given joint angles.
-
-    The file is compiled by MuJoCo, which reads meshes of the formats STL, OBJ and MSH.
+def start_server(host: str, port: int) -> "viser.ViserServer":
+    """Start a server of the page.
 
     Args:
-        path: MJCF or URDF file with the six joints of a UR arm.
-        arm: Arm of the set-up. Its wrists must be where those of the file are.
+        host: Address to listen on.
+        port: Port to listen on; the next free one if it is taken.
 
     Raises:
-        InputError: The file cannot be read, has no such joints or no mesh, or is another arm.
-        MissingExtraError: MuJoCo is not installed.
+        MissingExtraError: viser is not installed.
+        InputError: The address cannot be listened on.
     """
+    try:
+        import viser
+    except ImportError:
+        raise MissingExtraError("viser", "view", "the page") from None
+    try:
+        # It prints a table of addresses whatever it is told; ours is printed by the command.
+        with contextlib.redirect_stdout(io.StringIO()):
+            return viser.ViserServer(host=host, port=port, label="cablecast", verbose=False)
+    except OSError as error:
+        raise InputError(f"host {host!r}, port {port} cannot be listened on: {error}") from None
 
-    def __init__(self, path: str | os.PathLike[str], arm: ArmUR):
-        path = pathlib.Path(path)
-        self._mujoco, self._model = _compile(path)
-        self._data = self._mujoco.MjData(self._model)
-        self._joints = [_joint(self._mujoco, self._model, name, path) for name in JOINT_NAMES]
-        self._bodies, self.pieces = self._read_pieces(path)
-        # From the world of the file to the base frame of the set-up.
-        self._turn, self._shift = np.eye(3), np.zeros(3)
-        self._align(path, arm)
 
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """Return where the pieces are.
+def stop_server(server: "viser.ViserServer") -> None:
+    """Stop a server, as quietly as it was started."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
 
-        Args:
-            q: Joint angles [rad], shape [6].
 
-        Returns:
-            Rotations as quaternions w, x, y, z, shape [piece, 4], and positions [m], shape
-            [piece, 3].
-        """
-        from scipy.spatial.transform import Rotation
-
-        self._set_joints(q)
-        turns = self._turn @ self._data.xmat[self._bodies].reshape(-1, 3, 3)
-        quats = Rotation.from_matrix(turns).as_quat(scalar_first=True)
-        return quats, self._data.xpos[self._bodies] @ self._turn.T + self._shift
-
-    def _set_joints(self, q: Array) -> None:
-        self._data.qpos[self._model.jnt_qposadr[self._joints]] = q
-        self._mujoco.mj_kinematics(self._model, self._data)
-
-    def _read_pieces(self, path: pathlib.Path) -> tuple[list[int], list[Piece]]:
-        """Return the bodies that have meshes, and their meshes."""
-        model, is_mesh = self._model, self._mujoco.mjtGeom.mjGEOM_MESH
-        geoms = np.flatnonzero(model.geom_type == is_mesh)
-        # Where some meshes only show and others only collide, those that show are drawn.
-        shows = geoms[(model.geom_contype[geoms] == 0) & (model.geom_conaffinity[geoms] == 0)]
-        geoms = shows if len(shows) else geoms
-        if not len(geoms):
-            raise InputError(f"{path} has no meshes")
-        count = int(np.sum(model.mesh_facenum[model.geom_dataid[geoms]]))
-        if count > _FACE_COUNT_MAX:
-            raise InputError(f"{path} has {count} faces: at most {_FACE_COUNT_MAX} are drawn")
-        bodies = sorted({int(model.geom_bodyid[geom]) for geom in geoms})
-        return bodies, [
-            _piece(self._mujoco, model, body, geoms[model.geom_bodyid[geoms] == body])
-            for body in bodies
-        ]
-
-    def _align(self, path: pathlib.Path, arm: ArmUR) -> None:
-        """Find how the file stands to the base frame, and refuse the file of another arm."""
-        from scipy.spatial.transform import Rotation
-
-        rng = np.random.default_rng(0)
-        q = rng.uniform(-2.0, 2.0, (_POSE_COUNT, len(JOINT_NAMES)))
-        frames = arm.frames(q)
-        ours = np.stack([frames[wrist][..., :3, 3] for wrist in _WRISTS], axis=1).reshape(-1, 3)
-        theirs = []
-        for pose in q:
-            self._set_joints(pose)
-            theirs.extend(self._data.xanchor[self._joints[-2:]])
-        theirs = np.array(theirs)
-        middle, their_middle = ours.mean(axis=0), theirs.mean(axis=0)
-        turn: Any = Rotation.align_vectors(ours - middle, theirs - their_middle)[0]
-        self._turn = turn.as_matrix()
-        self._shift = middle - self._turn @ their_middle
-        misfit = np.linalg.norm(theirs @ self._turn.T + self._shift - ours, axis=1).max()
-        if misfit > MISFIT_MAX:
-            raise InputError(
-                f"{path} is no {arm.model}: its wrists are up to {1000 * misfit:.0f} mm from those "
-                f"of the set-up's arm; at most {1000 * MISFIT_MAX:.0f} mm are allowed"
-            )
+def update(handle: Any, **values: Any) -> None:
+    """Set the properties that have changed: every assignment is sent to every tab."""
+    for name, value in values.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
 
 
 class MeshesDrawing:
@@ -201,90 +138,10 @@ class MeshesDrawing:
         for handle, quat, position in zip(self._handles, *self._meshes.poses(q), strict=True):
             handle.wxyz, handle.position = quat, position
 
-    @property
-    def visible(self) -> bool:
-        """True while it is drawn."""
-        return bool(self._handles[0].visible)
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        if visible != self.visible:
-            for handle in self._handles:
-                handle.visible = visible
-
-    def remove(self) -> None:
-        """Take it out of the scene."""
+    def show(self, visible: bool) -> None:
+        """Show or hide it."""
         for handle in self._handles:
-            handle.remove()
-
-
-def _compile(path: pathlib.Path) -> tuple[Any, Any]:
-    """Return MuJoCo and the compiled model of a file."""
-    try:
-        import mujoco as library
-    except ImportError:
-        raise MissingExtraError("mujoco", "view", "an arm drawn with meshes") from None
-    mujoco: Any = library
-    if not path.is_file():
-        raise InputError(f"{path} is not a file")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        # A URDF has meshes to show beside those to collide with.
-        spec.compiler.discardvisual = False
-        return mujoco, spec.compile()
-    except (ValueError, OSError) as error:
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
-
-
-def _joint(mujoco: Any, model: Any, name: str, path: pathlib.Path) -> int:
-    """Return the number of the joint with this name, or with this name after a prefix."""
-    names = [model.joint(index).name for index in range(model.njnt)]
-    found = [index for index, own in enumerate(names) if own.endswith(name)]
-    if len(found) != 1 or model.jnt_type[found[0]] != mujoco.mjtJoint.mjJNT_HINGE:
-        raise InputError(f"{path} has {len(found)} joints named {name!r}, not 1; it has {names}")
-    return found[0]
-
-
-def _piece(mujoco: Any, model: Any, body: int, geoms: NDArray[np.int64]) -> Piece:
-    """Return the meshes of a body as one, in the body's frame."""
-    vertices, faces, colors, count = [], [], [], 0
-    for geom in geoms:
-        mesh = model.mesh(model.geom_dataid[geom])
-        first, number = mesh.vertadr[0], mesh.vertnum[0]
-        turn = np.empty(9)
-        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-        own = model.mesh_vert[first : first + number] @ turn.reshape(3, 3).T + model.geom_pos[geom]
-        first_face, face_number = mesh.faceadr[0], mesh.facenum[0]
-        vertices.append(own)
-        faces.append(model.mesh_face[first_face : first_face + face_number] + count)
-        material = model.geom_matid[geom]
-        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-        colors.append(np.tile(np.round(255 * rgba).astype(np.uint8), (face_number, 1)))
-        count += number
-    return Piece(
-        name=model.body(body).name or f"body_{body}",
-        vertices=np.concatenate(vertices),
-        faces=np.concatenate(faces),
-        colors=np.concatenate(colors),
-    )
-
-
-LIFT = 0.002
-"""Height of lines above the table, so that they are not hidden in it [m]."""
-
-_BALL_RADIUS = 0.016  # Of the attachment at the free end [m].
-
-
-def set_changed(handle: Any, name: str, value: Any) -> None:
-    """Set a property that has changed: every assignment is sent to every tab."""
-    if getattr(handle, name) != value:
-        setattr(handle, name, value)
-
-
-def linear(color: Color) -> Color:
-    """Return a colour as instanced meshes want it: viser takes theirs as linear light."""
-    red, green, blue = (round(255 * (value / 255) ** 2.2) for value in color)
-    return red, green, blue
+            update(handle, visible=visible)
 
 
 class RodsDrawing:
@@ -318,7 +175,7 @@ class RodsDrawing:
             rods.quats_wxyz,
             rods.centers,
             batched_scales=rods.scales,
-            batched_colors=linear(color),
+            batched_colors=_linear(color),
             **common,
         )
         self._balls = add(
@@ -328,7 +185,7 @@ class RodsDrawing:
             np.tile([1.0, 0.0, 0.0, 0.0], (len(radii), 1)),
             centers,
             batched_scales=np.repeat(radii[:, None], 3, axis=1),
-            batched_colors=linear(joint_color or color),
+            batched_colors=_linear(joint_color or color),
             **common,
         )
 
@@ -339,25 +196,21 @@ class RodsDrawing:
         self._rods.batched_scales = rods.scales.astype(np.float32)
         self._balls.batched_positions = rods.joints[0].astype(np.float32)
 
-    def recolor(self, color: Color, joint_color: Color | None = None) -> None:
+    def recolor(self, color: Color, joint_color: Color) -> None:
         """Paint the rods and the balls."""
-        self._rods.batched_colors = np.array(linear(color), dtype=np.uint8)
-        self._balls.batched_colors = np.array(linear(joint_color or color), dtype=np.uint8)
+        self._rods.batched_colors = np.array(_linear(color), dtype=np.uint8)
+        self._balls.batched_colors = np.array(_linear(joint_color), dtype=np.uint8)
 
-    @property
-    def visible(self) -> bool:
-        """True while it is drawn."""
-        return bool(self._rods.visible)
+    def show(self, visible: bool) -> None:
+        """Show or hide them."""
+        update(self._rods, visible=visible)
+        update(self._balls, visible=visible)
 
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        if visible != self._rods.visible:
-            self._rods.visible = self._balls.visible = visible
 
-    def remove(self) -> None:
-        """Take it out of the scene."""
-        self._rods.remove()
-        self._balls.remove()
+def _linear(color: Color) -> Color:
+    """Return a colour as instanced meshes want it: viser takes theirs as linear light."""
+    red, green, blue = (round(255 * (value / 255) ** 2.2) for value in color)
+    return red, green, blue
 
 
 class Figure:
@@ -369,9 +222,12 @@ class Figure:
         setup: Set-up with arm and cable.
         color: Colour of the cable.
         opacity: Opacity of a ghost; None for a solid figure.
-        with_arm: True for a figure with the arm.
-        paint: Colours.
+        with_arm: Initial value of the attribute.
+        paint: Colours of the arm.
         meshes: Meshes of the arm; drawn as rods where None.
+
+    Attributes:
+        with_arm: True where the arm is drawn, too.
     """
 
     def __init__(
@@ -387,15 +243,13 @@ class Figure:
         meshes: ArmMeshes | None = None,
     ):
         self._server, self._name, self._setup = server, name, setup
-        self._color, self._opacity, self._with_arm = color, opacity, with_arm
+        self._color, self._opacity, self.with_arm = color, opacity, with_arm
         self._paint, self._meshes = paint, meshes
-        self._arm: RodsDrawing | None = None
-        self._real_arm: MeshesDrawing | None = None
+        self._rods: RodsDrawing | None = None
+        self._drawn_meshes: MeshesDrawing | None = None
         self._cable: Any = None
         self._node_count = 0
         self._visible = True
-        # One mesh whose vertices move: a browser that draws in software spends two thirds of its
-        # time on lines whose number changes.
         vertices, faces = ribbon(np.zeros((1, 2)), 2 * LIFT)
         self._trail = server.scene.add_mesh_simple(
             f"{name}/trail",
@@ -417,42 +271,48 @@ class Figure:
         )
 
     def show(self, cast: ShownCast, time: float) -> None:
-        """Draw a cast at a time [s]."""
+        """Draw a cast at a time [s]; nothing while the figure is hidden."""
         if not self._visible:
             return
         q, nodes = cast.joints_at(time), cast.nodes_at(time)
-        if q is not None and self._with_arm:
+        if q is not None and self.with_arm:
             self._draw_arm(q)
+        for drawing in (self._rods, self._drawn_meshes):
+            if drawing is not None:
+                drawing.show(self.with_arm)
         if nodes is not None:
             self._draw_cable(nodes)
         tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
-        set_changed(self._tip, "visible", bool(np.all(np.isfinite(tip))))
+        update(self._tip, visible=bool(np.all(np.isfinite(tip))))
         if self._tip.visible:
             self._tip.position = tip
         trail = thinned(cast.trail(time), len(cast.times))
-        set_changed(self._trail, "visible", len(trail) > 1)
+        update(self._trail, visible=len(trail) > 1)
         if len(trail) > 1:
             self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
 
-    def _draw_arm(self, q: NDArray[np.float64]) -> None:
-        if self._meshes is not None:
-            if self._real_arm is None:
-                self._real_arm = MeshesDrawing(self._server, f"{self._name}/meshes", self._meshes)
-            self._real_arm.move(q)
+    def _draw_arm(self, q: Array) -> None:
         arm = self._setup.arm
+        if self._meshes is not None:
+            if self._drawn_meshes is None:
+                self._drawn_meshes = MeshesDrawing(
+                    self._server, f"{self._name}/meshes", self._meshes
+                )
+            self._drawn_meshes.move(q)
         rods = arm_rods(q, arm) if self._meshes is None else gripper_rods(q, arm)
-        if self._arm is None:
-            self._arm = RodsDrawing(
+        if self._rods is None:
+            is_solid = self._opacity is None
+            self._rods = RodsDrawing(
                 self._server,
                 f"{self._name}/arm",
                 rods,
-                self._paint.arm if self._opacity is None else self._color,
-                joint_color=self._paint.joint if self._opacity is None else None,
+                self._paint.arm if is_solid else self._color,
+                joint_color=self._paint.joint if is_solid else None,
                 opacity=None if self._opacity is None else 0.5 * self._opacity,
             )
-        self._arm.move(rods)
+        self._rods.move(rods)
 
-    def _draw_cable(self, nodes: NDArray[np.float64]) -> None:
+    def _draw_cable(self, nodes: Array) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
         if self._cable is not None and self._node_count == len(nodes):
             self._cable.vertices = vertices.astype(np.float32)
@@ -469,24 +329,14 @@ class Figure:
             receive_shadow=False,
         )
 
-    def recolor(self, color: Color) -> None:
-        """Draw the cable, its end and its trail in another colour."""
-        self._color = color
-        self._tip.color = color
-        self._trail.color = color
-        if self._cable is not None:
-            self._cable.color = color
-
-    def repaint(self, paint: Paint) -> None:
-        """Take the arm's colours from a light or dark scene."""
-        self._paint = paint
-        if self._arm is not None and self._opacity is None:
-            self._arm.recolor(paint.arm, paint.joint)
-
-    @property
-    def _parts(self) -> list[Any]:
-        parts = (self._arm, self._real_arm, self._cable, self._tip, self._trail)
-        return [part for part in parts if part is not None]
+    def repaint(self, paint: Paint, color: Color) -> None:
+        """Take the arm's colours from a light or dark scene, and another one for the cable."""
+        self._paint, self._color = paint, color
+        if self._rods is not None and self._opacity is None:
+            self._rods.recolor(paint.arm, paint.joint)
+        for part in (self._tip, self._trail, self._cable):
+            if part is not None:
+                part.color = color
 
     @property
     def visible(self) -> bool:
@@ -498,29 +348,16 @@ class Figure:
         if visible == self._visible:
             return
         self._visible = visible
-        for part in self._parts:
-            part.visible = visible
-
-    def remove(self) -> None:
-        """Take the figure out of the scene."""
-        for part in self._parts:
-            part.remove()
-
-
-EXPECTED_SHARE = 0.9
-"""Share of the landings that the ellipse of a plan holds."""
-
-_EARLIER = (123, 135, 148)  # Colour of the landings before the last.
-_TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
-_TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
-_TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier number is left out [m].
-_TEXT_LIFT = 0.03  # Height of that text, above any cable on the table [m].
-_THICKNESS = 0.04  # Of the table's top [m].
-_AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
+        for drawing in (self._rods, self._drawn_meshes):
+            if drawing is not None:
+                drawing.show(visible and self.with_arm)
+        for handle in (self._tip, self._trail, self._cable):
+            if handle is not None:
+                handle.visible = visible
 
 
-class Room:
-    """Table, scale and base frame, which do not move.
+class Table:
+    """What lies on the table: scale, base frame, target, expectation, landings, and the map.
 
     Args:
         server: Server of the page.
@@ -529,19 +366,10 @@ class Room:
     """
 
     def __init__(self, server: "viser.ViserServer", setup: Setup, paint: Paint = LIGHT):
-        self._server, self._setup = server, setup
-        self.paint = paint
+        self._server, self._setup, self._paint = server, setup, paint
         self._blind: tuple[tuple[float, float, float], ...] = ()
-        self._light()
-        self.draw(paint)
-
-    def _light(self) -> None:
-        """Light the scene without a picture of surroundings and without shadows.
-
-        Both, and a picture in the background, cost a browser that draws in software most of its
-        frames (docs/view.md).
-        """
-        scene = self._server.scene
+        self._tries: list[AimTrial] = []
+        scene = server.scene
         scene.configure_environment_map(hdri=None)
         scene.configure_default_lights(enabled=False, cast_shadow=False)
         scene.world_axes.visible = False
@@ -551,11 +379,18 @@ class Room:
         scene.add_light_directional(
             "/light/lamp", color=(255, 250, 240), intensity=1.6, position=(-1.0, -1.5, 3.0)
         )
+        self._draw()
 
-    def draw(self, paint: Paint) -> None:
-        """Draw everything in given colours, over what was there."""
-        self.paint = paint
-        scene, table = self._server.scene, self._setup.workspace
+    def repaint(self, paint: Paint) -> None:
+        """Take the colours of a light or dark scene."""
+        self._paint = paint
+        self._draw()
+        self._draw_blind()
+        self.landings(self._tries)
+
+    def _draw(self) -> None:
+        """Draw what does not move, over what was there."""
+        paint, scene, table = self._paint, self._server.scene, self._setup.workspace
         width, depth = 2 * table.half_width, table.y_max - table.y_min
         middle = (table.y_min + table.y_max) / 2
         scene.add_box(
@@ -574,32 +409,20 @@ class Room:
             cast_shadow=False,
             receive_shadow=False,
         )
-        scene.add_line_segments(
-            "/room/lines",
-            table_lines(self._setup, 0.25, LIFT / 2).astype(np.float32),
-            paint.line,
-            thickness=1.0,
-            thickness_units="screen",
-        )
-        scene.add_line_segments(
-            "/room/reach",
-            reach_arc(self._setup, LIFT).astype(np.float32),
-            paint.reach,
-            thickness=2.0,
-            thickness_units="screen",
-        )
+        self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), paint.line, 1.0)
+        self._lines("/room/reach", reach_arc(self._setup, LIFT), paint.reach, 2.0)
         edge = table.y_min - 0.07
         for x in np.arange(np.ceil(2 * -table.half_width) / 2, table.half_width + 1e-6, 0.5):
-            self._label(f"x/{x:g}".replace("-", "m").replace(".", "_"), f"{x:g} m", (x, edge, 0.0))
+            name = f"x/{x:g}".replace("-", "m").replace(".", "_")
+            self._text(f"/room/scale/{name}", f"{x:g} m", (x, edge, 0.0))
         for y in np.arange(0.5 * max(1, np.ceil(2 * table.y_min)), table.y_max + 1e-6, 0.5):
-            place = (-table.half_width - 0.13, float(y), 0.0)
-            self._label(f"y/{y:g}".replace(".", "_"), f"{y:g} m", place)
+            name = f"y/{y:g}".replace(".", "_")
+            self._text(f"/room/scale/{name}", f"{y:g} m", (-table.half_width - 0.13, y, 0.0))
         scene.add_frame(
             "/room/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004)
         )
-        self._label("axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
-        self._label("axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
-        self._draw_blind()
+        self._text("/room/scale/axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
+        self._text("/room/scale/axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
 
     def set_sight(self, sight: CameraSight | None) -> None:
         """Mark the places on the table that the camera is blind at, where they are known."""
@@ -609,143 +432,322 @@ class Room:
             self._draw_blind()
 
     def _draw_blind(self) -> None:
-        """Hatch the blind places, over what was there."""
         self._server.scene.remove_by_name("/room/blind")
         for number, (x, y, radius) in enumerate(self._blind):
             name = f"/room/blind/{number}"
-            self._server.scene.add_line_segments(
-                f"{name}/hatch",
-                hatched_circle((x, y), radius, LIFT).astype(np.float32),
-                self.paint.reach,
-                thickness=1.0,
-                thickness_units="screen",
-            )
+            hatch = hatched_circle((x, y), radius, LIFT)
+            self._lines(f"{name}/hatch", hatch, self._paint.reach, 1.0)
             # On the near side, where it hides no target in the place.
             below = (x, y - radius - _TEXT_HEIGHT / 2, LIFT)
-            color = self.paint.text
-            add_text(self._server, f"{name}/label", "not seen", below, color, _TEXT_HEIGHT)
-
-    def _label(self, name: str, text: str, position: tuple[float, float, float]) -> None:
-        add_text(self._server, f"/room/scale/{name}", text, position, self.paint.text)
-
-
-class Marks:
-    """Target, expectation and landings on the table.
-
-    Args:
-        server: Server of the page.
-        setup: Set-up with the cable.
-    """
-
-    def __init__(self, server: "viser.ViserServer", setup: Setup):
-        self._server, self._setup = server, setup
-        self._paint = LIGHT
-        self._tries: list[AimTrial] = []
-
-    def repaint(self, paint: Paint) -> None:
-        """Take the colours of a light or dark scene."""
-        self._paint = paint
-        self.landings(self._tries)
+            self._text(f"{name}/label", "not seen", below, height=_TEXT_HEIGHT)
 
     def clear(self) -> None:
-        """Take all marks away."""
+        """Take the marks of target, expectation and landings away."""
         self._tries = []
         for name in ("target", "expected", "tries"):
             self._server.scene.remove_by_name(f"/marks/{name}")
 
-    def target(self, xy: NDArray[np.float64]) -> None:
-        """Draw the target as two rings and a cross."""
-        x, y = float(xy[0]), float(xy[1])
-        cross = np.array(
-            [
-                [[x - 0.06, y, 2 * LIFT], [x + 0.06, y, 2 * LIFT]],
-                [[x, y - 0.06, 2 * LIFT], [x, y + 0.06, 2 * LIFT]],
-            ]
-        )
-        lines = [circle(xy, 0.02, 2 * LIFT), circle(xy, 0.045, 2 * LIFT), cross]
-        self._server.scene.add_line_segments(
-            "/marks/target",
-            np.concatenate(lines).astype(np.float32),
-            VERMILLION,
-            thickness=3.0,
-            thickness_units="screen",
-        )
+    def target(self, xy: Array) -> None:
+        """Draw the target [m], shape [2], as two rings and a cross."""
+        self._lines("/marks/target", target_marks(xy, 2 * LIFT), VERMILLION, 3.0)
 
     def expectation(self, proposal: AimProposal) -> None:
         """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
-        outline = ellipse_points(proposal, EXPECTED_SHARE)
-        lines = [circle(proposal.expected_xy, 0.012, 2 * LIFT), polyline(level(outline, 2 * LIFT))]
-        self._server.scene.add_line_segments(
-            "/marks/expected",
-            np.concatenate(lines).astype(np.float32),
-            GREEN,
-            thickness=2.5,
-            thickness_units="screen",
-        )
+        outline = level(ellipse_points(proposal, EXPECTED_SHARE), 2 * LIFT)
+        lines = [circle(proposal.expected_xy, 0.012, 2 * LIFT), polyline(outline)]
+        self._lines("/marks/expected", np.concatenate(lines), GREEN, 2.5)
 
     def landings(self, trials: list[AimTrial]) -> None:
         """Draw the landings of tries at one target, numbered, each with a line to the target."""
-        scene = self._server.scene
-        scene.remove_by_name("/marks/tries")
+        self._server.scene.remove_by_name("/marks/tries")
         self._tries = trials
-        length = self._setup.cable.length
         for one in trials:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
             x, y = map(float, one.final_xy)
             color = self._paint.text if is_last else _EARLIER
-            scene.add_icosphere(
+            self._server.scene.add_icosphere(
                 f"{name}/ball", 0.014, color, position=(x, y, 0.012), cast_shadow=False
             )
             ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
-            scene.add_line_segments(
-                f"{name}/miss",
-                ends[None].astype(np.float32),
-                color,
-                thickness=2.5 if is_last else 1.0,
-                thickness_units="screen",
-            )
+            self._lines(f"{name}/miss", ends[None], color, 2.5 if is_last else 1.0)
             text = f"{one.try_number}"
             if is_last:
-                text += f":  {one.miss_pct * length:.1f} cm, {one.miss_pct:.1f} %"
+                cable_length = self._setup.cable.length
+                text += f":  {one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
             if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
-                x, y = _text_xy(one)
-                place = (float(x), float(y), _TEXT_LIFT)
+                place = (*map(float, _text_xy(one)), _TEXT_LIFT)
                 plate = self._paint.page
-                add_text(self._server, f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
+                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
+
+    def show_map(self, miss: Array | None) -> None:
+        """Lay a map of expected misses on the table, below the lines; take it away where None."""
+        if miss is None:
+            self._server.scene.remove_by_name("/map")
+            return
+        table = self._setup.workspace
+        self._server.scene.add_image(
+            "/map",
+            map_image(miss, self._setup.cable.length),
+            2 * table.half_width,
+            table.y_max - table.y_min,
+            format="png",
+            wxyz=_FLAT,
+            position=(0.0, (table.y_min + table.y_max) / 2, LIFT / 2),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _lines(self, name: str, segments: Array, color: Color, thickness: float) -> None:
+        self._server.scene.add_line_segments(
+            name,
+            segments.astype(np.float32),
+            color,
+            thickness=thickness,
+            thickness_units="screen",
+        )
+
+    def _text(
+        self,
+        name: str,
+        text: str,
+        position: tuple[float, ...],
+        color: Color | None = None,
+        height: float = 0.08,
+        plate: Color | None = None,
+    ) -> None:
+        """Lay a line of text on the table, to be read from the robot's side."""
+        image = text_image(text, color or self._paint.text, plate)
+        x, y, z = position
+        self._server.scene.add_image(
+            name,
+            image,
+            height * image.shape[1] / image.shape[0],
+            height,
+            format="png",
+            wxyz=_FLAT,
+            position=(x, y, z),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
 
 
-def _text_xy(one: AimTrial) -> NDArray[np.float64]:
+def _text_xy(one: AimTrial) -> Array:
     """Return where the text of a landing lies: on its far side, where it hides no target."""
     beside = _TEXT_AWAY if one.final_xy[1] >= one.target_xy[1] else -_TEXT_AWAY
     return one.final_xy + [0.0, beside]
 
 
-def start_server(host: str, port: int) -> "viser.ViserServer":
-    """Start a server of the page.
+class Player:
+    """Plays casts side by side in a thread of its own, and hides figures that no longer play.
 
     Args:
-        host: Address to listen on.
-        port: Port to listen on; the next free one if it is taken.
+        on_frame: Called with the time [s] at every frame, e.g. to move a slider.
+        rate: Frames a second [1/s].
+        pause: Time that the end of a cast is shown before the next round [s].
 
-    Raises:
-        MissingExtraError: viser is not installed.
-        InputError: The address cannot be listened on.
+    Attributes:
+        time: Time that is shown [s].
+        speed: Shown seconds per second.
+        playing: True while the time runs.
+        frame_count: Number of frames shown so far.
     """
-    try:
-        import viser
-    except ImportError:
-        raise MissingExtraError("viser", "view", "the page") from None
-    try:
-        # It prints a table of addresses whatever it is told; ours is printed by the command.
-        with contextlib.redirect_stdout(io.StringIO()):
-            return viser.ViserServer(host=host, port=port, label="cablecast", verbose=False)
-    except OSError as error:
-        raise InputError(f"host {host!r}, port {port} cannot be listened on: {error}") from None
+
+    def __init__(
+        self,
+        on_frame: Callable[[float], None] | None = None,
+        *,
+        rate: float = 25.0,
+        pause: float = 0.8,
+    ):
+        self.time = 0.0
+        self.speed = 1.0
+        self.playing = False
+        self.frame_count = 0
+        self._on_frame = on_frame or (lambda time: None)
+        self._rate, self._pause = rate, pause
+        self._acts: list[tuple[Any, ShownCast]] = []
+        self._rounds = 1
+        self._done: Callable[[], None] | None = None
+        self._lock = threading.RLock()
+        self._wake = threading.Event()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="player", daemon=True)
+        self._thread.start()
+
+    @property
+    def duration(self) -> float:
+        """Length of the longest cast [s]."""
+        return max((cast.duration for _, cast in self._acts), default=0.0)
+
+    def play(
+        self,
+        acts: Sequence[tuple[Any, ShownCast]],
+        *,
+        rounds: int = 1,
+        done: Callable[[], None] | None = None,
+    ) -> None:
+        """Play casts instead of what is playing.
+
+        Args:
+            acts: Figures and their casts.
+            rounds: Number of times that the casts are played, with a pause between.
+            done: Called at the first end, in the player's thread; it must not wait.
+        """
+        with self._lock:
+            self._set_acts(acts)
+            self._rounds, self._done = rounds, done
+            self.time, self.playing = 0.0, True
+            self._draw()
+        self._wake.set()
+
+    def show(self, acts: Sequence[tuple[Any, ShownCast]], at: float) -> None:
+        """Show casts at a time [s], at rest."""
+        with self._lock:
+            self._set_acts(acts)
+            self.playing, self._done = False, None
+            self.time = at
+            self._draw()
+
+    def seek(self, at: float) -> None:
+        """Show another time [s], at rest."""
+        with self._lock:
+            self.playing, self.time = False, min(max(at, 0.0), self.duration)
+            self._draw()
+
+    def toggle(self) -> None:
+        """Halt, or go on; at the end start again."""
+        with self._lock:
+            if not self.playing and self.time >= self.duration:
+                self.time = 0.0
+            self.playing = not self.playing and bool(self._acts)
+        self._wake.set()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._ended = True
+        self._wake.set()
+        self._thread.join(timeout=2.0)
+
+    def _set_acts(self, acts: Sequence[tuple[Any, ShownCast]]) -> None:
+        playing = [figure for figure, _ in acts]
+        for figure, _ in self._acts:
+            figure.visible = figure in playing
+        for figure in playing:
+            figure.visible = True
+        self._acts = list(acts)
+
+    def _draw(self) -> None:
+        for figure, cast in self._acts:
+            figure.show(cast, self.time)
+        self.frame_count += 1
+        self._on_frame(self.time)
+
+    def _run(self) -> None:
+        before = time.monotonic()
+        while not self._ended:
+            if not self.playing:
+                self._wake.wait()
+                self._wake.clear()
+                before = time.monotonic()
+                continue
+            now = time.monotonic()
+            with self._lock:
+                if self.playing:
+                    self._advance(now - before)
+            before = now
+            # What drawing took is part of the frame.
+            time.sleep(max(0.002, 1.0 / self._rate - (time.monotonic() - now)))
+
+    def _advance(self, seconds: float) -> None:
+        end = self.duration
+        at_end = self.time >= end
+        # Between two rounds the time runs on through the pause.
+        self.time += self.speed * seconds
+        if self.time >= end and not at_end and self._done is not None:
+            self._done()
+        if self._rounds > 1 and self.time >= end + self._pause * self.speed:
+            self.time, self._rounds = 0.0, self._rounds - 1
+        elif self._rounds <= 1 and self.time >= end:
+            self.time, self.playing = end, False
+        self._draw()
 
 
-def stop_server(server: "viser.ViserServer") -> None:
-    """Stop a server, as quietly as it was started."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        server.stop()
+class Stage:
+    """The table and the figures of `FIGURE_COLORS`, of which those that play are seen.
+
+    Args:
+        server: Server of the page.
+        setup: Set-up with table, arm and cable.
+        on_frame: Called with the time [s] at every frame.
+        rate: Frames a second [1/s].
+        meshes: Meshes of the arm of the cast; drawn as rods where None.
+
+    Attributes:
+        table: What lies on the table.
+        player: Player of the figures.
+        figures: Figures that were shown so far, by name.
+    """
+
+    def __init__(
+        self,
+        server: "viser.ViserServer",
+        setup: Setup,
+        on_frame: Callable[[float], None],
+        *,
+        rate: float,
+        meshes: ArmMeshes | None,
+    ):
+        self._server, self._setup, self._meshes = server, setup, meshes
+        self._paint = LIGHT
+        self.table = Table(server, setup)
+        self.player = Player(on_frame, rate=rate)
+        self.figures: dict[str, Figure] = {}
+
+    def play(
+        self,
+        casts: Mapping[str, ShownCast],
+        *,
+        rounds: int = 1,
+        done: Callable[[], None] | None = None,
+    ) -> None:
+        """Play casts by the names of their figures."""
+        self.player.play(self._acts(casts), rounds=rounds, done=done)
+
+    def show(self, casts: Mapping[str, ShownCast], at: float) -> None:
+        """Show casts at a time [s], at rest."""
+        self.player.show(self._acts(casts), at)
+
+    def _acts(self, casts: Mapping[str, ShownCast]) -> list[tuple[Figure, ShownCast]]:
+        acts = []
+        for name, cast in casts.items():
+            if name not in self.figures:
+                self.figures[name] = Figure(
+                    self._server,
+                    f"/figures/{name}",
+                    self._setup,
+                    self._color(name),
+                    opacity=_PLAN_OPACITY if name == "plan" else None,
+                    paint=self._paint,
+                    meshes=self._meshes if name == "measured" else None,
+                )
+            # Casts of one motion share the arm.
+            self.figures[name].with_arm = name in ("measured", "plan") or not acts
+            acts.append((self.figures[name], cast))
+        return acts
+
+    def hide(self, name: str) -> None:
+        """Hide a figure until it plays again."""
+        if name in self.figures:
+            self.figures[name].visible = False
+
+    def set_dark(self, dark: bool) -> None:
+        """Draw everything in dark or in light colours."""
+        self._paint = DARK if dark else LIGHT
+        self.table.repaint(self._paint)
+        for name, figure in self.figures.items():
+            figure.repaint(self._paint, self._color(name))
+
+    def _color(self, name: str) -> Color:
+        return self._paint.cable if name == "measured" else FIGURE_COLORS[name]

@@ -1,14 +1,6 @@
-"""Colours of the page and of films.
-
-Shapes of the scene as arrays: the arm of rods, the cable as a tube, lines, a colour map.
-
-Words that lie on the table, as small pictures.
-
-A browser that draws in software has them for less than the labels of viser (docs/view.md).
-"""
+"""What is drawn, as colours and arrays, without a browser: arm, cable, lines, map, words."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +10,7 @@ from cablecast.arm.ur import ArmUR
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
 
-if TYPE_CHECKING:
-    import viser
-
+Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 # The palette of Okabe and Ito, as in report/style.py, which stays distinct under colour blindness.
@@ -70,19 +60,8 @@ DARK = Paint(
     cable=SKY,
 )
 
-
-Array = NDArray[np.float64]
-
 CABLE_RADIUS_MIN = 0.006
 """Smallest radius at which a cable is drawn [m]: a thinner one vanishes on a screen."""
-
-_BALL_SHARE = 1.07
-
-# A picture of this shape shows the whole width of a table from a distance of its width.
-_ASPECT = 1.65
-
-TUBE_SIDES = 6
-"""Number of sides of a cable that is drawn."""
 
 TRAIL_COUNT = 160
 """Number of points of the trail of a free end."""
@@ -90,11 +69,19 @@ TRAIL_COUNT = 160
 TRAIL_WIDTH = 0.008
 """Width at which the trail is drawn [m]."""
 
-HATCH_STEP = 0.03
-"""Distance of the lines across a place that the camera is blind at [m]."""
+MAP_FULL_SHARE = 0.25
+"""Expected miss at the end of the map's colours [share of cable length]."""
 
-MAP_STEP = 0.04
-"""Distance of the targets of the map of expected misses [m]."""
+# Colours of shares 0, 1/2 and 1 of that. Blue to orange stays distinct under colour blindness.
+MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float)
+
+_MAP_STEP = 0.04  # Distance of the targets of the map [m].
+_HATCH_STEP = 0.03  # Distance of the lines across a place that the camera is blind at [m].
+_TUBE_SIDES = 6
+_BALL_SHARE = 1.07  # Balls are wider than the rods, or both surfaces would show in patches.
+_ASPECT = 1.65  # A picture of this shape shows a whole table from a distance of its width.
+_PLATE = 190  # Of 255: what lies below words shines through a little.
+_PIXELS = 48  # Height of words, enough for a window that shows one table.
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,25 +126,18 @@ class Rods:
     def joints(self) -> tuple[Array, Array]:
         """Balls that round the rods off: centres [m] and radii [m], shapes [ball, 3], [ball]."""
         centers = np.concatenate([self.starts[:1], self.ends])
-        # A little wider than the rods, or both surfaces would show in patches.
         return centers, _BALL_SHARE * np.concatenate([self.radii[:1], self.radii])
 
 
 def arm_rods(q: ArrayLike, arm: ArmUR) -> Rods:
-    """Return the arm at joint angles.
-
-    Args:
-        q: Joint angles [rad], shape [6].
-        arm: Arm and gripper.
-    """
+    """Return arm and gripper at joint angles [rad], shape [6]."""
     shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
     return Rods(starts=shape.ends[0, :, 0], ends=shape.ends[0, :, 1], radii=shape.radii)
 
 
 def gripper_rods(q: ArrayLike, arm: ArmUR) -> Rods:
     """Return the gripper alone at joint angles [rad], shape [6]."""
-    rods = arm_rods(q, arm)
-    count = GRIPPER_ROD_COUNT
+    rods, count = arm_rods(q, arm), GRIPPER_ROD_COUNT
     return Rods(starts=rods.starts[-count:], ends=rods.ends[-count:], radii=rods.radii[-count:])
 
 
@@ -181,13 +161,13 @@ def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
     width = np.linalg.norm(side, axis=1, keepdims=True)
     side = np.where(width > 1e-3, side / np.maximum(width, 1e-9), [1.0, 0.0, 0.0])
     up = np.cross(side, along)
-    turn = np.linspace(0.0, 2 * np.pi, TUBE_SIDES, endpoint=False)[None, :, None]
+    turn = np.linspace(0.0, 2 * np.pi, _TUBE_SIDES, endpoint=False)[None, :, None]
     ring = np.cos(turn) * side[:, None] + np.sin(turn) * up[:, None]
     vertices = (nodes[:, None] + radius * ring).reshape(-1, 3)
-    node, corner = np.arange(len(nodes) - 1)[:, None], np.arange(TUBE_SIDES)[None]
-    here, there = node * TUBE_SIDES + corner, (node + 1) * TUBE_SIDES + corner
-    after = (corner + 1) % TUBE_SIDES
-    here_next, there_next = node * TUBE_SIDES + after, (node + 1) * TUBE_SIDES + after
+    node, corner = np.arange(len(nodes) - 1)[:, None], np.arange(_TUBE_SIDES)[None]
+    here, there = node * _TUBE_SIDES + corner, (node + 1) * _TUBE_SIDES + corner
+    after = (corner + 1) % _TUBE_SIDES
+    here_next, there_next = node * _TUBE_SIDES + after, (node + 1) * _TUBE_SIDES + after
     faces = np.concatenate(
         [
             np.stack([here, there, here_next], axis=-1).reshape(-1, 3),
@@ -209,7 +189,7 @@ def thinned(points: Array, whole_count: int) -> Array:
 
 
 def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
-    """Return a path on the table as a flat mesh of always as many vertices.
+    """Return a path on the table as a flat mesh that always has the same number of vertices.
 
     Args:
         xy: Points of the path [m], shape [point, 2]; at most `TRAIL_COUNT`.
@@ -230,20 +210,27 @@ def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
     return vertices, faces.astype(np.uint32)
 
 
-def circle(center_xy: ArrayLike, radius: float, height: float, point_count: int = 49) -> Array:
+def level(xy: Array, height: float) -> Array:
+    """Return points on the table [m] at a height [m], shape [point, 3]."""
+    return np.concatenate([xy, np.full((len(xy), 1), height)], axis=1)
+
+
+def polyline(points: Array) -> Array:
+    """Return the segments between successive points, shape [point - 1, 2, 3]."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     """Return the segments of a level circle [m], shape [segment, 2, 3]."""
-    turn = np.linspace(0.0, 2 * np.pi, point_count)
-    x, y = np.asarray(center_xy, dtype=float)
-    points = np.stack(
-        [x + radius * np.cos(turn), y + radius * np.sin(turn), np.full(point_count, height)], axis=1
-    )
-    return polyline(points)
+    turn = np.linspace(0.0, 2 * np.pi, 49)
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return polyline(level(np.asarray(center_xy, dtype=float) + radius * ring, height))
 
 
 def hatched_circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     """Return the segments of a level circle and of lines across it [m], shape [segment, 2, 3]."""
     center = np.asarray(center_xy, dtype=float)
-    count = max(1, round(2 * radius / HATCH_STEP) - 1)
+    count = max(1, round(2 * radius / _HATCH_STEP) - 1)
     away = np.linspace(-radius, radius, count + 2)[1:-1]
     half = np.sqrt(radius**2 - away**2)
     # Turned by an eighth: the table has lines along both of its sides.
@@ -255,14 +242,11 @@ def hatched_circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     return np.concatenate([circle(center_xy, radius, height), lines])
 
 
-def polyline(points: Array) -> Array:
-    """Return the segments between successive points, shape [point - 1, 2, 3]."""
-    return np.stack([points[:-1], points[1:]], axis=1)
-
-
-def level(xy: Array, height: float) -> Array:
-    """Return points on the table [m] at a height [m], shape [point, 3]."""
-    return np.concatenate([xy, np.full((len(xy), 1), height)], axis=1)
+def target_marks(xy: Array, height: float) -> Array:
+    """Return two rings and a cross at a target [m], shape [segment, 2, 3]."""
+    arm = np.array([[[0.06, 0.0]], [[0.0, 0.06]]])
+    cross = level((xy + arm * [[-1.0], [1.0]]).reshape(-1, 2), height).reshape(2, 2, 3)
+    return np.concatenate([circle(xy, 0.02, height), circle(xy, 0.045, height), cross])
 
 
 def table_lines(setup: Setup, step: float, height: float) -> Array:
@@ -309,26 +293,17 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     return look_at + span * np.array([0.0, *direction]), look_at, float(np.radians(44))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MissMap:
-    """Expected misses over the right and the left half of the table.
-
-    Attributes:
-        xy: Targets of a grid [m], shape [row, column, 2].
-        miss: Expected miss, prediction and the shift for errors of the action of one degree and
-            one centimetre together [m]; NaN off the reach, shape [row, column].
-    """
-
-    xy: Array
-    miss: Array
-
-
-def miss_map(policy: Policy, step: float = MAP_STEP) -> MissMap:
-    """Return how far casts are expected to miss, over the whole table.
+def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
+    """Return how far casts of a policy are expected to miss, over the whole table.
 
     Args:
-        policy: Policy that would plan them.
+        policy: Policy.
         step: Distance of the targets [m].
+
+    Returns:
+        Targets [m], shape [row, column, 2], and expected misses [m], shape [row, column]: the
+        prediction's, and the shift for errors of the action of one degree and one centimetre;
+        NaN out of reach.
     """
     setup = policy.setup
     table = setup.workspace
@@ -341,36 +316,24 @@ def miss_map(policy: Policy, step: float = MAP_STEP) -> MissMap:
     plan = policy.plan(flat[inside])
     offset = np.linalg.norm(plan.predicted_xy - plan.target_xy, axis=1)
     miss[inside] = np.hypot(offset, np.nan_to_num(plan.sensitivity))
-    return MissMap(xy=xy, miss=miss.reshape(xy.shape[:2]))
+    return xy, miss.reshape(xy.shape[:2])
 
 
-# Colours of shares 0, 1/2 and 1 of the scale: sure, doubtful, out of reach. Blue to orange stays
-# distinct under colour blindness.
-MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float)
-
-MAP_FULL_SHARE = 0.25
-"""Expected miss at the end of the map's colours [share of cable length]."""
-
-
-def map_image(shown: MissMap, length: float) -> NDArray[np.uint8]:
-    """Return the map as an image whose first row is the far edge, shape [row, column, 4].
+def map_image(miss: Array, length: float) -> NDArray[np.uint8]:
+    """Return a map as an image whose first row is the far edge, shape [row, column, 4].
 
     Args:
-        shown: Map.
+        miss: Expected misses of `miss_map` [m], shape [row, column].
         length: Length of the cable [m].
     """
-    share = np.clip(shown.miss / (MAP_FULL_SHARE * length), 0.0, 1.0)
-    known = np.isfinite(share)
+    share = np.clip(miss / (MAP_FULL_SHARE * length), 0.0, 1.0)
     at = 2.0 * np.nan_to_num(share)
     low = np.clip(at.astype(int), 0, 1)
     part = (at - low)[..., None]
     colors = (1.0 - part) * MAP_COLORS[low] + part * MAP_COLORS[low + 1]
-    image = np.concatenate([colors, np.where(known, 120.0, 0.0)[..., None]], axis=-1)
+    opacity = np.where(np.isfinite(share), 120.0, 0.0)
+    image = np.concatenate([colors, opacity[..., None]], axis=-1)
     return np.flipud(image).astype(np.uint8)
-
-
-_PLATE = 190  # Of 255: what lies below shines through a little.
-_PIXELS = 48  # Height of a line, which is enough for a window that shows one table.
 
 
 def text_image(text: str, color: Color, plate: Color | None = None) -> NDArray[np.uint8]:
@@ -389,38 +352,3 @@ def text_image(text: str, color: Color, plate: Color | None = None) -> NDArray[n
     image = Image.new("RGBA", (width, _PIXELS), behind)
     ImageDraw.Draw(image).text((width / 2, _PIXELS / 2), text, (*color, 255), font, anchor="mm")
     return np.asarray(image)
-
-
-def add_text(
-    server: "viser.ViserServer",
-    name: str,
-    text: str,
-    position: tuple[float, float, float],
-    color: Color,
-    height: float = 0.08,
-    plate: Color | None = None,
-) -> Any:
-    """Lay a line of text on the table, to be read from the robot's side.
-
-    Args:
-        server: Server of the page.
-        name: Name in the tree of the scene.
-        text: Text.
-        position: Middle of the line [m].
-        color: Colour of the letters.
-        height: Height of the line [m].
-        plate: Colour behind the letters; nothing is behind them where None.
-    """
-    image = text_image(text, color, plate)
-    return server.scene.add_image(
-        name,
-        image,
-        height * image.shape[1] / image.shape[0],
-        height,
-        format="png",
-        # An image lies in its own x-y plane with y down, so it is turned about x.
-        wxyz=(0.0, 1.0, 0.0, 0.0),
-        position=position,
-        cast_shadow=False,
-        receive_shadow=False,
-    )

@@ -1,10 +1,8 @@
-"""Worker: work that takes time, one piece at a time, in the thread that made it.
+"""Work that takes time, one piece at a time, in the thread that made the worker.
 
 A page answers clicks in threads of its own. Casts and long work run in the main thread instead:
 there the time limits of rigs hold (rigs/time_limit.py), and a stop reaches the work as Ctrl-C does,
 so that a robot stops, its connection is closed, and stored parts are kept.
-
-Long work of the pipeline, as the page starts it: each in the folder where its verb writes.
 """
 
 import dataclasses
@@ -31,9 +29,7 @@ from cablecast.tuning.tuned import load_tuned
 Work = Callable[[ProgressCallback], None]
 
 _STEP = re.compile(r"(\d+)/\d+ ")
-
-_LOOK_EVERY = 0.2
-"""Time after which an idle worker looks whether it should end [s]."""
+_LOOK_EVERY = 0.2  # Time after which an idle worker looks whether it should end [s].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -46,7 +42,6 @@ class WorkState:
         seconds_left: Expected time left [s]; None if unknown.
         step: Number of the step that the work said it is at, as in "2/4 fit"; 0 if it has none.
         message: End of the last work in one sentence; empty after a success.
-        failed: True after work that failed; False after a stop.
     """
 
     name: str = ""
@@ -54,7 +49,6 @@ class WorkState:
     seconds_left: float | None = None
     step: int = 0
     message: str = ""
-    failed: bool = False
 
 
 class Worker:
@@ -79,11 +73,11 @@ class Worker:
 
     @property
     def busy(self) -> bool:
-        """True while some work is under way or about to begin."""
+        """True while work is under way or about to start."""
         return bool(self.state.name)
 
     def submit(self, name: str, work: Work) -> None:
-        """Begin some work, or refuse it.
+        """Start some work, or refuse it.
 
         Args:
             name: Name of the work as a person reads it, e.g. "casting".
@@ -128,8 +122,13 @@ class Worker:
             except KeyboardInterrupt:
                 if not self._take_stop():
                     raise
-                # It came when the work was just done, or before it began.
-                self._finish("stopped", failed=False)
+                # It came when the work was just done, or before it started.
+                self._finish("stopped")
+
+    def drain(self) -> None:
+        """Do what was submitted, and return."""
+        while self.busy:
+            self._step()
 
     def _step(self) -> None:
         try:
@@ -141,23 +140,23 @@ class Worker:
         except KeyboardInterrupt:
             if not self._take_stop():
                 raise
-            self._finish(f"stopped: {self.state.name}", failed=False)
+            self._finish(f"stopped: {self.state.name}")
         except CablecastError as error:
-            self._finish(str(error), failed=True)
+            self._finish(str(error))
         except Exception as error:
             # A rig is somebody else's code, and the page must live on.
-            self._finish(error_line(error), failed=True)
+            self._finish(error_line(error))
         else:
-            self._finish("", failed=False)
+            self._finish("")
 
     def _take_stop(self) -> bool:
         with self._lock:
             asked, self._stops = self._stops, 0
         return asked > 0
 
-    def _finish(self, message: str, *, failed: bool) -> None:
+    def _finish(self, message: str) -> None:
         with self._lock:
-            self.state = WorkState(message=message, failed=failed)
+            self.state = WorkState(message=message)
         self.notify()
 
     def _report(self, progress: Progress) -> None:
@@ -171,7 +170,7 @@ class Worker:
         self.notify()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class LongWork:
     """One kind of long work.
 
@@ -191,30 +190,10 @@ class LongWork:
 
 
 WORKS = {
-    "collect": LongWork(
-        says="cast on the rig",
-        unit="casts",
-        amount=20,
-        amount_max=1000,
-        folder=CASTS_FOLDERS["tune"],
-    ),
-    "tune": LongWork(
-        says="fit the simulator to the casts", unit="", amount=1, amount_max=1, folder=TUNE_FOLDER
-    ),
-    "simulate": LongWork(
-        says="play many casts in the simulator",
-        unit="casts",
-        amount=16_000,
-        amount_max=200_000,
-        folder=DATASET_FOLDER,
-    ),
-    "train": LongWork(
-        says="learn where casts land",
-        unit="epochs",
-        amount=60,
-        amount_max=1000,
-        folder=MODEL_FOLDER,
-    ),
+    "collect": LongWork("cast on the rig", "casts", 20, 1000, CASTS_FOLDERS["tune"]),
+    "tune": LongWork("fit the simulator to the casts", "", 1, 1, TUNE_FOLDER),
+    "simulate": LongWork("simulate many casts", "casts", 16_000, 200_000, DATASET_FOLDER),
+    "train": LongWork("fit a model to the simulated casts", "epochs", 60, 1000, MODEL_FOLDER),
 }
 """Kinds of long work by the name of the verb, in the order in which data flows."""
 
@@ -224,7 +203,7 @@ def long_work(kind: str, rig: CheckedRig, home: pathlib.Path, amount: int) -> Wo
 
     Args:
         kind: Name of the work, see `WORKS`.
-        rig: Rig that `make_rig` returned.
+        rig: Rig that collects and gives the set-up.
         home: Folder of the cable's results, e.g. runs/cable_1.
         amount: Casts or epochs.
 

@@ -1,0 +1,183 @@
+"""The arm as its maker drew it: the meshes of an MJCF or URDF file, placed by the arm's joints."""
+
+import dataclasses
+import os
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.ur import ArmUR
+from cablecast.errors import InputError, MissingExtraError
+from cablecast.view.shapes import Array
+
+JOINT_NAMES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+"""Joints of the file, as the maker's own robot description names them; a prefix may precede."""
+
+MISFIT_MAX = 0.005
+"""Largest distance of a wrist of the file from that of the set-up's arm [m]."""
+
+_FACE_COUNT_MAX = 400_000
+_POSE_COUNT = 24  # Poses at which the two arms are compared.
+_WRISTS = (4, 5)  # DH frames whose origins are the places of the last two joints.
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Piece:
+    """One body of the arm.
+
+    Attributes:
+        name: Name of the body in the file.
+        vertices: Vertices in the frame of the body [m], shape [vertex, 3].
+        faces: Vertex numbers, shape [face, 3].
+        colors: Red, green, blue and opacity of each face, shape [face, 4].
+    """
+
+    name: str
+    vertices: Array
+    faces: NDArray[np.int32]
+    colors: NDArray[np.uint8]
+
+
+class ArmMeshes:
+    """Meshes of an arm and where they are at given joint angles.
+
+    The file is compiled by MuJoCo, which reads meshes of the formats STL, OBJ and MSH.
+
+    Args:
+        path: MJCF or URDF file with the six joints of a UR arm.
+        arm: Arm of the set-up. Its wrists must be where those of the file are.
+
+    Raises:
+        InputError: The file cannot be read, has no such joints or no mesh, or is another arm.
+        MissingExtraError: MuJoCo is not installed.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], arm: ArmUR):
+        path = pathlib.Path(path)
+        self._mujoco, self._model = _compile(path)
+        self._data = self._mujoco.MjData(self._model)
+        self._joints = [_joint(self._mujoco, self._model, name, path) for name in JOINT_NAMES]
+        self._bodies, self.pieces = self._read_pieces(path)
+        # From the world of the file to the base frame of the set-up.
+        self._turn, self._shift = np.eye(3), np.zeros(3)
+        self._align(path, arm)
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """Return the pose of each piece at joint angles [rad], shape [6].
+
+        Returns:
+            Rotations as quaternions w, x, y, z, shape [piece, 4], and positions [m], shape
+            [piece, 3].
+        """
+        from scipy.spatial.transform import Rotation
+
+        self._set_joints(q)
+        turns = self._turn @ self._data.xmat[self._bodies].reshape(-1, 3, 3)
+        quats = Rotation.from_matrix(turns).as_quat(scalar_first=True)
+        return quats, self._data.xpos[self._bodies] @ self._turn.T + self._shift
+
+    def _set_joints(self, q: Array) -> None:
+        self._data.qpos[self._model.jnt_qposadr[self._joints]] = q
+        self._mujoco.mj_kinematics(self._model, self._data)
+
+    def _read_pieces(self, path: pathlib.Path) -> tuple[list[int], list[Piece]]:
+        """Return the bodies that have meshes, and their meshes."""
+        model, is_mesh = self._model, self._mujoco.mjtGeom.mjGEOM_MESH
+        geoms = np.flatnonzero(model.geom_type == is_mesh)
+        # Where some meshes only show and others only collide, those that show are drawn.
+        shows = geoms[(model.geom_contype[geoms] == 0) & (model.geom_conaffinity[geoms] == 0)]
+        geoms = shows if len(shows) else geoms
+        if not len(geoms):
+            raise InputError(f"{path} has no meshes")
+        count = int(np.sum(model.mesh_facenum[model.geom_dataid[geoms]]))
+        if count > _FACE_COUNT_MAX:
+            raise InputError(f"{path} has {count} faces: at most {_FACE_COUNT_MAX} are drawn")
+        bodies = sorted({int(model.geom_bodyid[geom]) for geom in geoms})
+        return bodies, [
+            _piece(self._mujoco, model, body, geoms[model.geom_bodyid[geoms] == body])
+            for body in bodies
+        ]
+
+    def _align(self, path: pathlib.Path, arm: ArmUR) -> None:
+        """Find how the file stands to the base frame, and refuse the file of another arm."""
+        from scipy.spatial.transform import Rotation
+
+        rng = np.random.default_rng(0)
+        q = rng.uniform(-2.0, 2.0, (_POSE_COUNT, len(JOINT_NAMES)))
+        frames = arm.frames(q)
+        ours = np.stack([frames[wrist][..., :3, 3] for wrist in _WRISTS], axis=1).reshape(-1, 3)
+        theirs = []
+        for pose in q:
+            self._set_joints(pose)
+            theirs.extend(self._data.xanchor[self._joints[-2:]])
+        theirs = np.array(theirs)
+        middle, their_middle = ours.mean(axis=0), theirs.mean(axis=0)
+        turn: Any = Rotation.align_vectors(ours - middle, theirs - their_middle)[0]
+        self._turn = turn.as_matrix()
+        self._shift = middle - self._turn @ their_middle
+        misfit = np.linalg.norm(theirs @ self._turn.T + self._shift - ours, axis=1).max()
+        if misfit > MISFIT_MAX:
+            raise InputError(
+                f"{path} is no {arm.model}: its wrists are up to {1000 * misfit:.0f} mm from those "
+                f"of the set-up's arm; at most {1000 * MISFIT_MAX:.0f} mm are allowed"
+            )
+
+
+def _compile(path: pathlib.Path) -> tuple[Any, Any]:
+    """Return MuJoCo and the compiled model of a file."""
+    try:
+        import mujoco as library
+    except ImportError:
+        raise MissingExtraError("mujoco", "view", "an arm drawn with meshes") from None
+    mujoco: Any = library
+    if not path.is_file():
+        raise InputError(f"{path} is not a file")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        # A URDF has meshes to show beside those to collide with.
+        spec.compiler.discardvisual = False
+        return mujoco, spec.compile()
+    except (ValueError, OSError) as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+
+
+def _joint(mujoco: Any, model: Any, name: str, path: pathlib.Path) -> int:
+    """Return the number of the joint with this name, or with this name after a prefix."""
+    names = [model.joint(index).name for index in range(model.njnt)]
+    found = [index for index, own in enumerate(names) if own.endswith(name)]
+    if len(found) != 1 or model.jnt_type[found[0]] != mujoco.mjtJoint.mjJNT_HINGE:
+        raise InputError(f"{path} has {len(found)} joints named {name!r}, not 1; it has {names}")
+    return found[0]
+
+
+def _piece(mujoco: Any, model: Any, body: int, geoms: NDArray[np.int64]) -> Piece:
+    """Return the meshes of a body as one, in the body's frame."""
+    vertices, faces, colors, count = [], [], [], 0
+    for geom in geoms:
+        mesh = model.mesh(model.geom_dataid[geom])
+        first, number = mesh.vertadr[0], mesh.vertnum[0]
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+        own = model.mesh_vert[first : first + number] @ turn.reshape(3, 3).T + model.geom_pos[geom]
+        first_face, face_number = mesh.faceadr[0], mesh.facenum[0]
+        vertices.append(own)
+        faces.append(model.mesh_face[first_face : first_face + face_number] + count)
+        material = model.geom_matid[geom]
+        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        colors.append(np.tile(np.round(255 * rgba).astype(np.uint8), (face_number, 1)))
+        count += number
+    return Piece(
+        name=model.body(body).name or f"body_{body}",
+        vertices=np.concatenate(vertices),
+        faces=np.concatenate(faces),
+        colors=np.concatenate(colors),
+    )

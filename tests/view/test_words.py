@@ -1,0 +1,59 @@
+import numpy as np
+
+from cablecast.runs.progress import Progress
+from cablecast.view.desk import Desk
+from cablecast.view.words import legend_text, plan_text, status_text, tour_text, tries_text
+from cablecast.view.worker import Worker, WorkState
+
+TARGET = np.array([0.3, 1.15])
+IDLE = WorkState()
+
+
+def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
+    preview = desk.aim(TARGET)
+    plan = plan_text(preview, desk)
+    assert "| target | 1.188 m, 14.6°, try 1 |" in plan
+    assert f"{preview.proposal.trajectory.duration:.2f} s" in plan
+    desk.cast()
+    miss = np.linalg.norm(own.offset)
+    miss_pct = 100 * miss / desk.setup.cable.length
+    assert f"| 1 | 1.19 m, 15° | {100 * miss:.1f} cm, {miss_pct:.1f} % |" in tries_text(desk)
+    assert f"Landed: {100 * miss:.1f} cm ({miss_pct:.1f} %)" in status_text(desk, IDLE)
+    desk.undo()
+    assert f"~~{100 * miss:.1f} cm, {miss_pct:.1f} %~~" in tries_text(desk)
+
+
+def test_work_under_way_says_how_far_it_is(desk):
+    progress = Progress(task="2/4 fit", done=3, total=8, unit="steps")
+    state = WorkState(name="getting ready", progress=progress, seconds_left=40.0)
+    assert status_text(desk, state) == (
+        "**Getting ready is under way.**\n\n2/4 fit: 3 of 8 steps, about 40 s left"
+    )
+
+
+def test_the_tour_leads_to_the_first_cast_and_ends_there(desk):
+    assert tour_text(desk, IDLE).count("✓") == 4
+    desk.aim(TARGET)
+    assert "▶ **Cast.**" in tour_text(desk, IDLE)
+    desk.cast()
+    assert tour_text(desk, IDLE) == ""
+
+
+def test_the_tour_follows_the_steps_of_the_work(rig, engine):
+    desk, worker = Desk(rig, engine), Worker()
+    assert "▶" not in tour_text(desk, worker.state)
+    seen = []
+
+    def work(report):
+        for task in ("1/4 casts", "Casting", "2/4 fit", "Tuning 1.5 %"):
+            report(Progress(task=task))
+            seen.append(tour_text(desk, worker.state))
+
+    worker.submit("getting ready", work)
+    worker.drain()
+    assert ["▶ **Cast a few" in text for text in seen] == [True, True, False, False]
+    assert ["▶ **Fit" in text for text in seen] == [False, False, True, True]
+
+
+def test_the_legend_ends_at_a_quarter_of_the_cable():
+    assert legend_text().endswith("25 and more")
