@@ -149,8 +149,6 @@ def test_repeated_actions_are_those_of_the_paper_s_grid_that_the_arm_can_make():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"counts": (5, 5)}, "three"),
-        ({"counts": (10**4,) * 3}, "grid size"),
         ({"action_count": 0}, "action_count = 0"),
         ({"action_count": 2.5}, "action_count = 2.5 is not a whole number"),
         ({"seed": -1}, "seed = -1"),

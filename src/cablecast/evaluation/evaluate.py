@@ -18,7 +18,6 @@ from cablecast.files import write_csv
 from cablecast.learning.policy import Policy
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
-from cablecast.rigs.checked import ATTEMPT_COUNT
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 
@@ -286,7 +285,6 @@ def evaluate_policy(
     targets: ArrayLike,
     *,
     repeats: int = 1,
-    attempts: int = ATTEMPT_COUNT,
     progress: ProgressCallback = ignore,
 ) -> Evaluation:
     """Cast at every target and collect the results.
@@ -300,7 +298,6 @@ def evaluate_policy(
         rig: Rig that executes the motions.
         targets: Targets of the endpoint [m], shape [target, 2].
         repeats: Number of casts at each target; five in the paper.
-        attempts: Number of attempts at a cast before the evaluation stops.
         progress: Told the number of casts done, at the start and after each.
 
     Raises:
@@ -320,7 +317,6 @@ def evaluate_policy(
         count=len(target_xy),
         motion=lambda number: motions[number],
         repeats=repeats,
-        attempts=attempts,
         keep_nodes=True,
     )
     settings = {

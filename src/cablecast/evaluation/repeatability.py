@@ -18,7 +18,7 @@ from cablecast.cast import TrialStatus
 from cablecast.conventions import Ellipse, finite_or_none
 from cablecast.data.dataset import Dataset
 from cablecast.data.record import collect_dataset
-from cablecast.errors import DatasetError, InputError, check_count, check_seed
+from cablecast.errors import DatasetError, check_count, check_seed
 from cablecast.evaluation.evaluate import rounded_cells
 from cablecast.files import write_csv
 from cablecast.motion.feasibility import feasible_of_grid
@@ -247,7 +247,6 @@ def repeat_actions(
     setup: Setup,
     *,
     with_psi: bool,
-    counts: tuple[int, ...] | None = None,
     action_count: int | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
@@ -256,21 +255,16 @@ def repeat_actions(
     Args:
         setup: Set-up with the arm, the reset position and the system parameters.
         with_psi: Whether the wrist turns too.
-        counts: Number of values of each action variable; by default the paper's 5 x 5 x 5, or
-            3 x 3 x 3 x 3 with psi.
         action_count: Number of actions to choose at random; all if None or if there are fewer.
         seed: Seed for the random choice.
 
     Raises:
         InputError: A count is out of bounds, or no action is feasible.
     """
-    counts = counts or (REPEAT_GRID_PSI if with_psi else REPEAT_GRID)
-    if len(counts) != (4 if with_psi else 3):
-        raise InputError(f"grid counts {counts} must be {'four' if with_psi else 'three'} numbers")
     check_seed(seed)
     if action_count is not None:
         check_count("action_count", action_count)
-    actions = feasible_of_grid(counts, setup)
+    actions = feasible_of_grid(REPEAT_GRID_PSI if with_psi else REPEAT_GRID, setup)
     if action_count is not None and action_count < len(actions):
         chosen = np.random.default_rng(seed).choice(len(actions), action_count, replace=False)
         actions = actions[np.sort(chosen)]

@@ -14,9 +14,9 @@ from cablecast.errors import InputError
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.motion.trajectory import JointPath
 
-KNOT_DT = 0.06
-"""Longest distance between knots [s]; the arm's servo filters out most of what is faster."""
-
+# Longest distance between knots [s], shortened where the fit is too coarse; the arm's servo filters
+# out most of what is faster.
+_KNOT_DT = 0.06
 # Largest fit residual beyond the encoder noise, for x, y, z [m], yaw and pitch [rad]. The free end,
 # one cable length away, moves by about as much.
 _FIT_TOLERANCE = np.array([3e-5, 3e-5, 3e-5, 5e-5, 5e-5])
@@ -30,9 +30,7 @@ _PIECE_SAMPLES_MIN = 4
 _SAMPLES_MIN = 16
 
 
-def grip_path_from_joints(
-    joint_path: JointPath, arm: ArmUR, *, knot_dt: float = KNOT_DT
-) -> GripPath:
+def grip_path_from_joints(joint_path: JointPath, arm: ArmUR) -> GripPath:
     """Fit a smooth gripper path of few pieces to measured joints.
 
     The path is a spline of degree five, at rest at both ends. It has as few knots as possible for
@@ -43,19 +41,14 @@ def grip_path_from_joints(
         joint_path: Joint angles and the times at which the arm reported them, not necessarily
             evenly spaced; joint rates are not used.
         arm: Robot arm that reported the joints.
-        knot_dt: Longest distance between knots [s]; shortened where it is too coarse.
 
     Raises:
         InputError: Too few samples, times that do not ascend, or values that are not finite.
     """
-    times, q = joint_path.times, joint_path.q
-    _check(times, q, "joints")
-    return _fit_path(times, arm.grip_pose(q), "joints", knot_dt)
+    return _fit_path(joint_path.times, arm.grip_pose(joint_path.q), "joints")
 
 
-def grip_path_from_poses(
-    times: NDArray[np.float64], poses: NDArray[np.float64], *, knot_dt: float = KNOT_DT
-) -> GripPath:
+def grip_path_from_poses(times: NDArray[np.float64], poses: NDArray[np.float64]) -> GripPath:
     """Fit a smooth gripper path of few pieces to poses that a camera tracked.
 
     As `grip_path_from_joints`, for a grip that no arm moved.
@@ -63,18 +56,22 @@ def grip_path_from_poses(
     Args:
         times: Times of the poses [s], shape [sample].
         poses: x, y, z [m], yaw and pitch [rad], shape [sample, 5].
-        knot_dt: Longest distance between knots [s]; shortened where it is too coarse.
 
     Raises:
         InputError: Too few samples, times that do not ascend, or values that are not finite.
     """
-    _check(times, poses, "grip poses")
-    return _fit_path(times, poses, "grip poses", knot_dt)
+    return _fit_path(times, poses, "grip poses")
 
 
-def _fit_path(
-    times: NDArray[np.float64], poses: NDArray[np.float64], what: str, knot_dt: float
-) -> GripPath:
+def _fit_path(times: NDArray[np.float64], poses: NDArray[np.float64], what: str) -> GripPath:
+    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(poses))):
+        raise InputError(f"measured {what} must be finite")
+    if np.any(np.diff(times) <= 0):
+        at = int(np.argmax(np.diff(times) <= 0)) + 1
+        raise InputError(
+            f"measured {what} must have ascending times, but time {at} is {times[at]:.6g} s after "
+            f"{times[at - 1]:.6g} s"
+        )
     used = times >= 0.0
     times, poses = times[used], poses[used]
     if len(times) < _SAMPLES_MIN:
@@ -95,23 +92,12 @@ def _fit_path(
     span = times[-1] - times[0]
     tolerance = np.hypot(_FIT_TOLERANCE, noise)
     piece_max = max(len(times) // _PIECE_SAMPLES_MIN, 1)
-    piece_count = min(max(int(np.ceil(span / knot_dt)), 2), piece_max)
+    piece_count = min(max(int(np.ceil(span / _KNOT_DT)), 2), piece_max)
     while True:
         path, residual = _fit(times, poses, piece_count, rests)
         if piece_count == piece_max or np.all(np.sqrt(np.mean(residual**2, axis=0)) <= tolerance):
             return path
         piece_count = min(piece_count + piece_count // 4 + 1, piece_max)
-
-
-def _check(times: NDArray[np.float64], values: NDArray[np.float64], what: str) -> None:
-    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
-        raise InputError(f"measured {what} must be finite")
-    if np.any(np.diff(times) <= 0):
-        at = int(np.argmax(np.diff(times) <= 0)) + 1
-        raise InputError(
-            f"measured {what} must have ascending times, but time {at} is {times[at]:.6g} s after "
-            f"{times[at - 1]:.6g} s"
-        )
 
 
 def _noise(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -299,15 +299,10 @@ class PolarReach:
         return near.reshape(xy.shape)
 
 
-def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float = 0.0) -> PlanePath:
-    """Append the lift, from any low pose to the cable hanging in the plane at an azimuth [rad].
-
-    Args:
-        path: Path to append to.
-        cable: Cable with its nominal parameters.
-        config: Settings of the lift; `rise_time` is that of its rise.
-        azimuth: Azimuth of the plane, positive to the right [rad].
-    """
+def _lift(
+    path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float = 0.0
+) -> PlanePath:
+    """Append the lift, from any low pose to the cable hanging in the plane at an azimuth [rad]."""
     place = path.place
     rise = abs(config.carry_height - place["height"])
     path.move(max(config.carry_time_min, rise / config.carry_speed), height=config.carry_height)
@@ -322,7 +317,7 @@ def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float 
     path.move(config.draw_time, radius=config.draw_radius)
     hang_height = config.hang_height(cable)
     # The free end is dragged to the point below which it will hang, and stays there.
-    bend_out, bend_up = bend_offsets(cable)
+    bend_out, bend_up = _bend_offsets(cable)
     end_radius = config.hang_radius + config.bend_out_share * bend_out
     length = cable.length + cable.attachment_length - config.bend_up_share * bend_up
     length = min(length, hang_height / config.arc_share)
@@ -346,18 +341,12 @@ def lift(path: PlanePath, cable: Cable, config: PolarCastConfig, azimuth: float 
     return path.move(config.lift_time, radius=config.hang_radius, height=hang_height)
 
 
-def bend_offsets(cable: Cable) -> tuple[float, float]:
-    """Return the forward and upward shift of the free end due to the bend at the gripper.
+def _bend_offsets(cable: Cable) -> tuple[float, float]:
+    """Return the forward and upward shift [m] of the free end due to the bend at the gripper.
 
     The gripper clamps the cable level. The cable is an elastica that turns from level to straight
     down under a tension T, the weight of the cable and its attachment. With b = sqrt(E I / T), its
     end hangs sqrt(2) b in front of the clamp and (2 - sqrt(2)) b higher than without a bend.
-
-    Args:
-        cable: Cable with its nominal parameters.
-
-    Returns:
-        Forward and upward shift [m].
     """
     params = cable.params
     tension = GRAVITY * (float(params.mass) + float(params.endpoint_mass))
@@ -365,7 +354,7 @@ def bend_offsets(cable: Cable) -> tuple[float, float]:
     return float(np.sqrt(2.0)) * bend, (2.0 - float(np.sqrt(2.0))) * bend
 
 
-def swing_out(
+def _swing_out(
     path: PlanePath, radius: float, workspace: Workspace, config: PolarCastConfig
 ) -> PlanePath:
     """Append the swing: the gripper comes down at a radius [m], then the cable settles."""
@@ -384,7 +373,7 @@ def swing_out(
     return path.hold(config.settle_time) if config.settle_time > 0 else path
 
 
-def pull_back(path: PlanePath, radius: float, config: PolarCastConfig) -> PlanePath:
+def _pull_back(path: PlanePath, radius: float, config: PolarCastConfig) -> PlanePath:
     """Append the slow pull along the table until the gripper is at a radius [m]."""
     way = abs(radius - path.place["radius"])
     if way < 1e-6:
@@ -401,15 +390,13 @@ def polar_cast_path(
     endpoint_xy: ArrayLike,
     setup: Setup,
     config: PolarCastConfig | None = None,
-    start: ArrayLike | None = None,
 ) -> GripPath:
-    """Return the whole motion that brings the endpoint to a point within `PolarReach`.
+    """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`.
 
     Args:
         endpoint_xy: Resting point of the endpoint [m], shape [2].
         setup: Set-up with the cable, the table and the arm.
         config: Settings of the lift, the swing and the pull.
-        start: Start pose: x, y, z [m], yaw, pitch [rad], shape [5]; the reset pose if None.
 
     Raises:
         InputError: The point lies outside the region.
@@ -427,11 +414,11 @@ def polar_cast_path(
             "table"
         )
     r, theta = xy_to_polar(endpoint_xy).tolist()
-    path = PlanePath(reset_pose(workspace) if start is None else start)
+    path = PlanePath(reset_pose(workspace))
     slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
-    lift(path, cable, slow, theta).hold(config.hang_time)
-    swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
-    return pull_back(path, r - cable.length, config).grip_path()
+    _lift(path, cable, slow, theta).hold(config.hang_time)
+    _swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
+    return _pull_back(path, r - cable.length, config).grip_path()
 
 
 def plan_polar_cast(
@@ -456,17 +443,17 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     """
     config, cable = config or PolarCastConfig.of(setup.workspace), setup.cable
     path = PlanePath(np.asarray(start, dtype=float))
-    lift(path, cable, config).hold(config.hang_time)
+    _lift(path, cable, config).hold(config.hang_time)
     radius = PolarReach.of(setup, config).landing_radius(0.0) - cable.length
     # A cable that is long for the table is laid no nearer than the reset pose.
-    swing_out(path, max(radius, setup.workspace.reset_y), setup.workspace, config)
-    return pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
+    _swing_out(path, max(radius, setup.workspace.reset_y), setup.workspace, config)
+    return _pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
 
 
-def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> Trajectory:
+def plan_reset(start: ArrayLike, setup: Setup) -> Trajectory:
     """Plan one reset down to joint set points; see `reset_path`.
 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    return follow(reset_path(start, setup, config), setup, "this reset")
+    return follow(reset_path(start, setup), setup, "this reset")
