@@ -44,7 +44,7 @@ def test_other_settings_are_refused_by_name(tmp_path):
 def test_a_run_stopped_before_its_first_result_does_not_bind_the_next(tmp_path):
     begun(tmp_path)
     changed = begun(tmp_path, SETTINGS | {"seed": 1})
-    assert RunFolder.read_config(tmp_path) == changed.config
+    assert RunFolder.read(tmp_path) == changed
     assert changed.config["settings"]["seed"] == 1
 
 

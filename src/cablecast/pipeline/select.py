@@ -209,14 +209,13 @@ def load_repeated(folder: str | os.PathLike[str], cable: Cable) -> list[dict[str
     Raises:
         InputError: The folder holds no finished run of it, or one with another cable.
     """
-    config = RunFolder.read_config(folder)
-    run = RunFolder.open(folder, "repeat", config["settings"]) if config else None
-    if config is None or config["command"] != "repeat" or run is None or run.metrics is None:
+    run = RunFolder.read(folder)
+    metrics = run.metrics if run is not None and run.command == "repeat" else None
+    if run is None or metrics is None:
         raise InputError(f"{folder} holds no finished run of `cablecast repeat`")
-    stored = config["settings"]["cable"]
-    if differences := settings_differences(stored, cable.to_dict()):
+    if differences := settings_differences(run.settings["cable"], cable.to_dict()):
         raise InputError(f"{folder} was made with another cable: {'; '.join(differences)}")
-    return run.metrics["combinations"]
+    return metrics["combinations"]
 
 
 def _scatter_rows(

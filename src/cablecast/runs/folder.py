@@ -324,6 +324,23 @@ class RunFolder:
     config: dict[str, Any]
 
     @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "RunFolder | None":
+        """Return the run in a folder, finished or not; None where there is none.
+
+        Raises:
+            DamagedFileError: config.json is not what was written.
+        """
+        claim = _claim(path)
+        config = claim.read()
+        if config is None:
+            return None
+        if not (
+            isinstance(config.get("command"), str) and isinstance(config.get("settings"), dict)
+        ):
+            raise DamagedFileError(f"{claim.path / CONFIG_FILE} is damaged: give another folder")
+        return cls(path=claim.path, config=config)
+
+    @classmethod
     def open(
         cls, path: str | os.PathLike[str], command: str, settings: Mapping[str, Any]
     ) -> "RunFolder":
@@ -339,20 +356,30 @@ class RunFolder:
         """
         settings = plain_settings(settings)
         claim = _claim(path)
-        stored = cls.read_config(path)
+        stored = cls.read(path)
         wanted = {"command": command, **settings}
         if stored is None:
             claim.refuse_foreign_files()
         else:
-            there = {"command": stored["command"], **stored["settings"]}
+            there = {"command": stored.command, **stored.settings}
             if there == wanted:
-                return cls(path=claim.path, config=stored)
+                return stored
             # A run that was interrupted before its first result has nothing worth keeping.
             if _visible_files(claim.path) != [CONFIG_FILE]:
                 claim.refuse_differences(there, wanted)
         return cls(
             path=claim.path, config={"command": command, "settings": settings, **run_facts()}
         )
+
+    @property
+    def command(self) -> str:
+        """Verb that wrote the run."""
+        return self.config["command"]
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Plain values that decide its results."""
+        return self.config["settings"]
 
     @contextlib.contextmanager
     def locked(self) -> Iterator["RunFolder"]:
@@ -366,23 +393,6 @@ class RunFolder:
             if claim.read() != self.config:
                 claim.write(self.config)
             yield self
-
-    @staticmethod
-    def read_config(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-        """Return the content of a folder's config.json; None where there is none.
-
-        Raises:
-            DamagedFileError: It is not what was written.
-        """
-        claim = _claim(path)
-        config = claim.read()
-        if config is None:
-            return None
-        if not (
-            isinstance(config.get("command"), str) and isinstance(config.get("settings"), dict)
-        ):
-            raise DamagedFileError(f"{claim.path / CONFIG_FILE} is damaged: give another folder")
-        return config
 
     @property
     def metrics(self) -> dict[str, Any] | None:
@@ -399,7 +409,7 @@ class RunFolder:
 
     def parts(self, name: str) -> Parts:
         """Return the parts of this run in a subfolder."""
-        return Parts(self.path / name, owner=fingerprint(self.config["settings"]))
+        return Parts(self.path / name, owner=fingerprint(self.settings))
 
 
 def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
@@ -412,13 +422,11 @@ def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
     Raises:
         InputError: It is a file, or holds other files or a run of another verb.
     """
-    config = RunFolder.read_config(path)
-    if config is None:
+    run = RunFolder.read(path)
+    if run is None:
         _claim(path).refuse_foreign_files()
-    elif config["command"] != command:
-        raise InputError(
-            f"{path} holds a run of `cablecast {config['command']}`: give another folder"
-        )
+    elif run.command != command:
+        raise InputError(f"{path} holds a run of `cablecast {run.command}`: give another folder")
 
 
 def record_run(

@@ -311,8 +311,9 @@ def _of_dataset(path: pathlib.Path) -> Collection:
 
 
 def _of_session(path: pathlib.Path) -> Collection:
-    config = RunFolder.read_config(path / SESSION_FOLDER) or {"settings": {}}
-    setup = Setup.from_dict({name: config["settings"].get(name, {}) for name in SECTIONS})
+    run = RunFolder.read(path / SESSION_FOLDER)
+    settings = {} if run is None else run.settings
+    setup = Setup.from_dict({name: settings.get(name, {}) for name in SECTIONS})
     store = CastStore(setup, path / SESSION_FOLDER)
     notes = [cast.note for cast in store.casts]
     targets = [note.get("target_xy") or (np.nan, np.nan) for note in notes]
