@@ -76,7 +76,7 @@ def test_the_errors_on_real_casts_are_printed_before_and_after():
     card = model_card(described(metrics=METRICS | REAL_METRICS, method="fine-tuning"))
     assert errors(card) == [
         ["3612 held-out casts of its own dataset", "0.71", "2.46"],
-        ["203 real casts, before it learned from them", "9.12", "21.99"],
+        ["203 real casts, before fine-tuning", "9.12", "21.99"],
         ["203 real casts, cross-validated", "5.68", "13.58"],
     ]
 
@@ -108,7 +108,7 @@ def test_the_way_of_learning_from_real_casts_is_told_and_no_other(method, words)
 
 
 def test_only_a_model_of_simulated_casts_alone_says_that_its_error_on_a_rig_is_not_known():
-    words = "It has seen no real casts"
+    words = "It was not trained on real casts"
     assert words in model_card(described())
     assert words not in model_card(described(metrics=METRICS | REAL_METRICS, method="fine-tuning"))
     assert words not in model_card(described(dataset=REAL, metrics=REAL_METRICS))

@@ -174,7 +174,7 @@ def test_casts_of_the_wrong_kind_or_method_are_refused_before_training(simulated
         cc.tune(simulated)
     with pytest.raises(InputError, match="needs casts: simulated ones"):
         cc.train()
-    with pytest.raises(InputError, match="gaussian-process learns from simulated casts alone"):
+    with pytest.raises(InputError, match="gaussian-process takes simulated casts alone"):
         cc.train(simulated, casts, method="gaussian-process")
     with pytest.raises(InputError, match="method 'guess' must be one of"):
         cc.train(simulated, method="guess")

@@ -58,7 +58,7 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
 
     def stop(report):
         begun.append(report.task)
-        if "learn (real)" in report.task:
+        if "train (real)" in report.task:
             raise StoppedError
 
     with pytest.raises(StoppedError):

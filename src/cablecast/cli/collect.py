@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class Collect:
     """Make casts on a real or virtual robot and record each one.
 
-    Each cast begins with a reset and becomes one row: the action, the commanded and the measured
+    Each cast starts with a reset and becomes one row: the action, the commanded and the measured
     joints, the track of the cable's free end, and the status. A cast takes about 20 s on a robot;
     80 casts on the virtual rig take about a minute. The same command resumes an interrupted run;
     finished casts are neither lost nor repeated.

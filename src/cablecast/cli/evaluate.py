@@ -35,7 +35,7 @@ class Evaluate:
     pull), which needs no model."""
     rig: Annotated[str, argument("RIG")] = "virtual"
     """Rig that makes the casts: virtual (a laboratory in software, whose cable differs from the
-    model's), engine (the simulator that the model learned from), or your own robot as
+    model's), engine (the simulator of the model's training casts), or your own robot as
     package.module:factory."""
     repeats: int = 1
     """Casts at each target; the paper makes 5."""
@@ -100,7 +100,7 @@ class Evaluate:
 
     @contextlib.contextmanager
     def _rig(self, policy: "Policy", out: pathlib.Path) -> "Iterator[CheckedRig]":
-        """Yield the rig; "engine" is the simulator exactly as the model knew it."""
+        """Yield the rig; "engine" is the simulator of the model's training casts."""
         from cablecast.cli.options import open_rig, with_instruments
         from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.evaluate import engine_rig

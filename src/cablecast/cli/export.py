@@ -25,7 +25,7 @@ class Export:
     fps: int = 10
     """Frames per second; tracks have 10 samples a second."""
     films: Annotated[pathlib.Path | None, argument("DIR", "none")] = None
-    """Folder with a film of each cast, 000000.mp4 and so on, which begins with the motion."""
+    """Folder with a film of each cast, 000000.mp4 and so on, which starts with the motion."""
     out: Annotated[pathlib.Path | None, argument("DIR", "DATASET-lerobot")] = None
     """New folder of the data set."""
 

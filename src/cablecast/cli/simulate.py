@@ -1,4 +1,4 @@
-"""`cablecast simulate`: make the dataset that the model learns from."""
+"""`cablecast simulate`: make the dataset that the model is trained on."""
 
 import dataclasses
 import pathlib

@@ -35,7 +35,7 @@ class Train:
     mode: Annotated[Mode | None, argument("{sim,real,both}", "both with --real, otherwise sim")] = (
         None
     )
-    """Casts to learn from: simulated, real, or both (trained on the simulated ones, then fine-tuned
+    """Casts to train on: simulated, real, or both (trained on the simulated ones, then fine-tuned
     on the real ones)."""
     method: Method = "network"
     """Learning method: network, or gaussian-process, the paper's baseline on simulated casts."""

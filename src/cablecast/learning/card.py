@@ -29,7 +29,7 @@ _ADAPTATIONS = {
 # Prefix of the metrics, key of the number of casts, and words for the casts.
 _ERROR_ROWS = (
     ("held_out", "held_out_count", "held-out casts of its own dataset"),
-    ("real_before", "real_used_count", "real casts, before it learned from them"),
+    ("real_before", "real_used_count", "real casts, before fine-tuning"),
     ("real", "real_used_count", "real casts, cross-validated"),
 )
 
@@ -117,7 +117,7 @@ def _limit_lines(model: LandingModel) -> list[str]:
         "from the casts of its dataset.",
     ]
     if not model.has_real_casts:
-        lines.append("- It has seen no real casts, so its error on a rig is not known.")
+        lines.append("- It was not trained on real casts, so its error on a rig is unknown.")
     return lines
 
 

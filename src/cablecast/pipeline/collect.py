@@ -1,4 +1,4 @@
-"""collect: casts on a rig, to tune the simulator and to learn from."""
+"""collect: casts on a rig, to tune the simulator or to train a model."""
 
 import os
 import pathlib
@@ -47,7 +47,7 @@ def collect(
 ) -> Dataset:
     """Make casts on a rig and record each one (paper, section V-C).
 
-    Each cast begins with a reset and becomes one row: the action, the joints as commanded and as
+    Each cast starts with a reset and becomes one row: the action, the joints as commanded and as
     they moved, the track of the cable's free end, and how the cast ended.
 
     Args:
@@ -60,7 +60,7 @@ def collect(
         psi: Whether the wrist turns (the action set A2 of the paper).
         seed: Seed of the actions.
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
-        progress: Told how many casts are done.
+        progress: Receives the number of casts done.
 
     Returns:
         The casts.

@@ -44,7 +44,7 @@ def dry_run(
     """Check what a collection on the arm would do; see `collect`.
 
     The paths are checked first. Only if all of them pass, the controller is asked whether it is
-    ready and where the arm stands, and the camera whether it sees; nothing is told to move.
+    ready and where the arm stands, and the camera whether it sees; nothing moves.
 
     Args:
         setup: Lab file with a robot section.
@@ -122,7 +122,7 @@ def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
         way, reset = reset_motions(report.q, setup)
     except CablecastError as error:
         return [found, Finding("first reset", str(error))]
-    detail = f"{way.duration:.1f} s from where the arm stands to its begin, {reset.duration:.1f} s"
+    detail = f"{way.duration:.1f} s from where the arm stands to its start, {reset.duration:.1f} s"
     return [found, Finding("first reset", None, detail)]
 
 

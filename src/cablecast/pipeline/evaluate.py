@@ -55,7 +55,7 @@ def evaluate(
         device: Device of the simulator that splits the errors, "cpu" or "cuda".
         out: Folder that keeps the casts, metrics.json, trials.csv, a map of the landings and a
             report, and lets a stopped evaluation go on; none where None.
-        progress: Told how many casts are done.
+        progress: Receives the number of casts done.
 
     Returns:
         The casts; `summary` holds the quartiles of the errors in % of cable length.
@@ -131,18 +131,18 @@ def check_evaluate(
 
 
 def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
-    """Return the simulator that a model learned from, as a rig.
+    """Return the simulator of a model's training casts as a rig.
 
     Args:
         model: Model; says which parameters, servo and resolution its dataset was simulated with.
         device: "cpu" or "cuda".
 
     Raises:
-        InputError: The model has seen no simulated cast.
+        InputError: The model was not trained on simulated casts.
     """
     settings = model.settings
     if not settings.is_simulated:
-        raise InputError("the model has seen no simulated cast: its simulator is unknown")
+        raise InputError("the model was not trained on simulated casts: its simulator is unknown")
     engine = settings.values["engine"]
     engine = make_engine("warp", engine["segment_count"], engine["dt"], device)
     return make_rig(RigEngine(engine, model.setup, settings.dynamics), model.setup)
@@ -155,7 +155,7 @@ def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:
         InputError: They differ; names each value.
     """
     there, here = rig.setup.to_settings(), policy.setup.to_settings()
-    # The rig plays any motion: r0 and v_max are the policy's. What a cable is believed to be does
+    # The rig makes any motion: r0 and v_max are the policy's. What a cable is believed to be does
     # not matter to a rig either, but which cable it is does.
     for values in (there, here):
         del values["motion"]
@@ -167,7 +167,7 @@ def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:
 def _split(
     evaluation: Evaluation, model: LandingModel | None, device: str
 ) -> dict[str, Any] | None:
-    """Return the parts of the errors, where the model knows its simulator."""
+    """Return the parts of the errors; None for a model without simulated casts."""
     if model is None or not model.settings.is_simulated:
         return None
     with engine_rig(model, device) as engine:

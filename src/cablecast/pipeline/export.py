@@ -39,8 +39,8 @@ def export_dataset(
         out: New or empty folder; it is written whole or not at all.
         format: "lerobot", version 3 of its layout.
         fps: Frames per second.
-        films: Folder with a film of each cast, 000000.mp4 and so on, which begins with the motion.
-        progress: Told how many films are done.
+        films: Folder with a film of each cast, 000000.mp4 and so on, which starts with the motion.
+        progress: Receives the number of films done.
 
     Returns:
         The folder.

@@ -32,7 +32,7 @@ def folder_or_temporary(out: str | os.PathLike[str] | None) -> Iterator[pathlib.
 
 
 def require(purpose: str, *modules: str) -> None:
-    """Refuse work whose libraries are missing, before it begins.
+    """Refuse work whose libraries are missing, before it starts.
 
     Args:
         purpose: Name of the work, for the error.

@@ -80,7 +80,7 @@ def repeat(
         seed: Seed of the choice of actions.
         out: Folder that keeps the casts, a table of the actions and a picture, and lets a stopped
             run go on; none where None.
-        progress: Told how many casts are done.
+        progress: Receives the number of casts done.
 
     Raises:
         RigError: A cast failed too often.

@@ -44,7 +44,7 @@ MODELS: dict[str, tuple[bool, bool, Method]] = {
     "sim": (True, False, "network"),
     "fine-tuning": (True, True, "network"),
 }
-"""Whether a method learns from D_sim, and from D_real, and what `train` knows it by."""
+"""Whether a method is trained on D_sim, whether on D_real, and its name in `train`."""
 METHODS = ("polar", *MODELS)
 
 TARGET_COUNT = 32
@@ -52,7 +52,7 @@ TARGET_COUNT = 32
 REPEATED: tuple[Combination, ...] = ("1.2", "1.8", "1.5-psi", "1.8-psi")
 """The combinations that the paper repeated on the robot (section V-E)."""
 
-# The expected end is told from these, on two cores; measured times take over as stages finish.
+# Rough durations on two cores, for the expected end; measured times take over as stages finish.
 _SECONDS_PER_TRIAL = 0.6
 # Polar casting swings the cable up and pulls it in slowly: its motions last four times as long.
 _SECONDS_PER_POLAR_TRIAL = 2.0
@@ -174,7 +174,7 @@ def reproduce(
         seed: Seed of everything that is drawn by chance.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
-        progress: Told how far the whole and each stage are.
+        progress: Receives the stage and its progress.
 
     Raises:
         InputError: The folder holds something else, a value is out of bounds, or a cable does not
@@ -287,7 +287,7 @@ class _Work:
             seconds = _SECONDS_PER_SIMULATION * budget.casts
             add(cable, "dataset", f"{budget.casts:,} simulated casts", seconds, self._simulate)
             count = budget.real_trials
-            title = f"{count} casts on the rig to learn from"
+            title = f"{count} casts on the rig to fine-tune with"
             add(cable, "real-data", title, _SECONDS_PER_TRIAL * count, self._collect, "real", count)
             methods = METHODS if is_first else (BEST_METHOD,)
             for method in methods:
@@ -298,7 +298,7 @@ class _Work:
                     method, training
                 )
                 seconds = 30.0 if is_first and method == BEST_METHOD else seconds
-                add(cable, f"model-{method}", f"learn ({method})", seconds, self._train, method)
+                add(cable, f"model-{method}", f"train ({method})", seconds, self._train, method)
             for method in methods:
                 title = f"{at_targets} casts on the rig at the targets ({method})"
                 each = _SECONDS_PER_POLAR_TRIAL if method == "polar" else _SECONDS_PER_TRIAL

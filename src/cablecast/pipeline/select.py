@@ -78,7 +78,7 @@ def select(
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the results and a figure, and lets a stopped run go on; none where
             None.
-        progress: Told the combinations done.
+        progress: Receives the number of combinations done.
 
     Raises:
         InputError: A value out of bounds, or a folder that holds something else.

@@ -1,4 +1,4 @@
-"""simulate: many casts in the simulator, for the model to learn from."""
+"""simulate: many casts in the simulator, to train the model on."""
 
 import dataclasses
 import os
@@ -48,7 +48,7 @@ def simulate(
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the dataset and lets a stopped run go on; none where None.
-        progress: Told how many casts are done.
+        progress: Receives the number of casts done.
 
     Returns:
         The simulated casts.
@@ -84,7 +84,7 @@ def simulate(
 
 
 def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Dataset:
-    """Simulate the casts that the model of `aim` learns from.
+    """Simulate the casts that the model of `aim` is trained on.
 
     They are those of the first simulator of the ensemble, at its resolution: what the others add to
     a landing leads from there. Without an ensemble they are those of `simulate`.

@@ -1,4 +1,4 @@
-"""train: learn where casts land, and prepare the search for the best one."""
+"""train: train the model of landings, and prepare the search for the best cast."""
 
 import dataclasses
 import os
@@ -68,7 +68,7 @@ def train(
         seed: Seed of the held-out casts, the first weights and the candidates.
         device: "cpu" or "cuda".
         out: Folder that keeps model and policy; none where None.
-        progress: Told the epochs, fits and candidates.
+        progress: Receives the epochs and fits done.
 
     Returns:
         The policy; `policy.model` is the model, `policy.model.metrics` its errors.
@@ -158,19 +158,19 @@ def _check_casts(simulated: Dataset | None, real: Dataset | None, method: str) -
         known = ", ".join(typing.get_args(Method))
         raise InputError(f"method {str(method)[:40]!r} must be one of {known}")
     if method == "gaussian-process" and (simulated is None or real is not None):
-        raise InputError("method gaussian-process learns from simulated casts alone")
+        raise InputError("method gaussian-process takes simulated casts alone")
 
 
 def _check_start(start: ForwardModel, simulated: Dataset | None) -> None:
     if simulated is None:
-        raise InputError("a model to start from needs the simulated casts that it learned from")
+        raise InputError("a model to start from needs the simulated casts that it was trained on")
     if start.dataset_fingerprint != simulated.fingerprint:
         raise CheckpointError(
             "the model to start from was trained on another dataset "
             f"({start.dataset_fingerprint}, not {simulated.fingerprint})"
         )
     if start.has_real_casts:
-        raise CheckpointError("the model to start from has learned from real casts already")
+        raise CheckpointError("the model to start from was trained on real casts already")
 
 
 def _write_documents(
