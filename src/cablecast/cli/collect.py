@@ -5,7 +5,15 @@ import pathlib
 import typing
 from typing import TYPE_CHECKING, Annotated
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import (
+    ArcRadius,
+    CableName,
+    GripSpeed,
+    LabFile,
+    RigName,
+    TimeLimit,
+    argument,
+)
 
 if TYPE_CHECKING:
     from cablecast.setup import Setup
@@ -21,16 +29,11 @@ class Collect:
     finished casts are neither lost nor repeated.
     """
 
-    rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
-    simulator), or
-    your own robot as package.module:factory."""
+    rig: RigName = "virtual"
     purpose: typing.Literal["tune", "real"] = "tune"
     """Purpose of the casts: to tune the simulator, or to fine-tune the model."""
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable, table, arm and motion."""
-    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    setup: LabFile = None
+    cable: CableName = None
     count: Annotated[int | None, argument("INT", "80 to tune, 200 real")] = None
     """Number of casts."""
     sampling: Annotated[
@@ -44,14 +47,11 @@ class Collect:
     """Folder of the dataset."""
     seed: int = 0
     """Seed of the actions and of the virtual rig."""
-    v_max: Annotated[float | None, argument("M/S", "that of --setup, or 1.5")] = None
-    """Largest speed of the gripper [m/s]."""
-    r0: Annotated[float | None, argument("M", "that of --setup, or 0.6")] = None
-    """Radius of the arcs that the gripper sweeps, at their start [m]."""
+    v_max: GripSpeed = None
+    r0: ArcRadius = None
     psi: bool = True
     """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
-    time_limit: Annotated[float, argument("S")] = 120.0
-    """Time limit of a reset or a cast [s]."""
+    time_limit: TimeLimit = 120.0
     dry_run: bool = False
     """With --rig ur, check every path and ask the controller if it is ready, and move nothing."""
 

@@ -7,7 +7,7 @@ import typing
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cablecast.cli.options import Device, argument
+from cablecast.cli.options import Device, TimeLimit, argument
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Policy
@@ -46,8 +46,7 @@ class Evaluate:
     device: Device = "cpu"
     """Device of the simulator, which separates the causes of the errors and is the rig with --rig
     engine."""
-    time_limit: Annotated[float, argument("S")] = 120.0
-    """Time limit of a reset or a cast [s]."""
+    time_limit: TimeLimit = 120.0
 
     def run(self) -> None:
         """Evaluate, write the results, and print the table of errors."""

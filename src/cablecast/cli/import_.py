@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import CableName, LabFile, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -21,10 +21,8 @@ class Import:
 
     table: Annotated[tyro.conf.Positional[pathlib.Path], argument("TABLE")]
     """CSV or Parquet file of samples."""
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable, table and arm of the casts."""
-    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable that was cast: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    setup: LabFile = None
+    cable: CableName = None
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/tune-data")] = None
     """Folder of the dataset."""
 

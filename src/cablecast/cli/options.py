@@ -6,7 +6,7 @@ import math
 import pathlib
 import typing
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -21,15 +21,71 @@ Device = typing.Literal["cpu", "cuda"]
 TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
 
 
-def argument(metavar: str, default: str | None = None) -> Any:
+def argument(metavar: str, default: str | None = None, text: str | None = None) -> Any:
     """Return the entry of an argument in `--help`.
 
     Args:
         metavar: Placeholder for the value.
         default: Description of a default that is None in the code.
+        text: Description of an option that several verbs have.
     """
     hint = None if default is None else f"(default: {default})"
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint, help=text)
+
+
+LabFile = Annotated[
+    pathlib.Path | None,
+    argument("FILE", "the paper's set-up", "Lab file that describes cable, table, arm and motion."),
+]
+CableName = Annotated[
+    str | None,
+    argument(
+        "CABLE",
+        "that of --setup, or cable_1",
+        "Cable: cable_1, cable_2, cable_3, or a YAML file that describes your own.",
+    ),
+]
+TunedParams = Annotated[
+    pathlib.Path | None,
+    argument(
+        "FILE",
+        "those of the cable's file",
+        "Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder).",
+    ),
+]
+RigName = Annotated[
+    str,
+    argument(
+        "RIG",
+        text="Rig that makes the casts: virtual (a laboratory in software), engine (the "
+        "simulator), ur (an arm), or your own robot as package.module:factory.",
+    ),
+]
+GripSpeed = Annotated[
+    float | None,
+    argument(
+        "M/S",
+        "that of --setup, or 1.5",
+        "Largest speed of the gripper [m/s]. Faster casts reach farther and scatter more.",
+    ),
+]
+ArcRadius = Annotated[
+    float | None,
+    argument(
+        "M",
+        "that of --setup, or 0.6",
+        "Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter.",
+    ),
+]
+TimeLimit = Annotated[float, argument("S", text="Time limit of a reset or a cast [s].")]
+Workers = Annotated[
+    str,
+    argument(
+        "WHO",
+        text="Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for "
+        "another.",
+    ),
+]
 
 
 def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float | None) -> "Setup":

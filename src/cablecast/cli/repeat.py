@@ -5,7 +5,7 @@ import pathlib
 import typing
 from typing import Annotated, Any
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import ArcRadius, CableName, LabFile, RigName, TimeLimit, argument
 
 # The names of pipeline.repeat.COMBINATIONS, which would take NumPy to import.
 Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
@@ -22,14 +22,9 @@ class Repeat:
     on a robot. The same command resumes an interrupted run.
     """
 
-    rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual (a laboratory in software), ur (an arm), engine (the
-    simulator), or
-    your own robot as package.module:factory."""
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable, table, arm and motion."""
-    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    rig: RigName = "virtual"
+    setup: LabFile = None
+    cable: CableName = None
     combinations: Annotated[tuple[Combination, ...], argument("{1.2,1.5,1.5-psi,1.8,1.8-psi}")] = (
         "1.5-psi",
     )
@@ -40,14 +35,12 @@ class Repeat:
     """Number of actions of each grid, drawn at random."""
     actions: Annotated[pathlib.Path | None, argument("FILE", "the paper's grids")] = None
     """Repeat the actions of this CSV file, whose header is `theta1_deg,theta2_deg,r2_m,psi_deg`."""
-    r0: Annotated[float | None, argument("M", "that of --setup, or 0.6")] = None
-    """Radius of the arcs that the gripper sweeps, at their start [m]."""
+    r0: ArcRadius = None
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/repeat-RIG")] = None
     """Folder of the results."""
     seed: int = 0
     """Seed of the actions and of the virtual rig."""
-    time_limit: Annotated[float, argument("S")] = 120.0
-    """Time limit of a reset or a cast [s]."""
+    time_limit: TimeLimit = 120.0
 
     def run(self) -> None:
         """Repeat, and print the table."""

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import Device, argument
+from cablecast.cli.options import Device, LabFile, RigName, Workers, argument
 
 EXIT_OTHER_ORDER = 3
 
@@ -22,20 +22,17 @@ class Reproduce:
 
     quick: bool = False
     """One cable, and less of everything."""
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes table, arm and motion; the cables are the paper's."""
+    setup: LabFile = None
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/reproduce, runs/reproduce-quick")] = (
         None
     )
     """Folder of all results."""
-    rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual, engine, or your own robot as package.module:factory."""
+    rig: RigName = "virtual"
     seed: int = 0
     """Seed of all random numbers."""
     device: Device = "cpu"
     """Simulate and train on the processor or on an NVIDIA graphics card."""
-    workers: str = "local"
-    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
+    workers: Workers = "local"
 
     def run(self) -> int:
         """Run every stage that is not done, and print the order of methods and the report."""

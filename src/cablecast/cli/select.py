@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated, Any
 
-from cablecast.cli.options import Device, argument
+from cablecast.cli.options import CableName, Device, LabFile, TunedParams, Workers, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -17,12 +17,9 @@ class Select:
     run.
     """
 
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable, table, arm and motion."""
-    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable to simulate: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "those of the cable's file")] = None
-    """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder)."""
+    setup: LabFile = None
+    cable: CableName = None
+    params: TunedParams = None
     repeat: Annotated[pathlib.Path | None, argument("DIR", "coverage alone decides")] = None
     """Folder that `cablecast repeat` wrote, with the combinations to choose from."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
@@ -35,8 +32,7 @@ class Select:
     """Values of each action variable with one; the paper used 10, and 5 for the turn itself."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
-    workers: str = "local"
-    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
+    workers: Workers = "local"
 
     def run(self) -> None:
         """Measure, choose, and print the table."""

@@ -4,7 +4,16 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import Device, argument
+from cablecast.cli.options import (
+    ArcRadius,
+    CableName,
+    Device,
+    GripSpeed,
+    LabFile,
+    TunedParams,
+    Workers,
+    argument,
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -16,10 +25,8 @@ class Simulate:
     interrupted run.
     """
 
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable, table, arm and motion."""
-    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable to simulate: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
+    setup: LabFile = None
+    cable: CableName = None
     count: int = 36_000
     """Number of casts."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/dataset")] = None
@@ -28,14 +35,10 @@ class Simulate:
     """Seed of the actions. The same seed gives the same dataset."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
-    workers: str = "local"
-    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
-    params: Annotated[pathlib.Path | None, argument("FILE", "those of the cable's file")] = None
-    """Cable parameters and servo lag that `cablecast tune` found (params.json, or its folder)."""
-    v_max: Annotated[float | None, argument("M/S", "that of --setup, or 1.5")] = None
-    """Largest speed of the gripper [m/s]. Faster casts reach farther and scatter more."""
-    r0: Annotated[float | None, argument("M", "that of --setup, or 0.6")] = None
-    """Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter."""
+    workers: Workers = "local"
+    params: TunedParams = None
+    v_max: GripSpeed = None
+    r0: ArcRadius = None
     psi: bool = True
     """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
     segment_count: Annotated[int | None, argument("INT", "that of the convergence study")] = None

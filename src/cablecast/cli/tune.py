@@ -5,7 +5,7 @@ import pathlib
 import typing
 from typing import Annotated, Any
 
-from cablecast.cli.options import Device, argument
+from cablecast.cli.options import Device, Workers, argument
 
 if typing.TYPE_CHECKING:
     from cablecast.cable import CableParams
@@ -53,8 +53,7 @@ class Tune:
     one if the rig reported it."""
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
-    workers: str = "local"
-    """Who simulates: local, ray for a Ray cluster on this machine, or ray:ADDRESS for another."""
+    workers: Workers = "local"
     segment_count: Annotated[int | None, argument("INT", "that of the convergence study")] = None
     """Segments of the simulated cable at full resolution."""
     dt: Annotated[float | None, argument("S", "that of the convergence study")] = None
