@@ -13,10 +13,10 @@ import dataclasses
 import pathlib
 import re
 
-from cablecast.evaluation.published import BEST_METHOD_PUBLISHED, PUBLISHED_ROWS, PublishedRow
+from cablecast.evaluation.published import BEST_METHOD, METHOD_NAMES, published_row
 from cablecast.files import read_json, read_text, write_text
 from cablecast.pipeline.reproduce import QUICK
-from cablecast.report.reproduction import BEST_METHOD, METHOD_NAMES, Reproduction
+from cablecast.report.reproduction import Reproduction
 from cablecast.report.tables import five_cells, published_cells
 from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import duration_text
@@ -44,11 +44,7 @@ def headline(folder: pathlib.Path) -> str:
     for cable, metrics in results.best_evaluations().items():
         cells = " | ".join(f"**{cell}**" for cell in five_cells(metrics["errors_pct"]))
         lines.append(f"| **{cable}**, {METHOD_NAMES[BEST_METHOD]}, {rig} | {cells} |")
-        lines += [
-            _published(row)
-            for row in PUBLISHED_ROWS
-            if (row.cable, row.method) == (cable, BEST_METHOD_PUBLISHED) and cable != first
-        ]
+        lines += _published(cable) if cable != first else []
         if cable == first:
             lines += _other_methods(results, first, rig)
     lines += [
@@ -69,17 +65,16 @@ def _other_methods(results: Reproduction, cable: str, rig: str) -> list[str]:
         if method != BEST_METHOD:
             cells = " | ".join(five_cells(metrics["errors_pct"]))
             lines.append(f"| {cable}, {METHOD_NAMES[method]}, {rig} | {cells} |")
-        lines += [
-            _published(row)
-            for row in PUBLISHED_ROWS
-            if row.table == "II" and row.method == METHOD_NAMES[method] and row.cable == cable
-        ]
+        lines += _published(cable, method)
     return lines
 
 
-def _published(row: PublishedRow) -> str:
+def _published(cable: str, method: str = BEST_METHOD) -> list[str]:
+    row = published_row(cable, method)
+    if row is None:
+        return []
     cells = " | ".join(published_cells(row))
-    return f"| paper: {row.cable}, {row.method}, real UR5 | {cells} |"
+    return [f"| paper: {row.cable}, {row.method}, real UR5 | {cells} |"]
 
 
 def _landed(results: Reproduction) -> str:

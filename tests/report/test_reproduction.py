@@ -7,8 +7,9 @@ import pytest
 
 from cablecast.errors import DamagedFileError, InputError
 from cablecast.evaluation.evaluate import evaluation_metrics, save_trials
+from cablecast.evaluation.published import BEST_METHOD
 from cablecast.report.maps import ellipse_map
-from cablecast.report.reproduction import BEST_METHOD, Reproduction, cable_part, reproduction_page
+from cablecast.report.reproduction import Reproduction, cable_part, reproduction_page
 from cablecast.report.style import svg_uri
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace

@@ -10,6 +10,7 @@ from typing import Any
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.engines import make_engine
 from cablecast.errors import InputError, check_seed
+from cablecast.evaluation.published import BEST_METHOD
 from cablecast.files import write_text
 from cablecast.learning.checkpoint import check_device
 from cablecast.learning.network import ForwardModel
@@ -22,7 +23,7 @@ from cablecast.pipeline.select import load_repeated, select
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import Method, train
 from cablecast.pipeline.tune import tune
-from cablecast.report.reproduction import BEST_METHOD, Reproduction, reproduction_page
+from cablecast.report.reproduction import Reproduction, reproduction_page
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import Parts, RunFolder

@@ -18,7 +18,12 @@ from cablecast.evaluation.evaluate import (
     ErrorSummary,
     share_of_smaller_median,
 )
-from cablecast.evaluation.published import BEST_METHOD_PUBLISHED, PUBLISHED_ROWS, published_rows
+from cablecast.evaluation.published import (
+    BEST_METHOD,
+    METHOD_NAMES,
+    published_row,
+    published_rows,
+)
 from cablecast.files import read_csv, read_json
 from cablecast.report.curves import error_boxes
 from cablecast.report.maps import coverage_figure, ellipse_map
@@ -38,18 +43,6 @@ from cablecast.report.tables import (
     tuning_table,
 )
 from cablecast.setup import SECTIONS, Setup
-
-METHOD_NAMES = {
-    "polar": "polar casting",
-    "gaussian-process": "Gaussian process, D_sim",
-    "real": "forward model, D_real",
-    "sim": "forward model, D_sim",
-    "fine-tuning": "forward model, D_sim + D_real",
-}
-"""Names of the methods, as in the paper's table II."""
-
-BEST_METHOD = "fine-tuning"
-"""Method that is carried out on all cables, as in the paper."""
 
 _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
 """Stages whose settings hold the set-up; those that decide the figures come first."""
@@ -126,15 +119,14 @@ class Reproduction:
         found = {method: self.metrics(cable, f"evaluate-{method}") for method in METHOD_NAMES}
         return {method: metrics for method, metrics in found.items() if metrics is not None}
 
-    def best_evaluations(self) -> dict[str, dict[str, Any]]:
-        """Return metrics.json of the evaluation of the best method by cable."""
-        found = {cable: self.metrics(cable, f"evaluate-{BEST_METHOD}") for cable in self.cables}
+    def by_cable(self, stage: str) -> dict[str, dict[str, Any]]:
+        """Return metrics.json of a stage of every cable that it was run for."""
+        found = {cable: self.metrics(cable, stage) for cable in self.cables}
         return {cable: metrics for cable, metrics in found.items() if metrics is not None}
 
-    def tunings(self) -> dict[str, dict[str, Any]]:
-        """Return metrics.json of the tuning of every cable."""
-        found = {cable: self.metrics(cable, "tune") for cable in self.cables}
-        return {cable: metrics for cable, metrics in found.items() if metrics is not None}
+    def best_evaluations(self) -> dict[str, dict[str, Any]]:
+        """Return metrics.json of the evaluation of the best method by cable."""
+        return self.by_cable(f"evaluate-{BEST_METHOD}")
 
     def trials(self, cable: str, method: str) -> dict[str, np.ndarray]:
         """Return the columns of trials.csv of an evaluation; an empty cell is NaN."""
@@ -211,7 +203,7 @@ def all_parts(results: Reproduction) -> list[Part]:
 
 def tuning_part(results: Reproduction) -> Part | None:
     """Report section V-D: the simulator's distance from the rig before and after tuning."""
-    tunings = results.tunings()
+    tunings = results.by_cable("tune")
     if not tunings:
         return None
     lead = results.cables[0]
@@ -268,14 +260,10 @@ def model_part(results: Reproduction) -> Part | None:
     """Report section V-F: training and fine-tuning of the model."""
     figures: list[Figure] = []
     sentences = []
-    for cable in results.cables:
-        metrics = results.metrics(cable, f"model-{BEST_METHOD}")
-        if metrics is None:
-            continue
-        caption = f"Training of the model of {cable} on simulated casts"
-        figures += results.picture(
-            cable, f"model-{BEST_METHOD}", "learning_curve.png", f"{caption}, then on real ones."
-        )
+    stage = f"model-{BEST_METHOD}"
+    for cable, metrics in results.by_cable(stage).items():
+        caption = f"Training of the model of {cable} on simulated casts, then on real ones."
+        figures += results.picture(cable, stage, "learning_curve.png", caption)
         sentences.append(
             f"{cable}: on simulated casts that it had not seen the median error is "
             f"{metrics['held_out_median_pct']:.1f} % of the cable's length; on casts of the rig "
@@ -306,7 +294,7 @@ def method_part(results: Reproduction) -> Part | None:
         (f"ours: {METHOD_NAMES[m]}", ErrorSummary.from_dict(v["errors_pct"]))
         for m, v in evaluations.items()
     ]
-    published = [row for row in PUBLISHED_ROWS if row.table == "II"]
+    published = published_rows("cable_1")
     return Part(
         title="Every method on one cable (table II)",
         paragraphs=[
@@ -316,15 +304,14 @@ def method_part(results: Reproduction) -> Part | None:
             *order_of_methods(results),
         ],
         tables=[
-            method_table(evaluations, METHOD_NAMES, "errors_pct", f"Errors on {cable}"),
+            method_table(evaluations, "errors_pct", f"Errors on {cable}"),
             method_table(
                 evaluations,
-                METHOD_NAMES,
                 "errors_misses_counted_pct",
                 f"Errors on {cable}, casts without a landing counted as misses",
                 published=False,
             ),
-            measured_table(evaluations, METHOD_NAMES, cable),
+            measured_table(evaluations, cable),
         ],
         figures=[
             Figure(
@@ -419,15 +406,15 @@ def reproduction_page(
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
     parts = all_parts(results)
     selection = results.metrics(results.cables[0], "select")
-    difficulty = difficulty_table(results.tunings(), selection)
+    difficulty = difficulty_table(results.by_cable("tune"), selection)
     took = time_table(times)
+    evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
     page = environment.get_template("reproduction.html").render(
         version=cablecast.__version__,
         rig_phrase=_RIG_PHRASES.get(rig, f"on the rig {rig}"),
-        target_count=target_count(results),
-        repeats_phrase="once each" if budget["repeats"] == 1 else f"{budget['repeats']} times each",
-        cables_phrase=_cables_phrase(results.cables),
-        simulated_count=budget["casts"],
+        target_count=max((metrics["target_count"] for metrics in evaluations), default=0),
+        cables=results.cables,
+        budget=budget,
         cards=_cards(results),
         rig=rig,
         parts=parts,
@@ -442,24 +429,11 @@ def reproduction_page(
 _RIG_PHRASES = {"virtual": "on a virtual rig", "engine": "in a simulator"}
 
 
-def _cables_phrase(cables: Sequence[str]) -> str:
-    return f"the cable {cables[0]}" if len(cables) == 1 else f"{len(cables)} different cables"
-
-
-def target_count(results: Reproduction) -> int:
-    """Return the number of targets that were cast at."""
-    evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
-    return max((metrics["target_count"] for metrics in evaluations), default=0)
-
-
 def _cards(results: Reproduction) -> list[dict[str, str]]:
     """Return the figures that a reader should see first."""
     cards = []
     for cable, metrics in results.best_evaluations().items():
-        paper = next(
-            (r for r in PUBLISHED_ROWS if (r.cable, r.method) == (cable, BEST_METHOD_PUBLISHED)),
-            None,
-        )
+        paper = published_row(cable)
         beside = f"; the paper's robot: {paper.median_pct:.0f} %" if paper else ""
         cards.append(
             {
@@ -476,9 +450,8 @@ def _settings(
 ) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return titles and lines of the settings at the end of the page."""
     found = [("The whole", flatten_settings(config["settings"]))]
-    for cable in results.cables:
-        if (metrics := results.metrics(cable, "tune")) is not None:
-            found.append((f"Tuned parameters of {cable}", flatten_settings(metrics["params"])))
+    for cable, metrics in results.by_cable("tune").items():
+        found.append((f"Tuned parameters of {cable}", flatten_settings(metrics["params"])))
     evaluation = results.metrics(results.cables[0], f"evaluate-{BEST_METHOD}")
     if evaluation is not None:
         found.append(("Rig", flatten_settings(evaluation["rig"])))

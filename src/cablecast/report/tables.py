@@ -10,9 +10,10 @@ from typing import Any
 
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, published_candidate
 from cablecast.evaluation.published import (
-    BEST_METHOD_PUBLISHED,
-    PUBLISHED_ROWS,
+    METHOD_NAMES,
     PublishedRow,
+    published_row,
+    published_rows,
 )
 from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
 
@@ -164,18 +165,12 @@ def _error_row(name: str, metrics: Metrics, key: str, kind: str) -> Row:
 
 
 def method_table(
-    evaluations: Mapping[str, Metrics],
-    names: Mapping[str, str],
-    key: str,
-    title: str,
-    *,
-    published: bool = True,
+    evaluations: Mapping[str, Metrics], key: str, title: str, *, published: bool = True
 ) -> Table:
     """Make table II: every method on cable 1, and the paper's rows below.
 
     Args:
         evaluations: Metrics of `cablecast evaluate` by method.
-        names: Names of the methods; those of the paper as the paper's rows have them.
         key: Name of the summary of errors, e.g. `errors_pct`.
         title: Heading of the table.
         published: Whether to show the paper's rows, too; it counts no misses.
@@ -187,11 +182,11 @@ def method_table(
         default=None,
     )
     rows = [
-        _error_row(names.get(method, method), metrics, key, "ours" if method == best else "")
+        _error_row(METHOD_NAMES[method], metrics, key, "ours" if method == best else "")
         for method, metrics in evaluations.items()
     ]
     if published:
-        rows += paper_rows([row for row in PUBLISHED_ROWS if row.table == "II"])
+        rows += paper_rows(published_rows("cable_1"))
     return Table(title=title, heads=("method", "landed", *FIVE_HEADS), rows=tuple(rows))
 
 
@@ -209,11 +204,8 @@ def cable_table(
     rows = []
     for cable, metrics in evaluations.items():
         rows.append(_error_row(cable, metrics, key, "ours"))
-        rows += [
-            make_row(f"paper: {cable}", "", *published_cells(row), kind="paper")
-            for row in PUBLISHED_ROWS
-            if published and (row.cable, row.method) == (cable, BEST_METHOD_PUBLISHED)
-        ]
+        if published and (row := published_row(cable)) is not None:
+            rows.append(make_row(f"paper: {cable}", "", *published_cells(row), kind="paper"))
     return Table(title=title, heads=("cable", "landed", *FIVE_HEADS), rows=tuple(rows))
 
 
@@ -226,19 +218,16 @@ SPLIT_PARTS = {
 """Cause of each part of an error, in words; see `cablecast.evaluation.evaluate`."""
 
 
-def measured_table(
-    evaluations: Mapping[str, Metrics], names: Mapping[str, str], cable: str
-) -> Table:
+def measured_table(evaluations: Mapping[str, Metrics], cable: str) -> Table:
     """Make a table of measurements that tell where the errors of each method start.
 
     Args:
         evaluations: Metrics of `cablecast evaluate` by method.
-        names: Names of the methods.
         cable: Name of the cable that was cast.
     """
     rows = [
         make_row(
-            names.get(method, method),
+            METHOD_NAMES[method],
             f"{metrics['targets_inside_coverage']} of {metrics['target_count']}",
             pct(metrics["errors_inside_coverage_pct"]["median_pct"]),
             pct(metrics["prediction_errors_pct"]["median_pct"]),
