@@ -107,32 +107,33 @@ def _print_report(report: "CameraReport", advice: list[str]) -> None:
     table = make_table(f"Camera {asked.source}")
     for heading in ("", "asked", "is"):
         table.add_column(heading)
-    told = "not told" if facts.exposure is None else f"{1e3 * facts.exposure:.2f} ms"
-    table.add_row(
-        "size", f"{asked.width} x {asked.height} px", f"{facts.width} x {facts.height} px"
-    )
-    table.add_row("format", asked.fourcc, f"{facts.fourcc or 'not told'} ({facts.backend})")
-    table.add_row("frames/s", f"{asked.rate:g}", f"{report.rate:.2f}")
-    table.add_row("frames/s by arrival", "", f"{report.arrival_rate:.2f}")
+    exposure = "not told" if facts.exposure is None else f"{1e3 * facts.exposure:.2f} ms"
     lost = f"{report.missed_count} by the camera, {report.dropped_count} by this computer"
-    table.add_row("lost frames", "0", f"{lost}, of {report.frame_count}")
-    table.add_row("exposure", f"{1e3 * asked.exposure:.2f} ms", told)
-    table.add_row("automatic exposure", "off", _switch(facts.auto_exposure))
-    table.add_row("autofocus", "off", _switch(facts.autofocus))
-    bright = report.brightness
-    table.add_row(
-        "brightness", "", f"{bright.mean:.0f} of 255, {100 * bright.clipped:.1f} % saturated"
-    )
-    blur = f"{1e3 * report.blur:.1f} mm at {report.tip_speed:g} m/s"
-    table.add_row("blur", f"below {1e3 * asked.marker[0]:.0f} mm", blur)
-    table.add_row("tags", str(report.tag_count), str(len(report.tags_seen)))
+    bright, sd = report.brightness, asked.clock_offset_sd
+    rows = [
+        ("size", f"{asked.width} x {asked.height} px", f"{facts.width} x {facts.height} px"),
+        ("format", asked.fourcc, f"{facts.fourcc or 'not told'} ({facts.backend})"),
+        ("frames/s", f"{asked.rate:g}", f"{report.rate:.2f}"),
+        ("frames/s by arrival", "", f"{report.arrival_rate:.2f}"),
+        ("lost frames", "0", f"{lost}, of {report.frame_count}"),
+        ("exposure", f"{1e3 * asked.exposure:.2f} ms", exposure),
+        ("automatic exposure", "off", _switch(facts.auto_exposure)),
+        ("autofocus", "off", _switch(facts.autofocus)),
+        ("brightness", "", f"{bright.mean:.0f} of 255, {100 * bright.clipped:.1f} % saturated"),
+        (
+            "blur",
+            f"below {1e3 * asked.marker[0]:.0f} mm",
+            f"{1e3 * report.blur:.1f} mm at {report.tip_speed:g} m/s",
+        ),
+        ("tags", str(report.tag_count), str(len(report.tags_seen))),
+    ]
     if (calibration := report.calibration) is not None:
         rms = f"{1e3 * calibration.rms:.1f} mm, {calibration.rms_px:.2f} px"
-        table.add_row("misfit of the tags", "below 3 mm", rms)
-        table.add_row("scale", "", f"{report.px_per_m / 1e3:.2f} px/mm")
-    sd = asked.clock_offset_sd
-    known = "not measured" if sd is None else f"{asked.clock_offset:.4f} s, +- {1e3 * sd:.1f} ms"
-    table.add_row("clock offset", "measured", known)
+        rows.append(("misfit of the tags", "below 3 mm", rms))
+        rows.append(("scale", "", f"{report.px_per_m / 1e3:.2f} px/mm"))
+    offset = "not measured" if sd is None else f"{asked.clock_offset:.4f} s, +- {1e3 * sd:.1f} ms"
+    for row in (*rows, ("clock offset", "measured", offset)):
+        table.add_row(*row)
     print_table(table, *(f"change: {line}" for line in advice))
     if not advice:
         print("nothing to change")

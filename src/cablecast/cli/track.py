@@ -59,17 +59,8 @@ class Track:
         from cablecast.pipeline.track_video import TrackConfig, track_video
         from cablecast.runs.places import RUNS_FOLDER
 
-        config = TrackConfig(
-            calibration=self.calibration,
-            tags=self.tags,
-            board=self.board,
-            view_deg=self.view_deg,
-            begin=self.begin,
-            start=self.start,
-            marker=self.marker,
-            color=self.color,
-            marker_z=self.marker_z,
-        )
+        names = [field.name for field in dataclasses.fields(TrackConfig)]
+        config = TrackConfig(**{name: getattr(self, name) for name in names})
         name = "track-" + (re.sub(r"[^\w.-]+", "_", self.video.stem).strip(".") or "video")
         out = self.out or RUNS_FOLDER / name
         with console_progress() as progress:

@@ -24,7 +24,8 @@ _PATIENCE = 60.0
 """Time for which a viewer that takes no picture is waited for [s]."""
 _TYPES = {"/camera.nut": "video/x-nut", "/camera.mjpg": "multipart/x-mixed-replace; boundary=next"}
 
-_Picture = tuple[bytes, float]
+_Viewer = queue.Queue[tuple[bytes, float] | None]
+"""Pictures that wait for one viewer, and their times; None ends its stream."""
 
 
 class Broadcast:
@@ -69,7 +70,7 @@ class Broadcast:
             self._server.server_close()
             self._server = None
         for viewer in list(self.viewers):
-            viewer.leave()
+            self.part(viewer)
 
     def send(self, jpeg: bytes, time: float) -> None:
         """Send a picture to all viewers, and wait for those that are behind.
@@ -80,42 +81,21 @@ class Broadcast:
         """
         self.latest = jpeg
         for viewer in list(self.viewers):
-            viewer.put((jpeg, time))
-
-
-class _Viewer:
-    """Pictures that wait for one viewer."""
-
-    def __init__(self, broadcast: Broadcast):
-        self._viewers = broadcast.viewers
-        self._queue: queue.Queue[_Picture] = queue.Queue(_QUEUE_LENGTH)
-        self._gone = threading.Event()
-        self._viewers.append(self)
-
-    def put(self, picture: _Picture) -> None:
-        """Add a picture; a viewer that takes none for long is dropped."""
-        if not self._gone.is_set():
             try:
-                self._queue.put(picture, timeout=_PATIENCE)
+                viewer.put((jpeg, time), timeout=_PATIENCE)
             except queue.Full:
-                self.leave()
+                self.part(viewer)
 
-    def get(self) -> _Picture | None:
-        """Return the next picture; None at the end."""
-        while not self._gone.is_set():
-            with contextlib.suppress(queue.Empty):
-                return self._queue.get(timeout=0.1)
-        return None
-
-    def leave(self) -> None:
-        """End the stream of this viewer."""
-        self._gone.set()
+    def part(self, viewer: _Viewer) -> None:
+        """End the stream of a viewer."""
         with contextlib.suppress(ValueError):
-            self._viewers.remove(self)
+            self.viewers.remove(viewer)
         # Whoever waits for room in the queue must not wait on.
         with contextlib.suppress(queue.Empty):
             while True:
-                self._queue.get_nowait()
+                viewer.get_nowait()
+        with contextlib.suppress(queue.Full):
+            viewer.put_nowait(None)
 
 
 class _Server(http.server.ThreadingHTTPServer):
@@ -150,24 +130,19 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.send_header("Content-Type", _TYPES[self.path])
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        viewer = _Viewer(self.server.broadcast)
+        broadcast, viewer = self.server.broadcast, _Viewer(_QUEUE_LENGTH)
+        broadcast.viewers.append(viewer)
         try:
-            self._send_timed(viewer) if self.path.endswith(".nut") else self._send_plain(viewer)
-        except OSError:
-            pass
+            if self.path.endswith(".nut"):
+                muxer = JpegMuxer(self.wfile, "nut", *broadcast.format)
+                if broadcast.latest is not None:
+                    muxer.write(broadcast.latest, 0.0)
+                while (picture := viewer.get()) is not None:
+                    muxer.write(*picture)
+            else:
+                while (picture := viewer.get()) is not None:
+                    jpeg = picture[0]
+                    head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}"
+                    self.wfile.write(head.encode() + b"\r\n\r\n" + jpeg + b"\r\n")
         finally:
-            viewer.leave()
-
-    def _send_timed(self, viewer: _Viewer) -> None:
-        broadcast = self.server.broadcast
-        muxer = JpegMuxer(self.wfile, "nut", *broadcast.format)
-        if broadcast.latest is not None:
-            muxer.write(broadcast.latest, 0.0)
-        while (picture := viewer.get()) is not None:
-            muxer.write(*picture)
-
-    def _send_plain(self, viewer: _Viewer) -> None:
-        while (picture := viewer.get()) is not None:
-            jpeg = picture[0]
-            head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-            self.wfile.write(head.encode() + jpeg + b"\r\n")
+            broadcast.part(viewer)

@@ -254,7 +254,7 @@ def trial_status(
     endpoint_xy: NDArray[np.float64],
     workspace: Workspace,
 ) -> TrialStatus:
-    """Return how a trial ended, judged by what was seen.
+    """Return how a trial ended, from what was seen.
 
     Off the table is an endpoint that was seen last beyond the edge, on its way over it, or so near
     to it that nothing else can have hidden it: no arm reaches there. Occluded is any other that was
@@ -322,14 +322,13 @@ class TrackerConfig:
         )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class _Seen:
     """The marker in one frame."""
 
     frame: int
     time: float
     pixel: NDArray[np.float64]
-    xy: NDArray[np.float64]
 
 
 class EndpointTracker:
@@ -390,25 +389,21 @@ class EndpointTracker:
             patch = self._near(time, lost_count, grab)
             if patch is None and lost_count % _SEARCH_PERIOD == 0:
                 patch = self._anywhere(time, grab)
-        if patch is None:
-            return self._add(time, np.full(2, np.nan))
-        xy = self.view.to_table(patch.pixel, self.config.marker_z)
-        self._seen.append(_Seen(frame=frame, time=time, pixel=patch.pixel, xy=xy))
-        # Rows below the middle one are exposed later.
-        time += self.config.row_time * (float(patch.pixel[1]) - (self._frame[3] - 1) / 2)
-        self._learn(patch)
-        return self._add(time, xy)
-
-    def _add(self, time: float, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Keep the endpoint of a frame, and return it."""
+        xy = np.full(2, np.nan)
+        if patch is not None:
+            xy = self.view.to_table(patch.pixel, self.config.marker_z)
+            self._seen.append(_Seen(frame, time, patch.pixel))
+            # Rows below the middle one are exposed later.
+            time += self.config.row_time * (float(patch.pixel[1]) - (self._frame[3] - 1) / 2)
+            self._adapt(patch)
         # The row of one frame and that of the next may come close in time, but not change places.
         last = self._times[-1] if self._times else -np.inf
         self._times.append(max(time, float(np.nextafter(last, np.inf))))
         self._xy.append(xy)
         return xy
 
-    def _learn(self, patch: _Patch) -> None:
-        """Learn how green and how large the marker is here and now."""
+    def _adapt(self, patch: _Patch) -> None:
+        """Adapt to how green and how large the marker is here and now."""
         if self._greenness is None:
             self._greenness, self._area = patch.greenness, patch.area
             return
@@ -427,23 +422,23 @@ class EndpointTracker:
         speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
         return speed * self.config.exposure_max
 
-    def track(self, duration: float | None = None, begin: float = 0.0) -> EndpointTrack:
+    def track(self, duration: float | None = None, start: float = 0.0) -> EndpointTrack:
         """Return the track so far, one sample every 100 ms since the motion began.
 
         Args:
             duration: Time of the last sample [s]; by default that of the last frame.
-            begin: Time at which the motion began, in the clock of the frames [s].
+            start: Time at which the motion began, in the clock of the frames [s].
 
         Raises:
-            InputError: There are no frames at or after the beginning of the motion.
+            InputError: There are no frames at or after the start of the motion.
         """
         times, xy = self.frames
-        times = times - begin
+        times = times - start
         if not len(times) or times[-1] < 0:
-            raise InputError("there is no frame at or after the beginning of the motion")
-        dt = _SAMPLE_DT
+            raise InputError("there is no frame at or after the start of the motion")
         end = times[-1] if duration is None else duration
-        sample_times = np.arange(int(np.floor(end / dt + 1e-6)) + 1, dtype=np.float64) * dt
+        count = int(np.floor(end / _SAMPLE_DT + 1e-6)) + 1
+        sample_times = np.arange(count, dtype=np.float64) * _SAMPLE_DT
         endpoint_xy, status = track_samples(times, xy, sample_times, self.workspace)
         return EndpointTrack(times=sample_times, endpoint_xy=endpoint_xy, status=status)
 
@@ -469,68 +464,49 @@ class EndpointTracker:
         candidates = []
         for patch in self._patches(self._frame, grab):
             # Between a pale and a vivid green; the marker's own is known after this.
-            if not 40.0 * expected < patch.greenness < 420.0 * expected:
-                continue
-            if not 0.85 < patch.area / expected < 1.6:
-                continue
-            if self._shaped(patch, blur_px=0.0):
-                candidates.append(patch)
-        if candidates:
-            pixels = np.array([patch.pixel for patch in candidates])
-            if self._start_xy is None:
-                # Nothing is known but the size: the patch that is most like a vivid marker.
-                misfit = [abs(np.log(p.greenness / (190.0 * expected))) for p in candidates]
-            else:
-                xy = self.view.to_table(pixels, self.config.marker_z)
-                misfit = np.linalg.norm(xy - self._start_xy, axis=1)
-                # While the arm hides the marker, another green thing is not it.
-                keep = misfit <= self.config.start_radius
-                candidates = [patch for patch, ok in zip(candidates, keep, strict=True) if ok]
-                misfit = misfit[keep]
-            candidates = [candidates[i] for i in np.argsort(misfit)]
+            if (
+                40.0 * expected < patch.greenness < 420.0 * expected
+                and 0.85 < patch.area / expected < 1.6
+                and self._shaped(patch, blur_px=0.0)
+            ):
+                # By size alone, the marker is the patch that is most like a vivid one.
+                misfit = abs(np.log(patch.greenness / (190.0 * expected)))
+                if self._start_xy is not None:
+                    xy = self.view.to_table(patch.pixel, self.config.marker_z)
+                    misfit = np.linalg.norm(xy - self._start_xy)
+                    # While the arm hides the marker, another green thing is not it.
+                    if misfit > self.config.start_radius:
+                        continue
+                candidates.append((misfit, patch))
+        found = min(candidates, key=lambda pair: pair[0])[1] if candidates else None
         if self._still_green is None:
             mask = green_mask(grab(self._frame)) > 0
-            if candidates:
-                left, top, right, bottom = candidates[0].box
+            if found is not None:
+                left, top, right, bottom = found.box
                 mask[top:bottom, left:right] = False
             self._still_green = mask
-        return candidates[0] if candidates else None
-
-    def _predict(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Predict the marker's place [px], its speed [px/s], and the error of both [px]."""
-        last = self._seen[-1]
-        velocity = np.zeros(2)
-        if len(self._seen) > 1:
-            before = self._seen[-2]
-            velocity = (last.pixel - before.pixel) / (last.time - before.time)
-        dt = time - last.time
-        radius = 0.5 * _ACCELERATION_MAX * self._px_per_m * dt * dt
-        return (
-            last.pixel + velocity * dt,
-            velocity,
-            radius + 0.35 * float(np.linalg.norm(velocity)) * dt,
-        )
+        return found
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
         """Return the marker where it is expected, if it is there."""
+        last, exposure = self._seen[-1], self.config.exposure_max
+        centre, speed, radius = last.pixel, 0.0, 60.0
         # A long time after it was seen, it is where it was or anywhere.
         if lost_count <= 3:
-            centre, velocity, radius = self._predict(time)
-        else:
-            centre, velocity, radius = self._seen[-1].pixel, np.zeros(2), 60.0
-        exposure = self.config.exposure_max
-        speed = float(np.linalg.norm(velocity))
+            velocity = np.zeros(2)
+            if len(self._seen) > 1:
+                before = self._seen[-2]
+                velocity = (last.pixel - before.pixel) / (last.time - before.time)
+            dt, speed = time - last.time, float(np.linalg.norm(velocity))
+            centre = last.pixel + velocity * dt
+            radius = 0.5 * _ACCELERATION_MAX * self._px_per_m * dt * dt + 0.35 * speed * dt
         half = self.config.marker.length * self._px_per_m + 10.0
         half += min(radius, 250.0) + speed * exposure / 2
         blur_px = min(2.0 * speed * exposure + 8.0, self._blur_max)
-        left, top = np.floor(centre - half).astype(int)
-        right, bottom = np.ceil(centre + half).astype(int) + 1
-        window = (
-            max(int(left), 0),
-            max(int(top), 0),
-            min(int(right), self._frame[2]),
-            min(int(bottom), self._frame[3]),
-        )
+        left, top = np.floor(centre - half).astype(int).tolist()
+        right, bottom = (np.ceil(centre + half).astype(int) + 1).tolist()
+        _, _, width, height = self._frame
+        window = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
         if window[0] >= window[2] or window[1] >= window[3]:
             return None
         return self._choose(self._patches(window, grab), centre, half, window, blur_px)
