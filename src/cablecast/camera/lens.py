@@ -47,7 +47,7 @@ class Lens:
 
     @classmethod
     def from_view(cls, width: int, height: int, diagonal_view: float) -> "Lens":
-        """Return a lens without distortion from what a data sheet tells.
+        """Return a lens without distortion from a data sheet.
 
         Args:
             width: Width of the image [px].

@@ -165,11 +165,11 @@ _ANGLE_COUNT = 72
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraSight:
-    """Place of a camera, and places on the table where it cannot tell the marker.
+    """Place of a camera, and places on the table where it cannot recognise the marker.
 
     Attributes:
         position: Place of the camera [m], shape [3].
-        blind: x, y and radius [m] of circles in which a marker is not told from something else of
+        blind: x, y and radius [m] of circles in which a marker cannot be told from another thing of
             its colour, shape [place, 3].
 
     Raises:
@@ -199,7 +199,7 @@ class CameraSight:
                 raise InputError(f"radius {values[2]:g} m of a blind place must be above 0")
 
     def is_blind_at(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return where the marker is not told from something else, shape [...].
+        """Return where the marker cannot be recognised, shape [...].
 
         Args:
             xy: Places on the table [m], shape [..., 2].

@@ -3,8 +3,8 @@
 Tags are AprilTags of the family 36h11. tools/make_tags.py writes pictures of those that a layout
 asks for, to print, and the layout as a file to edit.
 
-The tags' places were measured with a tape; the robot tells where it touched them, to a fraction of
-a millimetre, in its own base frame. A rigid fit of the one onto the other tells the height and the
+The tags' places were measured with a tape; the robot reports where it touched them in its own base
+frame, to a fraction of a millimetre. A rigid fit of the one onto the other gives the height and the
 yaw of the base, and where its axis meets the table, which is the origin of all frames here.
 """
 
@@ -35,7 +35,7 @@ _ROBOT_RADIUS = 0.3
 """Distance from the base within which the robot stands on the tags [m]."""
 
 TOUCH_COUNT_MIN = 6
-"""Fewest tags to touch: three tell the pose, three more tell which of them lie elsewhere."""
+"""Fewest tags to touch: three give the pose, three more show which of them lie elsewhere."""
 OUTLIER = 0.003
 """Distance beyond which a touched centre and its tag's place do not agree [m]."""
 _TILT_MAX_DEG = 2.0
@@ -314,7 +314,7 @@ def _consensus(points: Array, places: Array) -> Array:
         residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
         if np.median(residuals) < best_median:
             best, best_median = residuals, float(np.median(residuals))
-    # Three points alone are as inexact as a touch; those about the median tell the pose better.
+    # Three points alone are as inexact as a touch; those about the median give a better pose.
     near = best <= np.maximum(OUTLIER, 2.5 * best_median)
     R, t = _rigid(points[near], places[near])
     return np.linalg.norm(points @ R.T + t - places, axis=1)

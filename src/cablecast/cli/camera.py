@@ -107,12 +107,12 @@ def _print_report(report: "CameraReport", advice: list[str]) -> None:
     table = make_table(f"Camera {asked.source}")
     for heading in ("", "asked", "is"):
         table.add_column(heading)
-    exposure = "not told" if facts.exposure is None else f"{1e3 * facts.exposure:.2f} ms"
+    exposure = "unknown" if facts.exposure is None else f"{1e3 * facts.exposure:.2f} ms"
     lost = f"{report.missed_count} by the camera, {report.dropped_count} by this computer"
     bright, sd = report.brightness, asked.clock_offset_sd
     rows = [
         ("size", f"{asked.width} x {asked.height} px", f"{facts.width} x {facts.height} px"),
-        ("format", asked.fourcc, f"{facts.fourcc or 'not told'} ({facts.backend})"),
+        ("format", asked.fourcc, f"{facts.fourcc or 'unknown'} ({facts.backend})"),
         ("frames/s", f"{asked.rate:g}", f"{report.rate:.2f}"),
         ("frames/s by arrival", "", f"{report.arrival_rate:.2f}"),
         ("lost frames", "0", f"{lost}, of {report.frame_count}"),
@@ -140,4 +140,4 @@ def _print_report(report: "CameraReport", advice: list[str]) -> None:
 
 
 def _switch(state: bool | None) -> str:
-    return {None: "not told", True: "on", False: "off"}[state]
+    return {None: "unknown", True: "on", False: "off"}[state]

@@ -150,7 +150,7 @@ def calibrate_table(
         write: Whether to write into the lab file.
 
     Raises:
-        InputError: The touches tell no pose, or the lab file would make no sense.
+        InputError: The touches give no pose, or the lab file would make no sense.
     """
     setup = load_setup(lab_file)
     require_camera(setup)
@@ -190,7 +190,7 @@ def calibrate_lens_of(
             held still at a new place.
         count: Pictures to take from the camera.
         write: Whether to write into the lab file.
-        progress: Told how many pictures are taken.
+        progress: Called with the number of pictures taken.
 
     Raises:
         CameraError: The camera failed.

@@ -48,11 +48,11 @@ class TrackConfig:
         calibration: A calibration.json of the same camera at the same place; computed from the tags
             in the video where None.
         tags: YAML file of the tags' places on the table; 11 along its edges where None.
-        board: Folder of pictures of a calibration board, which tell the lens; found from the tags
+        board: Folder of pictures of a calibration board, for the lens; found from the tags
             where None.
         view_deg: Angle of view of the camera over the diagonal [deg], where neither a calibration
-            nor a board tells it.
-        begin: Point near the endpoint when the video begins [m]; straight ahead at the end of the
+            nor a board gives it.
+        begin: Point near the endpoint when the video starts [m]; straight ahead at the end of the
             cable where None.
         start: Time at which the motion begins, from the first frame on [s].
         marker: Length and width of the marker along and across the cable [m].
@@ -114,7 +114,7 @@ def track_video(
         setup: Gives the table, and the cable: its length and how high the marker lies.
         config: Camera, tags, marker and time of the motion.
         out: Folder that keeps the track, the calibration and a picture; none where None.
-        progress: Told how many frames are done.
+        progress: Called with the number of frames done.
 
     Raises:
         InputError: There is no such video, it does not fit the calibration, or a value is out of

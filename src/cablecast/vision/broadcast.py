@@ -90,7 +90,7 @@ class Broadcast:
         """End the stream of a viewer."""
         with contextlib.suppress(ValueError):
             self.viewers.remove(viewer)
-        # Whoever waits for room in the queue must not wait on.
+        # A sender that waits for room in the queue must go on.
         with contextlib.suppress(queue.Empty):
             while True:
                 viewer.get_nowait()

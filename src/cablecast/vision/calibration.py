@@ -1,7 +1,7 @@
 """Calibration: from pictures of a board and of the tags on the table to a CameraView.
 
-A board held at several angles tells the lens (`calibrate_lens`), tags at known places tell where
-the camera is (`calibrate_view`). Without a board, the tags alone tell the distortion too, given the
+A board held at several angles gives the lens (`calibrate_lens`), tags at measured places give the
+camera's pose (`calibrate_view`). Without a board, the tags alone give the distortion too, given the
 angle of view from the camera's data sheet. Seen from straight above, a wrong focal length is then
 made up for by a wrong height, and only points above the table's plane notice.
 """
@@ -21,9 +21,9 @@ from cablecast.files import read_json, write_json
 from cablecast.vision.tags import detect_tags, load_cv2, to_grey
 
 TAG_COUNT_MIN = 4
-"""Fewest tags that tell the lens and the camera's place well."""
+"""Fewest tags that determine the lens and the camera's pose."""
 VIEW_COUNT_MIN = 5
-"""Fewest pictures of a board that tell the lens well."""
+"""Fewest pictures of a board that determine the lens."""
 _OUTLIER_PX = 3.0
 """Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
 _BOARD_SPREAD_MIN = 0.35
@@ -41,7 +41,7 @@ class Board:
         row_count: Number of squares down.
         square: Side of a square [m].
         tag: Side of a tag in it [m].
-        legacy: True for the pattern of OpenCV before 4.6, which begins with a white square where
+        legacy: True for the pattern of OpenCV before 4.6, which starts with a white square where
             the number of rows is even.
     """
 
@@ -78,7 +78,7 @@ class LensFit:
         lens: Lens.
         rms_px: Root mean square distance of the board's corners from where the lens puts them [px].
         picture_count: Number of pictures that show enough of the board.
-        board: Board that they show; `legacy` tells the older pattern.
+        board: Board that they show; `legacy` marks the older pattern.
     """
 
     lens: Lens
@@ -262,7 +262,7 @@ def _fit_view(
     if lens_known:
         _, rvec, tvec = cv2.solvePnP(points, corners, guess.matrix, np.array(guess.distortion))
         return _view(guess, rvec, tvec)
-    # Tags do not tell focal length from height, nor the axis from a tilt: hold these.
+    # Tags cannot separate focal length from height, nor the axis from a tilt: hold these.
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH
     flags |= cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST
     flags |= cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
@@ -287,7 +287,7 @@ def _average_tags(
         for tag_id, quad in detect_tags(image).items():
             if layout.corners_of(tag_id) is not None:
                 quads.setdefault(tag_id, []).append(quad)
-    # The median: an arm that passes over a tag's rim spoils some pictures, not most.
+    # The median: an arm that passes over a tag's rim spoils a few pictures, not most.
     return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items()}
 
 

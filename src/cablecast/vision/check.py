@@ -48,7 +48,7 @@ class CameraReport:
         failure: What is wrong with the pictures (frozen, dark); None if nothing is.
         tags_seen: Numbers of the layout's tags that were seen.
         tag_count: Number of tags of the layout.
-        calibration: Place of the camera; None where the tags do not tell it.
+        calibration: Place of the camera; None where the tags do not determine it.
         calibration_error: Why they do not.
         px_per_m: Scale in the middle of the table [px/m]; NaN without a calibration.
         tip_speed: Speed of the cable's end for which the blur is stated [m/s].
@@ -123,12 +123,10 @@ class CameraReport:
         said = []
         if self.facts.auto_exposure:
             said.append("exposure is automatic: switch it off with the camera's own tool")
-        told = self.facts.exposure
-        if told is not None and not (
-            1 / _EXPOSURE_CHANGE < told / self.settings.exposure < _EXPOSURE_CHANGE
-        ):
+        exposure, asked = self.facts.exposure, self.settings.exposure
+        if exposure is not None and not 1 / _EXPOSURE_CHANGE < exposure / asked < _EXPOSURE_CHANGE:
             said.append(
-                f"the exposure is {1e3 * told:.2f} ms, not {1e3 * self.settings.exposure:.2f} ms: "
+                f"the exposure is {1e3 * exposure:.2f} ms, not {1e3 * asked:.2f} ms: "
                 "set `exposure` to a value that the camera takes"
             )
         if self.facts.autofocus:
@@ -243,7 +241,7 @@ class CameraCheck:
             px_per_m = calibration.view.pixels_per_metre(centre)
             green = green_places(green_mask(image) > 0, calibration.view, workspace)
             green = green[green[:, 2] > length]
-        told = self._facts.exposure
+        exposure = self._facts.exposure
         return CameraReport(
             settings=self._settings,
             facts=self._facts,
@@ -260,7 +258,7 @@ class CameraCheck:
             calibration_error=refused,
             px_per_m=px_per_m,
             tip_speed=self._tip_speed,
-            blur=self._tip_speed * (self._settings.exposure if told is None else told),
+            blur=self._tip_speed * (self._settings.exposure if exposure is None else exposure),
             green=green,
             image=image,
             counted_stamps=counted and self._facts.kind == "stream" and not 0.95 < pace < 1.05,

@@ -1,9 +1,9 @@
-"""Clocks: the offset between the robot's and the camera's, from a motion of the arm both tell of.
+"""Clocks: the offset between the robot's and the camera's, from a motion of the arm both record.
 
-Nothing needs to be stuck on the gripper. Dense optical flow (Kroeger et al., DIS, ECCV 2016) tells
+Nothing needs to be stuck on the gripper. Dense optical flow (Kroeger et al., DIS, ECCV 2016) shows
 how far each pixel went from one frame to the next. Whatever moves is the arm, or hangs on it: its
-mean velocity tells the offset roughly, since a cable moves as well, and later than the arm. The
-flow at the points where the arm must be, and nowhere else, then tells it exactly.
+mean velocity gives the offset roughly, since a cable moves as well, and later than the arm. The
+flow at the points where the arm must be, and nowhere else, then gives it exactly.
 """
 
 import dataclasses
@@ -22,12 +22,12 @@ from cablecast.vision.tags import load_cv2
 Array = NDArray[np.float64]
 
 _FRAME_COUNT_MIN = 30
-"""Fewest frames that tell an offset."""
+"""Fewest frames that determine an offset."""
 _EXPLAINED_MIN = 0.5
 """Smallest share of the mean velocity in the picture that the robot's report must explain."""
 _REFINE_COUNT = 3
 _PART_COUNT = 8
-"""Parts of the record that are left out in turn, which tells how sure the offset is."""
+"""Parts of the record that are left out in turn, whose scatter is the offset's uncertainty."""
 _RUN_LENGTH = 3
 """Frames in a row that are left out together, since errors of neighbours are correlated."""
 _WIDTH = 480
@@ -46,7 +46,7 @@ _POINT_DISTANCE = 0.05
 _STILL_ROD_COUNT = 2
 """Rods of the arm's base, which stand still and come first."""
 _TRAVEL_MIN = 0.15
-"""Shortest way of the gripper in a record that tells an offset [m]."""
+"""Shortest way of the gripper in a record that determines an offset [m]."""
 _KEPT_STRIDE = 3
 """Distance of the pixels whose flow is kept [px of the small picture]: flow is smooth."""
 _FLOW_ERROR = 1.0
@@ -79,7 +79,7 @@ class ClockOffset:
 def controller_shift(clock_pairs: Array) -> float:
     """Return the time of this computer's clock when the controller's shows zero [s].
 
-    The report that travelled fastest tells it best.
+    The report that travelled fastest gives it best.
 
     Args:
         clock_pairs: Times of reports by the controller's clock, and of their arrival by that of
@@ -230,7 +230,7 @@ def sync_by_motion(
     Args:
         seen: Motion in the picture.
         reported: Joints as the robot reported them, with times by its own clock [s]. The record of
-            one may begin or end up to half of its length before or after that of the other.
+            one may start or end up to half of its length before or after that of the other.
         arm: Arm, its mounting and its gripper.
         view: Calibrated camera.
 
@@ -291,13 +291,13 @@ def _compare(
     """Return how much of the arm goes otherwise than the flow has it.
 
     Returns:
-        Share of the points in each frame that go otherwise, shape [frame], and the share of what
-        was seen where the arm is that its way explains.
+        Share of the points in each frame that go otherwise, shape [frame], and the share of the
+        flow where the arm is that its way explains.
     """
     height = _KEPT_STRIDE * seen.flows[0].shape[0]
-    begin, end = (np.array([pair[side] for pair in seen.ends]) + offset for side in (0, 1))
-    start = _points_at(begin, robot_times, points, seen, height)
-    way = _points_at(end, robot_times, points, seen, height) - start
+    before, after = np.array(seen.ends).T + offset
+    start = _points_at(before, robot_times, points, seen, height)
+    way = _points_at(after, robot_times, points, seen, height) - start
     place = (start / _KEPT_STRIDE).astype(np.float32)
     cv2, outside = load_cv2(), (np.nan, np.nan)
     flow = np.stack(
@@ -314,9 +314,9 @@ def _compare(
         ]
     )
     off = np.sum((flow - way) ** 2, axis=-1)
-    known = np.isfinite(off)
-    loss = np.where(known, off / (off + _FLOW_ERROR**2), 1.0).mean(axis=1)
-    a, b = flow[known], way[known]
+    inside = np.isfinite(off)
+    loss = np.where(inside, off / (off + _FLOW_ERROR**2), 1.0).mean(axis=1)
+    a, b = flow[inside], way[inside]
     scale = float(np.sum(a * a) * np.sum(b * b))
     explained = max(float(np.sum(a * b)), 0.0) ** 2 / scale if scale > 0 else 0.0
     return loss, explained
@@ -325,7 +325,7 @@ def _compare(
 def _points_at(
     times: Array, robot_times: Array, points: Array, seen: SeenMotion, height: int
 ) -> Array:
-    """Return points of the arm as frames of some times show them, shape [frame, point, 2]."""
+    """Return points of the arm as the frames of given times show them, shape [frame, point, 2]."""
 
     def at(times: Array) -> Array:
         columns = [
@@ -359,7 +359,7 @@ def reported_speed(times: Array, way: Array, dt: float) -> Callable[[Array], Arr
     """Return mean speeds over the time between two frames.
 
     Before and after its record an arm that stands at the record's end stands still; of one that
-    moves there nothing is known, and its speed is NaN.
+    moves there the speed is NaN.
 
     Args:
         times: Times of the record, rising [s], shape [report].

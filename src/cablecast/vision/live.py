@@ -97,7 +97,7 @@ class CameraFacts:
 class LiveCamera:
     """A camera that is being read.
 
-    Frames that nobody fetches in time are dropped and counted, except those of a film.
+    Frames that are not fetched in time are dropped and counted, except those of a film.
 
     Args:
         settings: Camera to read.
@@ -165,7 +165,7 @@ class LiveCamera:
         slot, stamp = int(report["slot"]), float(report["time"])
         image = self._slots[slot].copy()
         with contextlib.suppress(BrokenPipeError):
-            # The end of the stream, if that is why nobody reads, is told by the next report.
+            # If the process has ended, the next report says why.
             os.write(self._returns, bytes([slot]))
         if not stamp > self._last:
             raise CameraError(
@@ -240,7 +240,7 @@ _EXPOSURE_CHANGE = 1.45
 """Factor of brightness that daylight and lamps stay below in a session, and an exposure that was
 set anew exceeds."""
 _SHADE = 0.2
-"""Share of the pixels that are darker than the one by which brightness is judged: white table may
+"""Share of the pixels that are darker than the one by which brightness is compared: white table may
 be saturated, the floor and the tags' ink are not."""
 
 
@@ -376,7 +376,7 @@ def _configure(capture: Any, settings: CameraSettings) -> None:
 
 
 def _read_back(capture: Any, kind: str) -> CameraFacts:
-    """Return what a camera of some kind says of itself."""
+    """Return the settings that a camera reports."""
     cv2 = load_cv2()
     code = int(capture.get(cv2.CAP_PROP_FOURCC))
     letters = bytes((code >> shift) & 0xFF for shift in (0, 8, 16, 24))
@@ -402,7 +402,7 @@ def _read_back(capture: Any, kind: str) -> CameraFacts:
 
 
 class _Grabber:
-    """Reads frames and passes them on, until the camera ends or nobody listens.
+    """Reads frames and passes them on, until the camera ends or the reader is gone.
 
     Args:
         settings: Camera to read.
@@ -447,7 +447,7 @@ class _Grabber:
         Args:
             capture: Open capture.
             slots: Room for frames, shape [slot, v, u, 3].
-            image: First frame of a film, all of whose frames count. That of a stream tells its size
+            image: First frame of a film, all of whose frames count. That of a stream gives the size
                 only, since its time may be older than the viewer.
         """
         film, dropped_count = image is not None, 0
@@ -488,7 +488,7 @@ class _Grabber:
             while select.select([self._returns], [], [], patience)[0]:
                 returned = os.read(self._returns, SLOT_COUNT)
                 if not returned:
-                    # Nobody is left to film for.
+                    # The reader is gone.
                     os._exit(0)
                 self._free += list(returned)
                 patience = 0.0

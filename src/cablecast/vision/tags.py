@@ -10,7 +10,7 @@ from cablecast.errors import MissingExtraError
 
 
 def load_cv2() -> Any:
-    """Return the cv2 module, which complains about damaged videos to nobody but its caller.
+    """Return the cv2 module, which prints nothing about damaged videos.
 
     Raises:
         MissingExtraError: OpenCV is not installed.
@@ -65,7 +65,7 @@ def detect_tags(image: NDArray[np.uint8]) -> dict[int, NDArray[np.float64]]:
     if ids is None:
         return {}
     numbers = ids.ravel().tolist()
-    # A tag that is seen twice is not at one known place.
+    # A tag that is seen twice has no single place.
     return {
         tag_id: quad.reshape(4, 2).astype(np.float64)
         for tag_id, quad in zip(numbers, corners, strict=True)

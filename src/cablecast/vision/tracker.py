@@ -181,7 +181,7 @@ def _hue_deg(bgr: NDArray[np.floating]) -> float:
 def sample_path(
     times: NDArray[np.float64], xy: NDArray[np.float64], sample_times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return positions at some times from those of the frames next to each.
+    """Return positions at sample times from those of the frames next to each.
 
     A sample that falls on a frame is that frame's. One between two frames lies on the line between
     them, and is NaN if either is NaN or they are more than two frames apart.
@@ -338,8 +338,8 @@ class EndpointTracker:
         view: Calibrated camera.
         workspace: Gives the table's edges.
         config: Settings of the tracker.
-        start_xy: Approximate endpoint at the beginning, where it is known [m], shape [2]: it tells
-            the marker from other green things.
+        start_xy: Approximate endpoint in the first frame [m], shape [2], which separates the marker
+            from other green things; None where unknown.
     """
 
     def __init__(
@@ -463,7 +463,7 @@ class EndpointTracker:
         expected = self.config.marker.area * self._px_per_m**2
         candidates = []
         for patch in self._patches(self._frame, grab):
-            # Between a pale and a vivid green; the marker's own is known after this.
+            # Between a pale and a vivid green; the marker's own is measured after this.
             if (
                 40.0 * expected < patch.greenness < 420.0 * expected
                 and 0.85 < patch.area / expected < 1.6
@@ -551,7 +551,7 @@ class EndpointTracker:
             share = patch.greenness / (self._greenness or patch.greenness)
             if not _SHARE_MIN <= share <= _SHARE_MAX:
                 continue
-            # The share tells little of a marker that is slowly covered: it changes with the light.
+            # The share says little of a marker that is slowly covered: it changes with the light.
             moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
             slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
             if slow and patch.area < self._area_min * self._area:
@@ -585,11 +585,11 @@ def sight_of(tracker: EndpointTracker) -> CameraSight:
     """Return what the camera of a tracker cannot see.
 
     Args:
-        tracker: Tracker; one that has not seen a frame knows of no blind places.
+        tracker: Tracker; before its first frame there are no blind places.
     """
     mask, blind = tracker.still_green, np.empty((0, 3))
     if mask is not None:
-        # Some of the marker reaches into what it lies beside.
+        # Part of the marker reaches into what it lies beside.
         half = tracker.config.marker.length / 2
         blind = green_places(mask, tracker.view, tracker.workspace) + [0.0, 0.0, half]
     return CameraSight(

@@ -289,7 +289,7 @@ class CameraOfTrials:
         try:
             self._filming.wait_started()
         except BaseException:
-            # Nobody ends a film that was not started.
+            # No caller ends a film that was not started.
             self.cancel()
             raise
 
@@ -350,7 +350,7 @@ class ClockCamera(CameraOfTrials):
         filming, path = self._filming, timing.joint_path
         if filming is None or path is None:
             self.cancel()
-            raise CameraError("clocks are compared by a motion that both camera and robot tell of")
+            raise CameraError("clocks are compared by a motion that both camera and robot record")
         self._filming = None
         # Frames that wait to be looked at are of before, however many they are.
         until = time.monotonic() + _AFTER
@@ -358,7 +358,7 @@ class ClockCamera(CameraOfTrials):
         reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
         found = sync_by_motion(self._seen, reported, self.setup.arm, self.calibration.view)
         if self.settings.clock == "arrival":
-            # What the arrivals of the robot's own reports tell is measured anew in each trial.
+            # The delay of the robot's own reports is measured anew in each trial.
             shift = controller_shift(timing.clock_pairs)
             found = dataclasses.replace(found, offset=found.offset + shift)
         self.found = found
