@@ -115,14 +115,14 @@ def running_twin(
         rate=rate,
         has_cable=part == "cable",
         segment_count=SEGMENT_COUNT,
-        has_camera=part == "camera",
         camera_port=0,
         # A computer that is busy with drawing must not look like a fault of the network.
         patience=0.0 if part == "robot" else 5.0,
     )
     camera = dataclasses.replace(setup.camera, **CAMERA)
     setup = dataclasses.replace(setup, robot=robot, camera=camera)
-    with TwinProcess(setup, config) as twin:
+    seen = setup if part == "camera" else dataclasses.replace(setup, camera=None)
+    with TwinProcess(seen, config) as twin:
         if twin.camera_url is not None:
             camera = dataclasses.replace(camera, source=twin.camera_url)
         yield twin, dataclasses.replace(setup, camera=camera)

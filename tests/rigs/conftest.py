@@ -114,8 +114,9 @@ def make_twin(twin_address) -> Iterator[TwinMaker]:
             camera=dataclasses.replace(setup.camera, **(camera or {})),
         )
         # A computer that is busy with other tests must not make the watchdog bark.
-        config = {"has_camera": camera is not None, "camera_port": 0, "patience": 5.0, **config}
-        twin = TwinProcess(setup, TwinConfig(address=address, **config))
+        config = {"camera_port": 0, "patience": 5.0, **config}
+        seen = setup if camera is not None else dataclasses.replace(setup, camera=None)
+        twin = TwinProcess(seen, TwinConfig(address=address, **config))
         twins.append(twin)
         if twin.camera_url is not None:
             seen = dataclasses.replace(setup.camera, source=twin.camera_url)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import ipaddress
+import json
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -127,13 +128,7 @@ class RobotConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for a lab file."""
-        values = dataclasses.asdict(self)
-        for name in ("payload_cog", "box_low", "box_high"):
-            values[name] = list(values[name])
-        values["obstacles"] = [
-            {"start": list(o.start), "end": list(o.end), "radius": o.radius} for o in self.obstacles
-        ]
-        return values
+        return json.loads(json.dumps(dataclasses.asdict(self)))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RobotConfig":

@@ -1,12 +1,13 @@
 """The Rig contract: a robot with a cable in its gripper, which carries out one motion at a time."""
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
 from cablecast.cast import EndpointTrack
-from cablecast.errors import InputError, RigError, check_seed
+from cablecast.errors import CablecastError, InputError, RigError, check_seed
 from cablecast.motion.trajectory import Trajectory
 
 PURPOSES = ("tune", "real", "repeat", "aim")
@@ -150,6 +151,24 @@ def run_trials(
         if progress is not None:
             progress(len(tracks))
     return tracks
+
+
+@contextlib.contextmanager
+def foreign_code(failure: str) -> Iterator[None]:
+    """Turn whatever somebody else's code raises into a RigError of one line.
+
+    Errors of cablecast and the user's interrupt pass as they are.
+
+    Args:
+        failure: Words before the error, such as "the rig's reset failed".
+    """
+    try:
+        yield
+    except (CablecastError, KeyboardInterrupt):
+        raise
+    # It may even call sys.exit.
+    except BaseException as error:
+        raise RigError(f"{failure}: {error_line(error)}") from error
 
 
 def error_line(error: BaseException) -> str:

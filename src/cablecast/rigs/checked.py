@@ -23,7 +23,7 @@ from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import CablecastError, RigError, check_count, check_number
 from cablecast.motion.trajectory import JointPath, Trajectory
-from cablecast.rigs.base import Rig, RigLifecycle, error_line, purpose_seed
+from cablecast.rigs.base import Rig, RigLifecycle, error_line, foreign_code, purpose_seed
 from cablecast.setup import Setup
 
 TIME_LIMIT = 120.0
@@ -95,27 +95,22 @@ class CheckedRig(RigLifecycle):
             raise RigError(f"a {type(rig).__name__} is no rig: it lacks {', '.join(missing)}")
         if time_limit is not None:
             time_limit = check_number("time_limit", time_limit, 0.01, 1e6, "s")
-        self.rig = rig
+        self.rig: Any = rig
         self.setup = setup
         self.time_limit = time_limit
         self.description: dict[str, Any] = check_description(
             self._call("description", lambda: rig.description)
         )
         # What the rig lacks, this one lacks too: callers ask by hasattr.
-        if callable(getattr(rig, "execute_many", None)):
-            self.execute_many = self._execute_many
-        if callable(getattr(rig, "seek", None)):
-            # Otherwise the trials of all purposes would be scattered alike.
-            if not takes(rig.seek, 0, "tune"):  # pyright: ignore
-                raise RigError(
-                    "the rig's seek must take an index and a purpose, seek(index, purpose=''), and "
-                    "draw differently for each purpose"
-                )
-            self.seek = self._seek
-        if callable(getattr(rig, "picture", None)):
-            self.picture = self._picture
-        if callable(getattr(rig, "sight", None)):
-            self.sight = self._sight
+        for name in ("seek", "execute_many", "picture", "sight"):
+            if callable(getattr(rig, name, None)):
+                setattr(self, name, getattr(self, f"_{name}"))
+        # Otherwise the trials of all purposes would be scattered alike.
+        if hasattr(self, "seek") and not takes(self.rig.seek, 0, "tune"):
+            raise RigError(
+                "the rig's seek must take an index and a purpose, seek(index, purpose=''), and "
+                "draw differently for each purpose"
+            )
 
     def reset(self) -> None:
         """Bring cable and arm to the reset state."""
@@ -161,7 +156,7 @@ class CheckedRig(RigLifecycle):
         self._is_reset = False
         tracks = self._call(
             "execute_many",
-            lambda: list(self.rig.execute_many(trajectories, progress)),  # pyright: ignore
+            lambda: list(self.rig.execute_many(trajectories, progress)),
             count=len(trajectories),
         )
         if len(tracks) != len(trajectories):
@@ -180,28 +175,27 @@ class CheckedRig(RigLifecycle):
         index = check_count("trial index", index, 0)
         # Refuses what is no purpose.
         purpose_seed(0, purpose)
-        self._call("seek", lambda: self.rig.seek(index, purpose))  # pyright: ignore
+        self._call("seek", lambda: self.rig.seek(index, purpose))
 
     def _picture(self) -> NDArray[np.uint8] | None:
         """Return the latest picture of the rig's camera; None where there is none yet."""
         self._check_open()
-        return check_picture(self._call("picture", lambda: self.rig.picture()))  # pyright: ignore
+        return check_picture(self._call("picture", lambda: self.rig.picture()))
 
     def _sight(self) -> CameraSight | None:
         """Return what the rig's camera cannot see; None where the rig does not know."""
         self._check_open()
-        return check_sight(self._call("sight", lambda: self.rig.sight()))  # pyright: ignore
+        sight = self._call("sight", lambda: self.rig.sight())
+        if sight is None or isinstance(sight, CameraSight):
+            return sight
+        found = type(sight).__name__
+        raise RigError(f"the rig's sight is a {found}: it must be a CameraSight, or None")
 
     def _call(self, name: str, call: Callable[[], Answer], count: int = 1) -> Answer:
         """Return what a method of the rig returns, within the time of some trials."""
         limit = None if self.time_limit is None else self.time_limit * max(count, 1)
-        try:
+        with foreign_code(f"the rig's {name} failed"):
             return call_within(limit, f"the rig's {name}", call)
-        except (CablecastError, KeyboardInterrupt):
-            raise
-        # A rig is somebody else's code: it may even call sys.exit.
-        except BaseException as error:
-            raise RigError(f"the rig's {name} failed: {error_line(error)}") from error
 
 
 def missing_parts(rig: object) -> list[str]:
@@ -287,18 +281,6 @@ def check_picture(picture: object) -> NDArray[np.uint8] | None:
             return picture
         found = f"an array of {picture.dtype} and shape {shape}"
     raise RigError(f"the rig's picture is {found}: it must be uint8 of shape [v, u, 3], or None")
-
-
-def check_sight(sight: object) -> CameraSight | None:
-    """Return what a rig says that its camera cannot see; None where it does not know.
-
-    Raises:
-        RigError: It is something else.
-    """
-    if sight is None or isinstance(sight, CameraSight):
-        return sight
-    found = type(sight).__name__
-    raise RigError(f"the rig's sight is a {found}: it must be a CameraSight, or None")
 
 
 def check_description(description: object) -> dict[str, Any]:

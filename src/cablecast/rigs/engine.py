@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.engines.base import SETTLE_TIME, Engine, Rollout
+from cablecast.engines.base import SETTLE_TIME, Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, check_number
 from cablecast.motion.grip_path import GripPath
@@ -100,19 +100,14 @@ class RigEngine(RigLifecycle):
             record_nodes=True,
         )
         return [
-            self._track(rollout, world, step_count + 1)
-            for world, step_count in enumerate(step_counts)
+            EndpointTrack(
+                times=rollout.times[: count + 1],
+                endpoint_xy=rollout.endpoint_xy[world, : count + 1],
+                status=status_of(rollout.endpoint_xy[world, : count + 1], self.setup.workspace),
+                nodes=None if rollout.nodes is None else rollout.nodes[world, : count + 1],
+            )
+            for world, count in enumerate(step_counts)
         ]
-
-    def _track(self, rollout: Rollout, world: int, sample_count: int) -> EndpointTrack:
-        endpoint_xy = rollout.endpoint_xy[world, :sample_count]
-        nodes = None if rollout.nodes is None else rollout.nodes[world, :sample_count]
-        return EndpointTrack(
-            times=rollout.times[:sample_count],
-            endpoint_xy=endpoint_xy,
-            status=status_of(endpoint_xy, self.setup.workspace),
-            nodes=nodes,
-        )
 
 
 def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialStatus:

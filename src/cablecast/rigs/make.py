@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cablecast.errors import CablecastError, RigError, check_seed
-from cablecast.rigs.base import Rig, error_line
+from cablecast.errors import RigError, check_seed
+from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
 
@@ -86,12 +86,8 @@ def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: in
     if not takes(factory, setup, seed):
         signature = str(inspect.signature(factory))[:100]
         raise RigError(f"rig factory {name} takes {signature}: it must take (setup, seed)")
-    try:
+    with foreign_code(f"rig factory {name} failed"):
         rig = factory(setup, seed)
-    except (CablecastError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise RigError(f"rig factory {name} failed: {error_line(error)}") from error
     if missing := missing_parts(rig):
         raise RigError(
             f"rig factory {name} returned a {type(rig).__name__}, which is no rig: "
@@ -102,27 +98,20 @@ def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: in
 
 def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
     """Return a factory by the names of its module and of itself."""
-    try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        # The module itself may be there and miss something that it imports: say which is missing.
-        if error.name is not None and (module_name + ".").startswith(error.name + "."):
+    with foreign_code(f"rig module {module_name} cannot be imported"):
+        try:
+            module = importlib.import_module(module_name)
+        except ModuleNotFoundError as error:
+            # The module itself may be there and miss something that it imports.
+            if error.name is None or not (module_name + ".").startswith(error.name + "."):
+                raise
             raise RigError(f"there is no module {error.name!r} for the rig {module_name}") from None
-        raise _import_failure(module_name, error) from error
-    except (CablecastError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise _import_failure(module_name, error) from error
     factory = getattr(module, factory_name, None)
     if factory is None:
         raise RigError(f"rig module {module_name} has no factory {factory_name!r}")
     if not callable(factory):
         raise RigError(f"{module_name}:{factory_name} is a {type(factory).__name__}, no factory")
     return factory
-
-
-def _import_failure(module_name: str, error: BaseException) -> RigError:
-    return RigError(f"rig module {module_name} cannot be imported: {error_line(error)}")
 
 
 @contextlib.contextmanager

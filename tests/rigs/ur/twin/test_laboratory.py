@@ -19,9 +19,7 @@ from cablecast.rigs.ur.twin.servers import DATA_PACKAGE, SETUP_INPUTS, frame
 def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller_does_not(
     twin_setup, twin_address, patience
 ):
-    config = TwinConfig(
-        address=twin_address(), has_cable=False, has_camera=False, rate=10.0, patience=patience
-    )
+    config = TwinConfig(address=twin_address(), has_cable=False, rate=10.0, patience=patience)
     laboratory = TwinLaboratory(twin_setup, config)
     controller = laboratory.controller
     try:
@@ -45,7 +43,7 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
 
 
 def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup, twin_address):
-    config = TwinConfig(address=twin_address(), has_cable=False, has_camera=False)
+    config = TwinConfig(address=twin_address(), has_cable=False)
     laboratory = TwinLaboratory(twin_setup, config)
     controller, server = laboratory.controller, laboratory.rtde
     sent: list[bytes] = []

@@ -76,7 +76,6 @@ class TwinConfig:
         lab_seed: Seed of the laboratory.
         segment_count: Segments of the simulated cable.
         has_cable: False for an arm that holds a stick as long as the cable, which is quicker.
-        has_camera: False for no camera, whatever the lab file says.
     """
 
     address: str = "127.0.0.1"
@@ -87,7 +86,6 @@ class TwinConfig:
     lab_seed: int = 0
     segment_count: int = 30
     has_cable: bool = True
-    has_camera: bool = True
 
     def __post_init__(self):
         check_count("twin camera_port", self.camera_port, 0, 65535)
@@ -416,7 +414,7 @@ class TwinLaboratory:
 
     def _make_camera(self) -> CameraStream | None:
         settings = self.setup.camera
-        if settings is None or not self.config.has_camera:
+        if settings is None:
             return None
         config = dataclasses.replace(
             CameraConfig.over(self.setup.workspace).resized(settings.width),

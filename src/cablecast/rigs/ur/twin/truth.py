@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import RigError
-from cablecast.rigs.ur.rig import RigUR
 from cablecast.rigs.ur.twin.process import TwinClient
 from cablecast.setup import Setup
 from cablecast.vision.trials import TrialTiming
@@ -76,19 +75,3 @@ class TruthCamera:
     def close(self) -> None:
         """Close the connection."""
         self._twin.close()
-
-
-def make_rig(setup: Setup, seed: int) -> RigUR:
-    """Return the real rig's code with a camera that asks the twin for the truth.
-
-    `--rig cablecast.rigs.ur.twin.truth:make_rig` names it on the command line.
-
-    Args:
-        setup: Lab file of a twin.
-        seed: Not used: the twin draws by its own.
-
-    Raises:
-        RigError: The lab file's robot is no twin.
-    """
-    del seed
-    return RigUR(setup, TruthCamera(setup))
