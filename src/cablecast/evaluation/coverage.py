@@ -154,20 +154,13 @@ def concave_hull(endpoint_xy: ArrayLike, radius: float, ratio: float = HULL_RATI
 
 
 def half_disc(radius: float) -> "Polygon":
-    """Return the reachable half disc in front of the robot as a polygon.
-
-    Args:
-        radius: Radius of the half disc, r_max + r_c [m].
-    """
+    """Return the reachable half disc in front of the robot, of a radius r_max + r_c [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, _DISC_SEGMENTS + 1)
     return _shapely().Polygon(radius * np.stack([np.sin(angle), np.cos(angle)], axis=-1))
 
 
 def polar_casting_region(setup: Setup) -> "Polygon":
     """Return the region in which polar casting can lay the endpoint; see `PolarReach`.
-
-    Args:
-        setup: Set-up with r_c, the arm's reach, the table, and the edge of the robot's own table.
 
     Raises:
         InputError: The region is empty: the cable is too long for the table.
@@ -176,12 +169,7 @@ def polar_casting_region(setup: Setup) -> "Polygon":
 
 
 def covered_share(region: "Polygon", radius: float) -> float:
-    """Return the area of a region as a share of the half disc [-].
-
-    Args:
-        region: Region within the half disc.
-        radius: Radius of the half disc, r_max + r_c [m].
-    """
+    """Return the area of a region as a share of the half disc of a radius r_max + r_c [m]."""
     return float(region.area / half_disc(radius).area)
 
 

@@ -86,15 +86,7 @@ class SweepPaths:
     def angles(
         self, times: NDArray[np.float64]
     ) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
-        """Return theta and yaw, each with its first two derivatives.
-
-        Args:
-            times: Times since the start of the motion [s], shape [action, step].
-
-        Returns:
-            (theta, its rate, its acceleration), (yaw, its rate, its acceleration) in [rad] and
-            [s], each of shape [action, step].
-        """
+        """Return theta and yaw [rad], each with its first two derivatives, at times as `radius`."""
         since = times - self.first.duration[:, None]
         arcs = zip(self.first.evaluate(times), self.second.evaluate(since), strict=True)
         theta = tuple(first + second for first, second in arcs)
@@ -105,9 +97,6 @@ class SweepPaths:
         self, times: NDArray[np.float64]
     ) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
         """Return position and yaw of the grip in the base frame, with their derivatives.
-
-        Args:
-            times: Times since the start of the motion [s], shape [action, step].
 
         Returns:
             Position [m], velocity [m/s], acceleration [m/s²] and the left limit of the acceleration
@@ -136,7 +125,7 @@ def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Set-up with the reset position and the system parameters.
+        setup: Workspace and motion settings.
 
     Raises:
         ActionError: An action is not a casting motion; see `check_action_values`.
@@ -185,8 +174,7 @@ def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
     actions = check_action_values(actions)
     chunks = [
         _sweep_grip_paths(
-            plan_sweeps(actions[start : start + CHUNK], setup),
-            setup.workspace.grip_height,
+            plan_sweeps(actions[start : start + CHUNK], setup), setup.workspace.grip_height
         )
         for start in range(0, len(actions), CHUNK)
     ]

@@ -157,7 +157,7 @@ def check_actions(
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        setup: Arm, workspace and motion settings.
         both_sides: Whether the mirror image of an action must be feasible too, so that it serves
             targets on either side.
 
@@ -183,7 +183,7 @@ def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]
 
     Args:
         counts: Number of values of each action variable; see `grid_actions`.
-        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        setup: Arm, workspace and motion settings.
 
     Returns:
         Actions in grid order, shape [action, 4].
@@ -215,7 +215,7 @@ def feasible_grid(
 
     Args:
         count: Number of actions.
-        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        setup: Arm, workspace and motion settings.
         ranges: Ranges of the grid; `ActionRanges.for_setup` if None.
         seed: Seed for the random choice.
 
@@ -265,7 +265,7 @@ def feasible_uniform(
 
     Args:
         count: Number of actions.
-        setup: Set-up with the arm, the reset position, r_max and the system parameters.
+        setup: Arm, workspace and motion settings.
         ranges: Ranges to draw from; `ActionRanges.for_setup` if None.
         seed: Seed for the draws.
 

@@ -51,11 +51,7 @@ def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
 
 
 def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
-    """Return joint angles and rates that make the gripper follow a path.
-
-    Args:
-        grip_path: Path of one row.
-        setup: Set-up with the arm, its reach and the control cycle.
+    """Return joint angles and rates that make the gripper follow a path of one row.
 
     Raises:
         InputError: More than one row.
@@ -106,10 +102,6 @@ class Trajectory:
 
 def plan_trajectory(action: Action, setup: Setup) -> Trajectory:
     """Plan the motion of an action down to joint set points.
-
-    Args:
-        action: Casting motion.
-        setup: Set-up with the arm, the reset position and the system parameters.
 
     Raises:
         JointLimitError: The motion violates limits; the message names each with its value.

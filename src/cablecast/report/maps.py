@@ -146,11 +146,7 @@ def _draw_reach(axes: "Axes", workspace: Workspace, reach: float) -> None:
 
 @styled()
 def tries_map(evaluation: Evaluation) -> "Figure":
-    """Draw every try at every target, and the share of targets within a distance by try.
-
-    Args:
-        evaluation: Casts at each target, `repeat` counts the tries.
-    """
+    """Draw every try (`repeat`) at every target, and the share of targets within a miss by try."""
     workspace = evaluation.setup.workspace
     view = workspace_view(workspace)
     heights = (view.height(PAGE_WIDTH), 2.6)
@@ -404,15 +400,7 @@ def track_panels(
 
 
 def chosen_casts(evaluation: Evaluation, count: int = 6) -> list[int]:
-    """Choose trials worth a look: from the nearest to the farthest landing, and one without.
-
-    Args:
-        evaluation: All casts.
-        count: Largest number of trials, at least 2.
-
-    Returns:
-        Indices of trials, by rising error; a trial without a landing comes last.
-    """
+    """Choose at most `count` trials, from the nearest to the farthest landing and one without."""
     errors_pct = evaluation.errors_pct
     lost = np.flatnonzero(~np.isfinite(errors_pct))[:1].tolist()
     return [*spread_choice(errors_pct, count - len(lost)), *lost]
@@ -420,12 +408,7 @@ def chosen_casts(evaluation: Evaluation, count: int = 6) -> list[int]:
 
 @styled()
 def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure":
-    """Draw the shapes of the cable at successive times and the gripper's path, a panel per trial.
-
-    Args:
-        evaluation: All casts.
-        trial_indices: Indices of the trials to draw.
-    """
+    """Draw the shapes of the cable over time and the path of the gripper, a panel per trial."""
     trials = [evaluation.trials[index] for index in trial_indices]
     workspace = evaluation.setup.workspace
     options: dict[str, Any] = {"columns": 2, "below": 0.5, "ticks": False}

@@ -78,11 +78,7 @@ def styled() -> Iterator[None]:
 
 @styled()
 def new_figure(width: float, height: float) -> "Figure":
-    """Return an empty figure; it needs no display and touches no global state.
-
-    Args:
-        width: Width [inch].
-        height: Height [inch].
+    """Return an empty figure [inch]; it needs no display and touches no global state.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -94,25 +90,14 @@ def new_figure(width: float, height: float) -> "Figure":
 
 @styled()
 def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
-    """Return a figure as a PNG file.
-
-    Args:
-        figure: Figure to save.
-        dpi: Resolution [pixel/inch].
-    """
+    """Return a figure as a PNG file of a resolution [pixel/inch]."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
 def compact_png(figure: "Figure", dpi: int, colors: int = 64) -> bytes:
-    """Return a figure as a PNG file with a palette, a third as large as `png_bytes` makes it.
-
-    Args:
-        figure: Figure to save.
-        dpi: Resolution [pixel/inch].
-        colors: Number of colours.
-    """
+    """Return a PNG file with a palette of colours, a third as large as `png_bytes` makes it."""
     # matplotlib depends on Pillow.
     from PIL import Image
 
@@ -173,15 +158,7 @@ def workspace_view(
 def draw_workspace(
     axes: "Axes", workspace: "Workspace", view: View, *, grid: bool = True, ticks: bool = True
 ) -> None:
-    """Draw the table and the robot's base from above, to scale, and fix the limits of the axes.
-
-    Args:
-        axes: Axes to draw on.
-        workspace: Table to draw.
-        view: What the axes show.
-        grid: Whether to draw lines every half metre.
-        ticks: Whether to label the axes.
-    """
+    """Draw the table and the robot's base from above, to scale, and fix the limits of the axes."""
     from matplotlib.patches import Circle, Rectangle
 
     half_width, y_min, y_max = workspace.half_width, workspace.y_min, workspace.y_max
@@ -260,14 +237,7 @@ def workspace_panels(
 
 
 def draw_half_circle(axes: "Axes", radius: float, *, closed: bool = False, **line: Any) -> None:
-    """Draw the half circle about the base that lies before the robot.
-
-    Args:
-        axes: Axes to draw on.
-        radius: Radius [m].
-        closed: Whether to draw the diameter as well.
-        **line: Properties of the line, in matplotlib's words.
-    """
+    """Draw the half circle of a radius [m] in front of the base; with its diameter if closed."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 181)
     xy = radius * np.stack([np.sin(angle), np.cos(angle)], axis=1)
     if closed:

@@ -55,12 +55,9 @@ def share_pct(value: float | None) -> str:
 
 
 def five_cells(summary: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the five numbers of a summary of errors.
+    """Return the five numbers of a summary of errors, as `ErrorSummary.to_dict` returns it.
 
     JSON has no infinity: where there are errors but a number is missing, it is a miss.
-
-    Args:
-        summary: Summary as `ErrorSummary.to_dict` and metrics.json hold it.
     """
     missing = math.inf if summary["count"] else math.nan
     values = (summary[name] for name in FIVE_NUMBERS)
@@ -74,10 +71,6 @@ def published_cells(row: PublishedRow) -> tuple[str, ...]:
 
 def flatten_settings(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Return nested settings as lines of a table: dotted names and readable values.
-
-    Args:
-        values: Plain values, nested to any depth.
-        prefix: Text before each name.
 
     >>> flatten_settings({"arm": {"model": "ur5"}, "seed": 0})
     [('arm.model', 'ur5'), ('seed', '0')]
@@ -219,12 +212,7 @@ SPLIT_PARTS = {
 
 
 def measured_table(evaluations: Mapping[str, Metrics], cable: str) -> Table:
-    """Make a table of measurements that tell where the errors of each method start.
-
-    Args:
-        evaluations: Metrics of `cablecast evaluate` by method.
-        cable: Name of the cable that was cast.
-    """
+    """Make a table of what each method covers and how well it predicts, by method."""
     rows = [
         make_row(
             METHOD_NAMES[method],
@@ -245,12 +233,7 @@ def measured_table(evaluations: Mapping[str, Metrics], cable: str) -> Table:
 
 
 def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
-    """Make a table of errors split into their causes; None where none was split.
-
-    Args:
-        evaluations: Metrics of `cablecast evaluate` by the name of their row.
-        title: Heading of the table.
-    """
+    """Make a table of errors split into their causes, by name; None where none was split."""
     splits = {
         name: metrics["error_split"]
         for name, metrics in evaluations.items()
@@ -335,11 +318,7 @@ def coverage_table(selection: Metrics) -> Table:
 
 
 def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
-    """Make table I: the simulator's distance from the rig before and after tuning.
-
-    Args:
-        tunings: Metrics of `cablecast tune` by cable.
-    """
+    """Make table I: the simulator's distance from the rig before and after tuning, by cable."""
     rows = []
     for cable, metrics in tunings.items():
         default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
@@ -427,11 +406,7 @@ def difficulty_table(tunings: Mapping[str, Metrics], selection: Metrics | None) 
 
 
 def time_table(times: Sequence[tuple[str, float]]) -> Table:
-    """Make a table of the time that each stage took.
-
-    Args:
-        times: Title and time [s] of each stage.
-    """
+    """Make a table of the time that each stage took, from their titles and times [s]."""
     rows = [make_row(title, f"{seconds / 60:.1f}") for title, seconds in times]
     total = sum(seconds for _, seconds in times)
     rows.append(make_row("all", f"{total / 60:.1f}", kind="ours"))
