@@ -211,7 +211,7 @@ def test_a_cable_that_swings_down_from_a_height_never_gains_energy(cable):
     scene = build_scene(bare, truth, IN_THE_AIR, 16, 1e-3)
     data = mujoco.MjData(scene.model)
     mass = scene.masses[2:].copy()
-    mass[-1] += scene.endpoint_mass
+    mass[-1] += truth.endpoint_mass
     energy, stretch = [], []
     for _ in range(1000):
         mujoco.mj_step(scene.model, data)

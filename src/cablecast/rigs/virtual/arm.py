@@ -154,22 +154,12 @@ def _follow(
     strength: Array | None,
     dt: float,
 ) -> Array:
-    """Return angles and rates of servos that follow set points.
+    """Return angles [rad] and rates [rad/s] of servos that follow set points.
 
     Only sums and products of single elements: a row's result does not depend on its neighbours.
-
-    Args:
-        servos: True servos.
-        joints: Joint whose servo each channel has.
-        factor: Factor of the servos' frequencies [-], shape [row, channel].
-        start: Angles [rad] and rates [rad/s] at the start, shape [2, row, channel].
-        command: Set points [rad] and their rates [rad/s] in each step, shape [row, step, channel].
-        strength: Acceleration that the first joint can give while it stands [rad/s²], shape
-            [row, step]; None for servos without limits.
-        dt: Step [s].
-
-    Returns:
-        Angles and rates at the start and after each step, shape [2, row, step + 1, channel].
+    The start has shape [2, row, channel], the command as set points and rates [row, step, channel],
+    and the strength of the first joint's motor [rad/s²] shape [row, step]; None is without limits.
+    The result is that at the start and after each step, shape [2, row, step + 1, channel].
     """
     pick = list(joints)
     omega = 2 * np.pi * np.array(servos.frequency)[pick] * factor

@@ -97,9 +97,7 @@ class VirtualCamera:
         if track.joint_path is not None:
             q = joints_at(track.joint_path, track.times[-1:])
             path = JointPath(times=now, q=q, qd=np.zeros_like(q))
-        trial = FilmedTrial(
-            cable=setup.cable, times=now, nodes=track.nodes[-1:], joint_path=path, arm=setup.arm
-        )
+        trial = FilmedTrial.of(setup, now, track.nodes[-1:], path)
         return self.film(trial, seed).frame(Film.LEAD)
 
     def empty_frame(self, seed: int = 0) -> Image:
@@ -159,14 +157,9 @@ class VirtualCamera:
     def expose(
         self, canvas: Image, corner: tuple[int, int], gains: Array, seed: int, frame: int
     ) -> Image:
-        """Return what the sensor makes of a drawn piece: lens blur, brightness, noise.
+        """Return what the sensor makes of a piece at a corner [px]: lens blur, brightness, noise.
 
-        Args:
-            canvas: Piece, BGR, shape [v, u, 3].
-            corner: Left and top of the piece [px].
-            gains: Brightness of blue, green and red as a multiple of that of even light [-].
-            seed: Seed of the noise.
-            frame: Index of the frame.
+        Blue, green and red are brighter by the gains [-] than in even light.
         """
         cv2 = load_cv2()
         config = self.config
@@ -309,9 +302,7 @@ def board_pictures(camera: VirtualCamera, seed: int = 0, board: Board | None = N
         up = rng.uniform(0.5, 1.3)
         if mount.quarter_turns:
             across, along = along, across
-        centre = np.array(
-            [mount.scale * across, mount.centre_y + mount.scale * along, mount.scale * up]
-        )
+        centre = mount.scale * np.array([across, along, up]) + [0.0, mount.centre_y, 0.0]
         pictures.append(camera.board_frame(board, R, centre, seed + index))
     return pictures
 

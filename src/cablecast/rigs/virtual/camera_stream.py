@@ -13,7 +13,7 @@ import multiprocessing
 import signal
 import threading
 from collections import deque
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,13 +56,7 @@ _State = tuple[float, Array | None, Array]
 
 
 class LiveFilm(Film):
-    """A film of what is shown instant by instant.
-
-    Args:
-        camera: Camera that films.
-        setup: Gives cable and arm.
-        seed: Seed of light and noise.
-    """
+    """A film of what is shown instant by instant."""
 
     LEAD = 0
 
@@ -114,28 +108,15 @@ class LiveFilm(Film):
         if len(q) == len(states):
             angles = np.array(q)
             path = JointPath(times=times, q=angles, qd=np.zeros_like(angles))
-        return FilmedTrial(
-            cable=self._setup.cable,
-            times=times,
-            nodes=np.array([nodes for _, _, nodes in states]),
-            joint_path=path,
-            arm=self._setup.arm,
-        )
+        nodes = np.array([nodes for _, _, nodes in states])
+        return FilmedTrial.of(self._setup, times, nodes, path)
 
     def _gains(self, time: float) -> Array:
         return self.gain * super()._gains(time)
 
 
 class Studio:
-    """The camera, its faults and its broadcast.
-
-    Args:
-        setup: Gives the table, its tags, the cable and the arm.
-        config: Settings of the camera.
-        seed: Seed of the table's looks, of light and noise.
-        clock: Time of the camera's clock when the laboratory's shows zero [s].
-        port: Port of the stream.
-    """
+    """The camera, its faults and its broadcast; see `CameraStream`."""
 
     def __init__(self, setup: Setup, config: CameraConfig, seed: int, clock: float, port: int):
         self.camera = VirtualCamera.of(setup, config, seed)
@@ -193,9 +174,8 @@ class Studio:
         place = min(MOVED_TAG, len(tags) - 1)
         tag = tags[place]
         tags[place] = dataclasses.replace(tag, x=tag.x + _MOVE[0], y=tag.y + _MOVE[1])
-        layout = TagLayout(tags=tuple(tags))
-        view, config, workspace = camera.view, camera.config, camera.workspace
-        return draw_background(view, config, workspace, layout, self._seed)[0]
+        scene = (camera.view, camera.config, camera.workspace, TagLayout(tags=tuple(tags)))
+        return draw_background(*scene, self._seed)[0]
 
 
 def _scene(state: _State) -> Array:
@@ -232,7 +212,7 @@ def _serve(
             return
 
 
-class CameraStream:
+class CameraStream(contextlib.AbstractContextManager):
     """The camera above the virtual table, in a process of its own.
 
     Args:
@@ -270,9 +250,6 @@ class CameraStream:
             self.close()
             raise RigError(f"the virtual camera did not start within {_START_TIMEOUT:g} s")
         self.url: str = self._receive()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

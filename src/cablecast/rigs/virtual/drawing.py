@@ -7,6 +7,7 @@ its shadow for each instant of an exposure.
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from cablecast.camera.tags import Tag, TagLayout
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.config import CameraConfig, clutter_place
+from cablecast.setup import Setup
 from cablecast.vision.tags import load_cv2, tag_picture
 from cablecast.vision.tracker import MarkerConfig
 from cablecast.workspace import Workspace
@@ -303,6 +305,13 @@ class FilmedTrial:
                 f"cable shapes every {float(np.max(np.diff(self.times))):.3f} s are too far apart "
                 "to film: at most 0.025 s"
             )
+
+    @classmethod
+    def of(cls, setup: Setup, times: Array, nodes: Array, joint_path: JointPath | None) -> Self:
+        """Return a motion of the cable and the arm of a set-up."""
+        return cls(
+            cable=setup.cable, times=times, nodes=nodes, joint_path=joint_path, arm=setup.arm
+        )
 
     def shape_at(self, times: Array) -> Array:
         """Return the cable at times [s], held before the first and after the last.

@@ -49,14 +49,7 @@ class FrictionMap:
 
 
 def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
-    """Draw the face of a table.
-
-    The face belongs to the table, and moves and turns with it.
-
-    Args:
-        table: Unevenness of the table, and its seed.
-        workspace: Gives the table's size and place.
-    """
+    """Draw the face of a table, which moves and turns with it."""
     origin = np.array([-workspace.half_width, workspace.y_min])
     size = np.array([2 * workspace.half_width, workspace.y_max - workspace.y_min])
     quarter_turns = round(workspace.table_yaw_deg / 90.0) % 4
@@ -66,12 +59,7 @@ def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
 
 
 def _face(table: HiddenTable, size: Array) -> Array:
-    """Return the factors of a table that is not turned, shape [x, y].
-
-    Args:
-        table: Unevenness of the table, and its seed.
-        size: Extent along x and y [m], shape [2].
-    """
+    """Return the factors of a table of some extent [m] that is not turned, shape [x, y]."""
     rng = np.random.default_rng(table.seed)
     origin = np.array([-float(size[0]) / 2, 0.0])
     counts = [round(float(extent) / CELL) + 1 for extent in size]
@@ -375,34 +363,22 @@ class CableForces:
         self._world_view, self._force_view = self._worlds.numpy(), self._force.numpy()
         properties = Properties()
         properties.radius = cable.radius
-        properties.friction = truth.friction
-        properties.grain = truth.grain
-        properties.bend_stiffness = truth.bend_stiffness
-        properties.yield_curvature = truth.yield_curvature
-        properties.yield_time = truth.yield_time
+        for name in ("friction", "grain", "bend_stiffness", "yield_curvature", "yield_time"):
+            setattr(properties, name, getattr(truth, name))
         properties.map_origin = wp.vec2d(*friction_map.origin)
         properties.map_cell = CELL
         drag = 0.5 * AIR_DENSITY * truth.drag * cable.diameter * edge
-        constant = [
-            edge,
-            GRAVITY * masses[2:],
-            drag,
-            truth.linear_damping * masses[2:],
-            friction,
-            friction_map.factors,
-        ]
+        weight, damping = GRAVITY * masses[2:], truth.linear_damping * masses[2:]
+        constant = (edge, weight, drag, damping, friction, friction_map.factors)
+        # They share their memory with numpy's.
+        *fixed, bent = (
+            wp.array(values, dtype=wp.float64, device="cpu", copy=False)
+            for values in (*constant, curl)
+        )
         self._launch: Any = wp.launch(
             sum_forces,
             dim=world_count,
-            inputs=[
-                self._worlds,
-                *self._motion,
-                0.0,
-                *(_as_warp(values) for values in constant),
-                properties,
-                _as_warp(curl),
-                self._force,
-            ],
+            inputs=[self._worlds, *self._motion, 0.0, *fixed, properties, bent, self._force],
             device="cpu",
             record_cmd=True,
         )
@@ -420,21 +396,11 @@ class CableForces:
         """
         count = len(active)
         self._world_view[:count] = active
-        values = (
-            motion.vertices,
-            motion.velocity,
-            np.cos(motion.roll),
-            np.sin(motion.roll),
-            motion.roll_rate,
-        )
+        rolls = (np.cos(motion.roll), np.sin(motion.roll), motion.roll_rate)
+        values = (motion.vertices, motion.velocity, *rolls)
         for view, value in zip(self._views, values, strict=True):
             view[:count] = value
         self._launch.set_dim(count)
         self._launch.set_param_by_name("elapsed", elapsed)
         self._launch.launch()
         return self._force_view[:count]
-
-
-def _as_warp(values: Array) -> wp.array:
-    """Return a Warp array that shares its memory with numpy's."""
-    return wp.array(values, dtype=wp.float64, device="cpu", copy=False)

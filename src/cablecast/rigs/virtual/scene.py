@@ -93,7 +93,6 @@ class Scene:
         arc_lengths: Distance of each vertex from the grip to the endpoint [m], shape [vertex].
         masses: Mass of the cable without its attachment, lumped at each vertex [kg], shape
             [vertex].
-        endpoint_mass: Mass of the attachment [kg].
         has_tip: Whether the attachment is a body of its own, whose orientation follows the slides
             as a quaternion in qpos and three rates in qvel.
         end_height: Height of the endpoint when attachment and cable lie on the table [m].
@@ -105,7 +104,6 @@ class Scene:
     model: Any
     arc_lengths: Array
     masses: Array
-    endpoint_mass: float
     has_tip: bool
     end_height: float
     extra_count: int
@@ -205,14 +203,7 @@ class Scene:
 def build_scene(
     cable: Cable, truth: HiddenCable, workspace: Workspace, segment_count: int, dt: float
 ) -> Scene:
-    """Compile the model.
-
-    Args:
-        cable: Geometry of the cable.
-        truth: True properties of the cable.
-        workspace: Gives the table's place, the reset position and the grip's height.
-        segment_count: Segments of the rod.
-        dt: Step [s].
+    """Compile the model, with a step of dt [s].
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -224,7 +215,9 @@ def build_scene(
     # The clamped edge is as short as the jaws. With a clamped edge of a whole segment the hinge
     # would sit half a segment too far out, and the landing would depend on the segment count.
     arc = np.concatenate([[0.0], np.linspace(truth.sleeve, cable.length, segment_count + 1)])
-    masses = _lumped(arc, truth.mass / cable.length)
+    # Half the mass of each edge is lumped at each of its ends.
+    halves = np.diff(arc) * (truth.mass / cable.length) / 2
+    masses = np.append(halves, 0.0) + np.insert(halves, 0, 0.0)
     has_tip = (
         cable.attachment is not Attachment.NONE
         and cable.attachment_length >= _ATTACHMENT_LENGTH_MIN
@@ -239,22 +232,12 @@ def build_scene(
         model=MjModel.from_xml_string(xml),
         arc_lengths=arc,
         masses=masses,
-        endpoint_mass=truth.endpoint_mass,
         has_tip=has_tip,
         end_height=max(cable.radius, truth.endpoint_radius) if magnet else cable.radius,
         extra_count=1 if magnet else 0,
         hand_origin=hand_origin,
         vertex_origin=positions[2:],
     )
-
-
-def _lumped(arc: Array, density: float) -> Array:
-    """Return the mass at each vertex, half of each edge's at each of its ends [kg]."""
-    edge = np.diff(arc) * density / 2
-    masses = np.zeros(len(arc))
-    masses[:-1] += edge
-    masses[1:] += edge
-    return masses
 
 
 def _mjcf(

@@ -366,13 +366,7 @@ class SensorCamera(Sensor):
         from cablecast.rigs.virtual.drawing import FilmedTrial
         from cablecast.vision.tracker import sight_of
 
-        trial = FilmedTrial(
-            cable=self.setup.cable,
-            times=times,
-            nodes=nodes,
-            joint_path=joint_path,
-            arm=self.setup.arm,
-        )
+        trial = FilmedTrial.of(self.setup, times, nodes, joint_path)
         film = self.camera.film(trial, seed=int(rng.integers(2**31)))
         tracker = track_film(film, self.calibration)
         self.sight = sight_of(tracker)

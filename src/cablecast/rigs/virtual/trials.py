@@ -17,7 +17,7 @@ import pathlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cable import Cable, load_cable
@@ -88,35 +88,24 @@ class ResetLibrary:
         near = np.flatnonzero((np.abs(aside) <= ASIDE_MAX) & stretched)
         return near if len(near) else np.arange(len(self))
 
-    def resample(self, index: int, arc_lengths: ArrayLike) -> Array:
+    def resample(self, index: int, arc_lengths: Array) -> Array:
         """Return one state at other nodes.
 
         Args:
             index: Index of the state.
             arc_lengths: Distance of each node from the grip along the cable [m], shape [vertex].
-                Beyond the endpoint the cable goes on straight and level, as an attachment lies.
 
         Returns:
             Nodes seen from the grip [m], shape [vertex, 3].
         """
         from scipy.interpolate import CubicSpline
 
-        arc_lengths = np.asarray(arc_lengths, dtype=float)
-        spline = CubicSpline(self.arc_lengths, self.positions[index])
-        end = self.arc_lengths[-1]
-        beyond = np.maximum(arc_lengths - end, 0.0)[:, None]
-        onwards = spline(end, 1) * [1.0, 1.0, 0.0]
-        onwards /= np.linalg.norm(onwards)
-        return spline(np.minimum(arc_lengths, end)) + beyond * onwards
+        return CubicSpline(self.arc_lengths, self.positions[index])(arc_lengths)
 
     def save(self, path: pathlib.Path) -> None:
         """Write the library whole or not at all; nothing in it is pickled."""
-        meta = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "cable": self.cable,
-            "info": self.info,
-        }
+        kind = {"format": FORMAT, "format_version": FORMAT_VERSION}
+        meta = kind | {"cable": self.cable, "info": self.info}
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,
