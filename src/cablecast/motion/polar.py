@@ -450,10 +450,10 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     return _pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
 
 
-def plan_reset(start: ArrayLike, setup: Setup) -> Trajectory:
+def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> Trajectory:
     """Plan one reset down to joint set points; see `reset_path`.
 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    return follow(reset_path(start, setup), setup, "this reset")
+    return follow(reset_path(start, setup, config), setup, "this reset")
