@@ -20,6 +20,7 @@ from cablecast.conventions import xy_to_polar
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, Candidate
+from cablecast.evaluation.published import published_tuning
 from cablecast.evaluation.repeatability import (
     ActionScatter,
     Repeatability,
@@ -30,7 +31,7 @@ from cablecast.files import read_csv
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
-from cablecast.tuning.tune import distance_summary, published_tuning
+from cablecast.tuning.tuned import distance_summary
 
 FACTOR_MAX = 1.5
 """Largest ratio between our scatter and the published one, either way."""

@@ -14,13 +14,21 @@ CANDIDATES = np.random.default_rng(0).random((4, 10))
 LOSSES = np.array([0.1, 0.2, 1 / 3, 0.4])
 
 
+def refuse(candidates):
+    raise AssertionError("a stored generation was evaluated again")
+
+
+def answer(checkpoint, stage="coarse", candidates=CANDIDATES, evaluate=refuse):
+    return checkpoint.losses(stage, candidates, evaluate)
+
+
 @pytest.fixture
 def parts(tmp_path):
     """Two generations on the disk."""
     parts = Parts(tmp_path / "generations")
     checkpoint = Checkpoint(parts)
-    checkpoint.store("coarse", CANDIDATES, LOSSES, 1.5)
-    checkpoint.store("fine", CANDIDATES / 2, LOSSES / 2, 0.5)
+    answer(checkpoint, evaluate=lambda _: LOSSES)
+    answer(checkpoint, "fine", CANDIDATES / 2, lambda _: LOSSES / 2)
     return parts
 
 
@@ -32,7 +40,7 @@ def file(parts):
 
 def refusal(file):
     with pytest.raises(InputError) as caught:
-        Checkpoint(Parts(file.parent))
+        answer(Checkpoint(Parts(file.parent)))
     text = str(caught.value)
     assert "\n" not in text
     assert str(file) in text
@@ -42,29 +50,32 @@ def refusal(file):
 
 def test_stored_losses_are_answered_bit_by_bit(parts):
     checkpoint = Checkpoint(parts)
-    assert checkpoint.seconds == 2.0
-    np.testing.assert_array_equal(checkpoint.answer("coarse", CANDIDATES), LOSSES)
-    np.testing.assert_array_equal(checkpoint.answer("fine", CANDIDATES / 2), LOSSES / 2)
-    assert checkpoint.answer("fine", CANDIDATES) is None
+    for stage, candidates, expected in (
+        ("coarse", CANDIDATES, LOSSES),
+        ("fine", CANDIDATES / 2, LOSSES / 2),
+    ):
+        losses, is_new = answer(checkpoint, stage, candidates)
+        np.testing.assert_array_equal(losses, expected)
+        assert not is_new
+    assert checkpoint.seconds == sum(parts.get(name)["seconds"] for name in ("0000", "0001"))
+    assert answer(checkpoint, "fine", evaluate=lambda _: LOSSES)[1]
 
 
-def test_without_a_folder_nothing_is_answered(tmp_path):
-    assert Checkpoint(None).answer("coarse", CANDIDATES) is None
-    assert Checkpoint(Parts(tmp_path / "none")).answer("coarse", CANDIDATES) is None
+def test_without_a_folder_nothing_is_stored():
+    for checkpoint in (Checkpoint(None), Checkpoint(None)):
+        assert answer(checkpoint, evaluate=lambda _: LOSSES)[1]
 
 
-def test_a_generation_that_is_missing_is_simulated_again(parts, file):
+def test_a_generation_that_is_missing_is_evaluated_again(parts, file):
     file.unlink()
-    checkpoint = Checkpoint(parts)
-    assert checkpoint.answer("coarse", CANDIDATES) is None
-    checkpoint.store("coarse", CANDIDATES, LOSSES, 1.5)
-    assert len(Checkpoint(parts).generations) == 2
+    assert answer(Checkpoint(parts), evaluate=lambda _: LOSSES)[1]
+    assert not answer(Checkpoint(parts))[1]
 
 
 def test_other_candidates_and_other_stages_are_refused(parts):
     for stage, candidates in (("coarse", np.nextafter(CANDIDATES, 1.0)), ("fine", CANDIDATES)):
         with pytest.raises(InputError, match=r"generation 0 in .* holds other candidates"):
-            Checkpoint(parts).answer(stage, candidates)
+            answer(Checkpoint(parts), stage, candidates)
 
 
 def test_a_loss_that_was_changed_is_not_believed(file):

@@ -8,6 +8,7 @@ import pytest
 from cablecast.cable import FITTED_MATERIAL, PAPER_PARAMS, PARAMS
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
+from cablecast.setup import Setup
 from cablecast.tuning.ensemble import (
     MEMBER_COUNT,
     Ensemble,
@@ -17,7 +18,8 @@ from cablecast.tuning.ensemble import (
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.tracks import TrackObjective
-from cablecast.tuning.tune import ParamsFile, fit_params, params_file, write_params
+from cablecast.tuning.tune import fit_params
+from cablecast.tuning.tuned import load_tuned, params_file, write_params
 
 CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
 COARSE = {"segment_count": 10, "dt": 2e-3}
@@ -82,7 +84,7 @@ def test_none_is_made_where_no_step_is_asked_for(cable, few):
 
 def test_it_is_kept_with_the_parameters(fitted, cable, tmp_path):
     write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
-    assert ParamsFile.read(tmp_path).ensemble() == fitted.ensemble
+    assert load_tuned(tmp_path, Setup(cable=cable)).ensemble == fitted.ensemble
 
 
 def test_a_damaged_one_is_refused(fitted):

@@ -8,10 +8,12 @@ import pytest
 from cablecast.cable import CableParams
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
+from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig, TrackFit
 from cablecast.tuning.space import ParamPrior, SearchSpace
 from cablecast.tuning.tracks import TrackObjective
-from cablecast.tuning.tune import ParamsFile, fit_params, params_file, write_params
+from cablecast.tuning.tune import fit_params
+from cablecast.tuning.tuned import load_tuned, params_file, write_params
 
 CONFIG = FitConfig(start_count=4, coarse_iterations=6, fine_start_count=2, fine_iterations=3)
 FRICTION = 0.12
@@ -133,7 +135,7 @@ def test_bad_deviations_are_refused(cable):
 def test_a_posterior_is_read_back_as_it_was_written(result, cable, tmp_path):
     values = params_file(result, cable.length, None) | {"cable": cable.name}
     write_params(tmp_path / "params.json", values)
-    again = ParamsFile.read(tmp_path / "params.json").posterior()
+    again = load_tuned(tmp_path / "params.json", Setup(cable=cable)).posterior
     np.testing.assert_array_equal(again.covariance, result.posterior.covariance)
     np.testing.assert_array_equal(again.draw(5).to_array(), result.posterior.draw(5).to_array())
     assert again.undetermined == result.posterior.undetermined

@@ -12,7 +12,8 @@ from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.space import YIELD_TIME, ParamPrior, SearchSpace
 from cablecast.tuning.tracks import TrackObjective
-from cablecast.tuning.tune import fit_params, params_file, read_dynamics, write_params
+from cablecast.tuning.tune import fit_params
+from cablecast.tuning.tuned import load_tuned, params_file, write_params
 
 PLAIN = FitConfig(
     start_count=8,
@@ -149,4 +150,4 @@ def test_unknown_values_are_refused():
 
 def test_the_material_is_kept_with_the_parameters(fitted, cable, tmp_path):
     write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
-    assert read_dynamics(tmp_path).params == fitted.params
+    assert load_tuned(tmp_path, Setup(cable=cable)).params == fitted.params

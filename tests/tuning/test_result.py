@@ -9,18 +9,12 @@ import pytest
 from cablecast.cable import load_cable
 from cablecast.errors import InputError
 from cablecast.motion.servo import ServoModel
-from cablecast.tuning.tune import (
-    TuneConfig,
-    distance_summary,
-    params_file,
-    read_dynamics,
-    read_params,
-    split_tracks,
-    tune_params,
-    write_params,
-)
+from cablecast.setup import Setup
+from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
+from cablecast.tuning.tuned import distance_summary, load_tuned, params_file, write_params
 
 CABLE = load_cable("cable_1")
+SETUP = Setup(cable=CABLE)
 PARAMS = CABLE.params.to_dict()
 SERVO = ServoModel(delay=np.full(6, 0.01), frequency=np.full(6, 50.0), damping=np.full(6, 0.8))
 LITTLE = TuneConfig(
@@ -45,7 +39,7 @@ def refusal(file, text=None):
     if text is not None:
         file.write_text(text)
     with pytest.raises(InputError) as caught:
-        read_params(file, CABLE)
+        load_tuned(file, SETUP)
     message = str(caught.value)
     assert "\n" not in message
     assert str(file) in message
@@ -57,13 +51,13 @@ def test_the_file_of_the_result_gives_back_the_parameters(result, cable, tmp_pat
     values = params_file(result, cable.length, None) | {"cable": cable.name}
     write_params(tmp_path, values)
     file = tmp_path / "params.json"
-    assert read_params(file) == read_params(tmp_path, cable) == result.params
-    assert read_dynamics(file).servo is None
+    assert load_tuned(file, SETUP).params == load_tuned(tmp_path, SETUP).params == result.params
+    assert load_tuned(file, SETUP).dynamics.servo is None
     low, middle, high = values["spread"]["friction"]
     assert low <= middle <= high
     other = dataclasses.replace(cable, name="another")
     with pytest.raises(InputError, match="of cable_1, not of another"):
-        read_params(file, other)
+        load_tuned(file, Setup(cable=other))
     summary = distance_summary(result.validation, 1, cable.length)
     assert values["validation"]["tuned"] == summary
     assert summary["final_median_pct"] == pytest.approx(
@@ -82,7 +76,7 @@ def test_distances_that_nobody_measured_are_none_in_the_summary(result, cable):
 
 
 def test_the_servo_is_read_back(file):
-    np.testing.assert_array_equal(read_dynamics(file).servo.frequency, SERVO.frequency)
+    np.testing.assert_array_equal(load_tuned(file, SETUP).dynamics.servo.frequency, SERVO.frequency)
 
 
 def test_a_value_that_was_changed_is_not_believed_until_the_checksum_is_deleted(file):
@@ -92,23 +86,23 @@ def test_a_value_that_was_changed_is_not_believed_until_the_checksum_is_deleted(
     text = "\n".join(changed)
     assert "was changed since it was written: delete its sha256 line" in refusal(file, text)
     with pytest.raises(InputError, match="was changed"):
-        read_dynamics(file)
+        load_tuned(file, SETUP)
     file.write_text("\n".join(line for line in changed if '"sha256"' not in line))
-    assert read_params(file, CABLE).mass == 0.051
+    assert load_tuned(file, SETUP).params.mass == 0.051
 
 
 def test_a_file_that_a_person_wrote_needs_the_parameters_alone(tmp_path):
     file = tmp_path / "mine.json"
     file.write_text("\ufeff" + json.dumps({"params": PARAMS}), encoding="utf-8")
-    assert read_params(file, CABLE) == CABLE.params
-    assert read_dynamics(file).servo is None
+    assert load_tuned(file, SETUP).params == CABLE.params
+    assert load_tuned(file, SETUP).dynamics.servo is None
 
 
 def test_a_missing_file_says_how_to_make_one(tmp_path):
     with pytest.raises(InputError, match="cablecast tune"):
-        read_params(tmp_path / "params.json")
+        load_tuned(tmp_path / "params.json", SETUP)
     with pytest.raises(InputError, match="cablecast tune"):
-        read_params(tmp_path)
+        load_tuned(tmp_path, SETUP)
 
 
 @pytest.mark.parametrize(
@@ -171,6 +165,6 @@ def test_a_cable_name_of_the_wrong_kind_is_refused(file, name):
 def test_a_servo_of_the_wrong_kind_is_refused(file, servo):
     file.write_text(json.dumps({"params": PARAMS, "servo": servo}))
     with pytest.raises(InputError) as caught:
-        read_dynamics(file)
+        load_tuned(file, SETUP)
     assert "\n" not in str(caught.value)
     assert str(file) in str(caught.value)

@@ -12,7 +12,7 @@ from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
 from cablecast.runs.folder import METRICS_FILE
 from cablecast.setup import Setup
-from cablecast.tuning.tune import PARAMS_FILE, write_params
+from cablecast.tuning.tuned import PARAMS_FILE, write_params
 from cablecast.view.desk import Desk
 from cablecast.view.look import open_collection
 from cablecast.view.page import slid_params

@@ -67,7 +67,8 @@ class Tune:
         from cablecast.pipeline.tune import TRACKS_FILE, tune
         from cablecast.runs.places import TUNE_FOLDER, cable_folder, find_casts
         from cablecast.tuning.fit import FitConfig
-        from cablecast.tuning.tune import PARAMS_FILE, TuneConfig
+        from cablecast.tuning.tune import TuneConfig
+        from cablecast.tuning.tuned import PARAMS_FILE
 
         folder = find_casts(self.dataset, cable_name(self.setup, self.cable), "tune")
         casts = read_dataset(folder)
@@ -139,8 +140,8 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
         cable_name: Name of the cable; the paper's rows are those of the same name.
     """
     from cablecast.cli import tables
+    from cablecast.evaluation.published import PUBLISHED_SIMULATION_COUNT, published_tuning
     from cablecast.report.tables import pct
-    from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
 
     validation = metrics["validation"]
     kind = "validation" if metrics["held_out_count"] else "fitted"

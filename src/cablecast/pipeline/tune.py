@@ -4,7 +4,7 @@ import dataclasses
 import os
 import pathlib
 import typing
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cablecast.data.dataset import Dataset
 from cablecast.data.simulate import engine_settings
@@ -22,16 +22,12 @@ from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
 from cablecast.tuning.tune import (
     TuneConfig,
+    TuneResult,
     fit_params,
-    params_file,
     split_tracks,
     tune_params,
-    write_params,
 )
-from cablecast.tuning.tuned import Tuned, load_tuned
-
-if TYPE_CHECKING:
-    from cablecast.tuning.tune import TuneResult
+from cablecast.tuning.tuned import Tuned, load_tuned, params_file, write_params
 
 GENERATIONS_FOLDER = "generations"
 TRACKS_FILE = "tracks.png"
@@ -214,7 +210,7 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
     }
 
 
-def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: "TuneResult") -> bytes:
+def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: TuneResult) -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
     from cablecast.report.maps import spread_choice, track_panels
     from cablecast.report.style import png_bytes

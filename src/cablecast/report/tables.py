@@ -11,11 +11,12 @@ from typing import Any
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, published_candidate
 from cablecast.evaluation.published import (
     METHOD_NAMES,
+    PUBLISHED_SIMULATION_COUNT,
     PublishedRow,
     published_row,
     published_rows,
+    published_tuning,
 )
-from cablecast.tuning.tune import PUBLISHED_SIMULATION_COUNT, published_tuning
 
 Metrics = Mapping[str, Any]
 """Contents of the metrics.json of one stage."""

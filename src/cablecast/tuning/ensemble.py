@@ -22,7 +22,7 @@ from cablecast.cable import PARAMS, Cable, CableParams
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import check_count, check_number
-from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit, run_fit
+from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit
 from cablecast.tuning.space import (
     Gaussian,
     ParamPosterior,
@@ -137,9 +137,8 @@ def fit_ensemble(
     fine_engine: Engine,
     params: CableParams,
     misfit: float,
-    iterations: int,
-    on_step: Callable[[TrackFit], Callable[[FitState], None]],
-) -> Ensemble | None:
+    run: Callable[[TrackFit, FitState], FitState],
+) -> Ensemble:
     """Fit the parameters anew with each of some materials.
 
     Args:
@@ -147,20 +146,14 @@ def fit_ensemble(
         fine_engine: Engine that the parameters were found with.
         params: Parameters that were found, from which each fit starts.
         misfit: Scale of the model's own error that was found [cable lengths].
-        iterations: Steps of each fit; no ensemble where 0.
-        on_step: Given a fit, returns what is called after each of its steps.
-
-    Returns:
-        The simulators; None where no step was asked for.
+        run: Takes the steps of one of these fits from a state.
     """
-    if not iterations:
-        return None
     start = fit.space.to_unit(params)[None]
     members = []
     for other in other_materials(params, fit.objective.cable.length):
         space = fit.space.of_paper(other)
         tried = TrackFit(fit.objective, space, fit.prior)
-        state = run_fit(tried, tried.start(start, misfit), iterations, on_step(tried))
+        state = run(tried, tried.start(start, misfit))
         members.append(Dynamics(params=space.to_params(state.best().points[0])))
     engine = fit.objective.engine
     return Ensemble(

@@ -7,6 +7,8 @@ of each generation. Candidates that differ from the stored ones raise an error: 
 machine drew them.
 """
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -110,94 +112,71 @@ class Checkpoint:
     """Evaluated generations of a search.
 
     Args:
-        parts: Folder of the generations; None keeps them in memory only.
+        parts: Folder of the generations; None where they are not kept.
 
-    Raises:
-        DamagedFileError: A generation is not what was stored.
-        UnreadableFileError: The system refuses to read it.
+    Attributes:
+        seconds: Total time of the generations so far, stored ones included [s].
     """
 
     def __init__(self, parts: Parts | None):
         self.parts = parts
-        self.generations: list[dict[str, Any]] = []
-        self._answered = 0
-        while parts is not None and (stored := parts.get(self._name())) is not None:
-            self.generations.append(_generation(stored, parts, self._name()))
+        self.seconds = 0.0
+        self._count = 0
 
-    @property
-    def seconds(self) -> float:
-        """Total time of the stored generations [s]."""
-        return sum(entry["seconds"] for entry in self.generations)
-
-    def answer(self, stage: str, candidates: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the stored losses of the next generation; None if it was not simulated yet.
-
-        Args:
-            stage: Name of the loss function.
-            candidates: Candidates of the generation, shape [candidate, dimension].
-
-        Raises:
-            InputError: Other candidates are stored.
-        """
-        if self._answered == len(self.generations):
-            return None
-        entry = self.generations[self._answered]
-        if entry["stage"] != stage or not np.array_equal(entry["candidates"], candidates):
-            folder = None if self.parts is None else self.parts.folder
-            raise InputError(
-                f"generation {self._answered} in {folder} holds other candidates than this version "
-                "or machine draws: use another folder, or delete this one to restart the search"
-            )
-        self._answered += 1
-        return np.array(entry["losses"])
-
-    def store(
+    def losses(
         self,
         stage: str,
         candidates: NDArray[np.float64],
-        losses: NDArray[np.float64],
-        seconds: float,
-    ) -> None:
-        """Add a simulated generation.
+        evaluate: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], bool]:
+        """Return the losses of the next generation, and whether they were evaluated now.
 
         Args:
             stage: Name of the loss function.
             candidates: Candidates of the generation, shape [candidate, dimension].
-            losses: Losses of the candidates, shape [candidate].
-            seconds: Time of the simulation [s].
+            evaluate: Loss function, for a generation that is not stored.
+
+        Raises:
+            InputError: Other candidates are stored.
+            DamagedFileError: The generation is not what was stored.
+            UnreadableFileError: The system refuses to read it.
         """
-        entry = {
-            "stage": stage,
-            "candidates": candidates.tolist(),
-            "losses": losses.tolist(),
-            "seconds": seconds,
-        }
+        number, self._count = self._count, self._count + 1
+        name = f"{number:04d}"
+        stored = None if self.parts is None else self.parts.get(name)
+        if self.parts is not None and stored is not None:
+            try:
+                losses, seconds = _generation(stored, stage, candidates)
+            except (ValueError, TypeError, KeyError, OverflowError):
+                raise DamagedFileError(
+                    f"{self.parts.file(name)} holds no generation of a search. {self.parts.remedy}"
+                ) from None
+            if losses is None:
+                raise InputError(
+                    f"generation {number} in {self.parts.folder} holds other candidates than this "
+                    "version or machine draws: use another folder, or delete this one to restart "
+                    "the search"
+                )
+            self.seconds += seconds
+            return losses, False
+        start = time.monotonic()
+        losses = evaluate(candidates)
+        seconds = time.monotonic() - start
         if self.parts is not None:
             # Python writes floats so that they are read back bit-exactly.
-            self.parts.put(self._name(), entry)
-        self.generations.append(entry)
-        self._answered = len(self.generations)
-
-    def _name(self) -> str:
-        """Return the name of the part of the generation after those at hand."""
-        return f"{len(self.generations):04d}"
+            entry = {"stage": stage, "candidates": candidates.tolist(), "losses": losses.tolist()}
+            self.parts.put(name, {**entry, "seconds": seconds})
+        self.seconds += seconds
+        return losses, True
 
 
-def _generation(stored: dict[str, Any], parts: Parts, name: str) -> dict[str, Any]:
-    """Return a stored generation, if it is one."""
-    try:
-        candidates = np.array(stored["candidates"], dtype=float)
-        losses = np.array(stored["losses"], dtype=float)
-        if candidates.ndim != 2 or losses.shape != (len(candidates),):
-            raise ValueError
-        return {
-            "stage": str(stored["stage"]),
-            "candidates": candidates.tolist(),
-            "losses": losses.tolist(),
-            "seconds": float(stored["seconds"]),
-        }
-    except (ValueError, TypeError, KeyError, OverflowError):
-        raise DamagedFileError(
-            f"{parts.file(name)} holds no generation of a search. Delete it, and the same command "
-            "makes it again"
-        ) from None
+def _generation(
+    stored: dict[str, Any], stage: str, candidates: NDArray[np.float64]
+) -> tuple[NDArray[np.float64] | None, float]:
+    """Return stored losses, None if they are those of other candidates, and their seconds."""
+    known = np.array(stored["candidates"], dtype=float)
+    losses = np.array(stored["losses"], dtype=float)
+    if known.ndim != 2 or losses.shape != (len(known),):
+        raise ValueError
+    is_same = stored["stage"] == stage and np.array_equal(known, candidates)
+    return losses if is_same else None, float(stored["seconds"])

@@ -1,16 +1,27 @@
-"""Tuned: a simulator that follows the real cable, as `tune` finds it."""
+"""Tuned: a simulator that follows the real cable, and params.json, which keeps it."""
 
 import dataclasses
 import pathlib
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from cablecast.cable import CableParams
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.cable import PAPER_PARAMS, CableParams
+from cablecast.conventions import finite_or_none
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import InputError
+from cablecast.errors import DamagedFileError, InputError, check_name
+from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
+from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import Ensemble, believed_ensemble
 from cablecast.tuning.space import ParamPosterior
+from cablecast.tuning.tracks import TrackDistances
+from cablecast.tuning.tune import TuneResult
+
+PARAMS_FILE = "params.json"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,24 +88,185 @@ class Tuned:
 
 
 def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
-    """Return what `cablecast tune` left in a folder or in its params.json.
+    """Return what `cablecast tune` left in a folder or in its params.json, or a person wrote.
+
+    A checksum is verified if there is one. A file that a person wrote needs the parameters alone.
 
     Args:
         path: The folder, or the file.
         setup: Set-up to simulate; the parameters must be those of its cable.
 
     Raises:
-        InputError: There is no such file, it is damaged, or holds parameters of another cable.
+        InputError: There is no such file, it is damaged, was changed since it was written, or holds
+            parameters of another cable.
+        UnreadableFileError: The system refuses to read it.
     """
-    from cablecast.tuning.tune import ParamsFile
+    file = pathlib.Path(path)
+    file = file / PARAMS_FILE if file.is_dir() else file
+    values = _read(file)
+    try:
+        stored = values.get("cable")
+        if stored is not None:
+            check_name(stored, "cable")
+        params = CableParams.from_dict(values["params"])
+        servo, ensemble, posterior = (values.get(k) for k in ("servo", "ensemble", "posterior"))
+        tuned = Tuned(
+            setup=setup,
+            dynamics=Dynamics(
+                params=params, servo=None if servo is None else ServoModel.from_dict(servo)
+            ),
+            ensemble=None if ensemble is None else Ensemble.from_dict(ensemble),
+            posterior=None
+            if posterior is None
+            else ParamPosterior.from_dict(posterior, values["search_range"], params),
+            metrics={
+                name: str(values[name]) for name in ("dataset_fingerprint",) if name in values
+            },
+            path=pathlib.Path(path),
+        )
+    except (InputError, KeyError, AttributeError, OverflowError) as error:
+        raise _refusal(file, error) from None
+    if stored not in (None, setup.cable.name):
+        raise InputError(f"{file} holds parameters of {stored}, not of {setup.cable.name}")
+    return tuned
 
-    found = ParamsFile.read(path)
-    fingerprint = found.casts_fingerprint()
-    return Tuned(
-        setup=setup,
-        dynamics=found.dynamics(setup.cable),
-        ensemble=found.ensemble(),
-        posterior=found.posterior(),
-        metrics={"dataset_fingerprint": fingerprint} if fingerprint else {},
-        path=pathlib.Path(path),
-    )
+
+def _read(file: pathlib.Path) -> Mapping[str, Any]:
+    """Return the entries of params.json, which hold parameters."""
+    try:
+        values = read_json(file)
+    except FileNotFoundError:
+        raise InputError(
+            f"there are no tuned parameters at {file}: make them with `cablecast tune`"
+        ) from None
+    except InputError as error:
+        raise _refusal(file, error) from None
+    if CHECKSUM_KEY in values:
+        try:
+            values = read_sealed(file)
+        except (DamagedFileError, RecursionError):
+            raise InputError(
+                f"{file} was changed since it was written: delete its {CHECKSUM_KEY} line to "
+                "use it anyway"
+            ) from None
+    if "params" not in values:
+        raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
+    if values.get("material") is not None:
+        raise InputError(
+            f"{file} was written by an earlier version: make it again with `cablecast tune`"
+        )
+    return values
+
+
+def _refusal(file: pathlib.Path, error: Exception) -> InputError:
+    """Return a one-line error that names the file."""
+    reason = " ".join(str(error).split())[:300].removeprefix(f"{file} is damaged: ")
+    return InputError(f"{file} does not hold tuned parameters: {reason}")
+
+
+# A simulation depends only on the ratios of masses and stiffnesses, and on the product of the
+# frictions. If the parameters spread widely but these do not, the fit is good and the spread has no
+# effect.
+_DERIVED = {
+    "friction": lambda p: p.friction,
+    "bend_stiffness_per_mass": lambda p: p.bend_stiffness / p.mass,
+    "twist_stiffness_per_mass": lambda p: p.twist_stiffness / p.mass,
+    "endpoint_mass_per_mass": lambda p: p.endpoint_mass / p.mass,
+}
+
+
+def params_file(
+    result: TuneResult, cable_length: float, servo: ServoModel | None
+) -> dict[str, Any]:
+    """Return the content of params.json as plain values; see `write_params`.
+
+    Args:
+        result: Result of tuning.
+        cable_length: Cable length r_c [m].
+        servo: Servo of the arm, if it was identified.
+    """
+    rows = {}
+    for name, distances, status in (
+        ("training", result.training, result.training_status),
+        ("validation", result.validation, result.validation_status),
+    ):
+        rows[name] = {"trials": status_counts(status)} | {
+            row: distance_summary(distances, index, cable_length)
+            for index, row in enumerate(("default", "tuned"))
+        }
+    return {
+        "params": result.params.to_dict(),
+        "derived": {name: float(value(result.params)) for name, value in _DERIVED.items()},
+        "spread": _spread(result.population),
+        "servo": None if servo is None else servo.to_dict(),
+        "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
+        "posterior": None if result.posterior is None else result.posterior.to_dict(),
+        "open": [] if result.posterior is None else result.posterior.sentences(),
+        "search_range": result.space.to_dict(),
+        **rows,
+        "simulation_count": result.simulation_count,
+        "coarse_simulation_count": result.coarse_simulation_count,
+        "seconds": round(result.seconds, 1),
+    }
+
+
+def distance_summary(
+    distances: TrackDistances, candidate: int, cable_length: float
+) -> dict[str, Any]:
+    """Return distances of one candidate in % of cable length, as in the paper's tuning table.
+
+    Args:
+        distances: Distances between simulated and measured tracks.
+        candidate: Row of the candidate.
+        cable_length: Cable length r_c [m].
+    """
+    mean = 100 * distances.mean[candidate] / cable_length
+    final = 100 * distances.final[candidate] / cable_length
+    return {
+        "mean_pct": _reduced(np.mean, mean),
+        "median_mean_pct": _reduced(np.median, mean),
+        "final_median_pct": _reduced(np.median, final),
+        "final_first_quartile_pct": _reduced(lambda v: np.quantile(v, 0.25), final),
+        "final_third_quartile_pct": _reduced(lambda v: np.quantile(v, 0.75), final),
+        "final_max_pct": _reduced(np.max, final),
+        "track_count": int(np.isfinite(mean).sum()),
+        "final_count": int(np.isfinite(final).sum()),
+        "non_finite_count": int((~distances.finite[candidate]).sum()),
+    }
+
+
+def status_counts(status: NDArray[np.str_]) -> dict[str, int]:
+    """Return the number of trials by status."""
+    codes, counts = np.unique(status, return_counts=True)
+    return {str(code): int(count) for code, count in zip(codes, counts, strict=True)}
+
+
+def _reduced(
+    reduce: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]
+) -> float | None:
+    """Return a statistic of the finite values; None if there are none."""
+    known = values[np.isfinite(values)]
+    return finite_or_none(reduce(known)) if len(known) else None
+
+
+def _spread(population: CableParams) -> dict[str, list[float]]:
+    """Return minimum, median and maximum of the ten in the final population, by name."""
+    values = {name: getattr(population, name) for name in PAPER_PARAMS}
+    values |= {name: value(population) for name, value in _DERIVED.items()}
+    return {
+        name: [float(np.quantile(column, q)) for q in (0.0, 0.5, 1.0)]
+        for name, column in values.items()
+    }
+
+
+def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
+    """Write params.json with a checksum over its content.
+
+    Args:
+        path: File, or its folder.
+        values: Content, see `params_file`; also `cable`, the name of the tuned cable.
+    """
+    file = path / PARAMS_FILE if path.is_dir() else path
+    sealed = seal(dict(values))
+    # On the first line, so that a person may delete it without breaking the commas.
+    write_json(file, {CHECKSUM_KEY: sealed.pop(CHECKSUM_KEY), **sealed})

@@ -25,7 +25,7 @@ from cablecast.pipeline.evaluate import CASTS_FOLDER
 from cablecast.runs.folder import CONFIG_FILE, METRICS_FILE, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import SECTIONS, Setup
-from cablecast.tuning.tune import PARAMS_FILE, read_dynamics
+from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
 
 Array = NDArray[np.float64]
 
@@ -328,7 +328,7 @@ def _of_tuning(path: pathlib.Path) -> Collection:
     for place in sorted(path.resolve().parent.iterdir()):
         if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
             found = _of_dataset(place)
-            return dataclasses.replace(found, tuned=read_dynamics(path, found.setup.cable))
+            return dataclasses.replace(found, tuned=load_tuned(path, found.setup).dynamics)
     raise DatasetError(
         f"{path} was fitted to casts that do not lie beside it: open the folder of the casts"
     )
@@ -348,7 +348,7 @@ def _collection(
     tuned = None
     for place in (path.parent / TUNE_FOLDER, path / TUNE_FOLDER):
         if (place / PARAMS_FILE).exists():
-            tuned = read_dynamics(place, setup.cable)
+            tuned = load_tuned(place, setup).dynamics
     return Collection(
         setup=setup, dataset=dataset, labels=tuple(labels), target_xy=targets, tuned=tuned
     )

@@ -23,8 +23,7 @@ from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.places import CASTS_FOLDERS, DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import Pace, Progress, ProgressCallback
-from cablecast.tuning.tune import PARAMS_FILE
-from cablecast.tuning.tuned import load_tuned
+from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
 
 Work = Callable[[ProgressCallback], None]
 
