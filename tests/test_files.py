@@ -1,12 +1,21 @@
 import ast
+import json
 import os
 import pathlib
 
 import pytest
 
 import cablecast
+from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
 from cablecast.files import (
+    SIZE_MAX,
+    read_csv,
+    read_json,
+    read_sealed,
+    read_text,
+    read_yaml,
     remove_leftovers,
+    seal,
     temporary_prefix,
     write_bytes,
     write_json,
@@ -78,3 +87,110 @@ def test_text_is_read_and_written_in_utf_8_whatever_the_locale():
                 if is_text and "encoding" not in names:
                     without.append(f"{file.relative_to(package)}:{node.lineno}")
     assert without == []
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("5e-2", 0.05),
+        ("5.0e-2", 0.05),
+        ("3e-4", 3e-4),
+        ("-1E3", -1000.0),
+        ("+2.", 2.0),
+        (".5", 0.5),
+        ("0.62", 0.62),
+        ("12", 12),
+        (".inf", float("inf")),
+        ("1e5e5", "1e5e5"),
+        ("e5", "e5"),
+        ("cable_1", "cable_1"),
+        ("'5e-2'", "5e-2"),
+    ],
+)
+def test_yaml_numbers_are_the_numbers_that_a_person_means(tmp_path, text, value):
+    (tmp_path / "a.yaml").write_text(f"mass: {text}\n")
+    found = read_yaml(tmp_path / "a.yaml")["mass"]
+    assert found == value
+    assert type(found) is type(value)
+
+
+# Each level names the one before nine times: 9^9 strings from a kilobyte.
+BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"{name}: &{name} [{','.join(['*' + before] * 9)}]\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BOMB, "aliases"),
+        ("mass: 1\nlength: 2\nmass: 3\n", "'mass' appears twice, again in line 3"),
+        ("a: [1, 2\nb: 3", "is not plain YAML"),
+        ("- 1\n- 2\n", "must hold a mapping"),
+        ("", "must hold a mapping"),
+        ("just text", "must hold a mapping"),
+        ("a: !!python/object/apply:os.system ['true']", "is not plain YAML"),
+        ("{" * 5000, "is not plain YAML"),
+        ("a: 9999-99-99", "is not plain YAML"),
+    ],
+    ids=lambda value: value[:16],
+)
+def test_yaml_that_is_not_plain_is_refused_in_one_line(tmp_path, text, words):
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_yaml(tmp_path / "a.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_text_is_utf_8_whatever_the_locale_with_or_without_a_byte_order_mark(tmp_path):
+    (tmp_path / "a").write_bytes(b"\xef\xbb\xbfN\xc2\xb7m")
+    assert read_text(tmp_path / "a") == "N·m"
+    (tmp_path / "a").write_bytes(b"N\xb7m")
+    with pytest.raises(InputError, match=r"not text in UTF-8 \(byte 1\)"):
+        read_text(tmp_path / "a")
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_fills_the_memory(tmp_path):
+    (tmp_path / "a").write_bytes(b" " * (SIZE_MAX + 1))
+    with pytest.raises(InputError, match=f"more than {SIZE_MAX} bytes"):
+        read_text(tmp_path / "a")
+
+
+def test_a_file_that_the_system_refuses_is_unreadable_not_damaged(tmp_path):
+    with pytest.raises(UnreadableFileError, match="Is a directory"):
+        read_json(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        read_json(tmp_path / "none")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "7", "null", "{", "[" * 10**6, '{"a": 1'])
+def test_json_that_is_no_mapping_is_damaged(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(DamagedFileError, match="is damaged") as caught:
+        read_json(tmp_path / "a.json")
+    assert len(str(caught.value)) < 400
+
+
+def test_a_sealed_file_is_read_back_and_any_change_is_noticed(tmp_path):
+    file = tmp_path / "a.json"
+    values = {"losses": [1.5, 2.25], "name": "weiß", "nested": {"a": None}}
+    file.write_text(json.dumps(seal(values)))
+    assert read_sealed(file) == values
+    for old, new in (("1.5", "1.6"), ("weiß", "weis"), ("null", "0"), ("sha256", "sha255")):
+        text = json.dumps(seal(values), ensure_ascii=False)
+        assert old in text
+        file.write_text(text.replace(old, new))
+        with pytest.raises(DamagedFileError, match="checksum"):
+            read_sealed(file)
+
+
+def test_csv_of_a_spreadsheet_is_read_and_a_missing_column_or_cell_named(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_bytes("\ufeffx,y\r\n1,2\r\n".encode())
+    assert read_csv(file, ("x", "y")) == [{"x": "1", "y": "2"}]
+    with pytest.raises(InputError, match="lacks the columns z"):
+        read_csv(file, ("x", "z"))
+    file.write_text("x,y\n1\n")
+    with pytest.raises(InputError, match=r"line 2 .* too few cells"):
+        read_csv(file, ("x", "y"))

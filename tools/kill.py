@@ -50,13 +50,11 @@ class Job:
         name: Name for people.
         arguments: Words after `cablecast`; empty for the reproduction on a tiny budget.
         results: Files and folders that it writes.
-        needs: Names of the small results that it reads.
     """
 
     name: str
     arguments: tuple[str, ...]
     results: tuple[str, ...]
-    needs: tuple[str, ...] = ()
 
 
 def jobs() -> list[Job]:
@@ -263,21 +261,8 @@ def import_all() -> None:
             with contextlib.suppress(ImportError):
                 importlib.import_module(module.name)
     for name in (
-        "pyarrow.parquet",
-        "scipy.optimize",
-        "scipy.spatial",
-        "torch",
-        "safetensors.torch",
-    ):
-        importlib.import_module(name)
-    for name in (
-        "matplotlib.figure",
-        "shapely",
-        "jinja2",
-        "warp",
-        "mujoco",
-        "cv2",
-        "rich.progress",
+        *("pyarrow.parquet", "scipy.optimize", "scipy.spatial", "torch", "safetensors.torch"),
+        *("matplotlib.figure", "shapely", "jinja2", "warp", "mujoco", "cv2", "rich.progress"),
     ):
         importlib.import_module(name)
 

@@ -6,7 +6,13 @@ import pytest
 import cablecast
 from cablecast.errors import InputError, UnreadableFileError
 from cablecast.files import library_versions
-from cablecast.runs.folder import RunFolder, source_commit
+from cablecast.runs.folder import (
+    RunFolder,
+    fingerprint,
+    plain_settings,
+    settings_differences,
+    source_commit,
+)
 from cablecast.runs.places import cable_folder, rig_folder
 
 SETTINGS = {"seed": 0, "training": {"epochs": 5}, "grid": (1, 2)}
@@ -156,3 +162,28 @@ def test_names_of_cables_and_rigs_make_harmless_folder_names():
     assert cable_folder("..").parts == ("runs", "cable")
     assert cable_folder("cable_1").parts == ("runs", "cable_1")
     assert rig_folder("evaluate", "my.lab:make") == "evaluate-my.lab-make"
+
+
+def test_differences_name_nested_settings_and_absent_ones():
+    phrases = settings_differences({"a": {"b": 1}, "old": 2}, {"a": {"b": 3}, "new": 4})
+    assert phrases == [
+        "a.b is 1 there and 3 here",
+        "old is 2 there and '(absent)' here",
+        "new is '(absent)' there and 4 here",
+    ]
+
+
+def test_settings_are_compared_as_json_stores_them():
+    assert plain_settings({"grid": (1, 2), "a": {"b": None}}) == {"grid": [1, 2], "a": {"b": None}}
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), object(), {1, 2}])
+def test_settings_that_json_cannot_hold_are_refused(value):
+    with pytest.raises(InputError, match="plain, finite values"):
+        plain_settings({"value": value})
+
+
+def test_a_fingerprint_changes_with_the_values_and_with_the_bytes():
+    names = {fingerprint({"a": 1}), fingerprint({"a": 2}), fingerprint({"a": 1}, b"x")}
+    assert len(names) == 3
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
