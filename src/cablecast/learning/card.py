@@ -15,12 +15,6 @@ _KINDS = {
     "free end, the learned baseline of arXiv 2405.09581, section VI-A.",
 }
 
-_INPUT_LINE = (
-    "(theta1, theta2, r2, psi) in radians and metres, its output x and y on the table in metres. "
-    "The robot's base is at (0, 0), y points away from it, and x to its right. The model holds for "
-    "theta2 > 0; other actions are mirrored."
-)
-
 _ADAPTATIONS = {
     "fine-tuning": "The training of the network continued on real casts, as in the paper.",
     "real only": "The network was trained on real casts alone.",
@@ -41,47 +35,62 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         model: Trained model.
         policy_info: Description of the search policy that was built with it.
     """
-    info = model.info
+    info, cable, motion = model.info, model.setup.cable, model.setup.motion
+    metrics, adaptation = info["metrics"], info.get("adaptation")
+    settings = {
+        "seed": info.get("seed"),
+        "training": info.get("config"),
+        "kernel": info.get("kernel"),
+        "policy": policy_info,
+        "versions": info.get("versions"),
+    }
+    data = [_dataset_line(info["dataset"])]
+    if adaptation:
+        if adaptation["method"] != "real only":
+            data.append(_dataset_line(adaptation["dataset"]))
+        data += ["", _ADAPTATIONS[adaptation["method"]]]
+        adapted = {"method": adaptation["method"], "seed": adaptation["seed"]}
+        settings["adaptation"] = adapted | adaptation["config"]
+    errors = [
+        f"| {metrics[count]} {words} | {metrics[f'{name}_median_pct']:.2f} "
+        f"| {metrics[f'{name}_p90_pct']:.2f} |"
+        for name, count, words in _ERROR_ROWS
+        if f"{name}_median_pct" in metrics
+    ]
     lines = [
-        f"# Landing model of {model.setup.cable.name}",
+        f"# Landing model of {cable.name}",
         "",
         _KINDS[model.FORMAT],
         "",
-        f"Its input is {_INPUT_LINE}",
+        "Its input is (theta1, theta2, r2, psi) in radians and metres, its output x and y on the "
+        "table in metres. The robot's base is at (0, 0), y points away from it, and x to its "
+        "right. The model holds for theta2 > 0; other actions are mirrored.",
         "",
         "## Training data",
         "",
-        *_data_lines(info),
+        *data,
         "",
         "## Prediction errors",
         "",
-        *_error_lines(info["metrics"], model.setup.cable.length),
+        "| casts | median | 90th percentile |",
+        "|---|---|---|",
+        *errors,
+        "",
+        f"These are errors of prediction, in % of cable length ({cable.length:g} m). "
+        "`cablecast evaluate` measures how near casts come to targets.",
         "",
         "## Limits",
         "",
-        *_limit_lines(model),
-        "",
-        "## Settings",
-        "",
-        "| setting | value |",
-        "|---|---|",
-        *_setting_rows(_settings(info, policy_info)),
+        f"- It holds for this cable, for v_max = {motion.v_max:g} m/s and r0 = {motion.r0:g} m, "
+        "and for actions within the ranges of its casts.",
+        "- It predicts endpoints only. Whether a cast keeps the cable on the table is interpolated "
+        "from the casts of its dataset.",
     ]
+    if not model.has_real_casts:
+        lines.append("- It was not trained on real casts, so its error on a rig is unknown.")
+    lines += ["", "## Settings", "", "| setting | value |", "|---|---|"]
+    lines += [f"| {key} | {value} |" for key, value in flat_settings(settings) if value is not None]
     return "\n".join(lines) + "\n"
-
-
-def _setting_rows(settings: Mapping[str, Any]) -> list[str]:
-    rows = flat_settings(settings)
-    return [f"| {name} | {value} |" for name, value in rows if value is not None]
-
-
-def _data_lines(info: Mapping[str, Any]) -> list[str]:
-    lines = [f"- {_dataset_line(info['dataset'])}"]
-    if adaptation := info.get("adaptation"):
-        if adaptation["method"] != "real only":
-            lines.append(f"- {_dataset_line(adaptation['dataset'])}")
-        lines += ["", _ADAPTATIONS[adaptation["method"]]]
-    return lines
 
 
 def _dataset_line(dataset: Mapping[str, Any]) -> str:
@@ -91,44 +100,4 @@ def _dataset_line(dataset: Mapping[str, Any]) -> str:
         "real": f"casts on {f'the {rig}' if rig else 'a'} rig (D_real)",
     }
     what = words.get(dataset["kind"], "casts")
-    return f"{dataset['row_count']} {what}, fingerprint `{dataset['fingerprint']}`"
-
-
-def _error_lines(metrics: Mapping[str, Any], cable_length: float) -> list[str]:
-    lines = ["| casts | median | 90th percentile |", "|---|---|---|"]
-    for name, count, words in _ERROR_ROWS:
-        if f"{name}_median_pct" in metrics:
-            median, p90 = metrics[f"{name}_median_pct"], metrics[f"{name}_p90_pct"]
-            lines.append(f"| {metrics[count]} {words} | {median:.2f} | {p90:.2f} |")
-    lines += [
-        "",
-        f"These are errors of prediction, in % of cable length ({cable_length:g} m). "
-        "`cablecast evaluate` measures how near casts come to targets.",
-    ]
-    return lines
-
-
-def _limit_lines(model: LandingModel) -> list[str]:
-    config = model.setup.motion
-    lines = [
-        f"- It holds for this cable, for v_max = {config.v_max:g} m/s and r0 = {config.r0:g} m, "
-        "and for actions within the ranges of its casts.",
-        "- It predicts endpoints only. Whether a cast keeps the cable on the table is interpolated "
-        "from the casts of its dataset.",
-    ]
-    if not model.has_real_casts:
-        lines.append("- It was not trained on real casts, so its error on a rig is unknown.")
-    return lines
-
-
-def _settings(info: Mapping[str, Any], policy_info: Mapping[str, Any] | None) -> dict[str, Any]:
-    adaptation = info.get("adaptation")
-    return {
-        "seed": info.get("seed"),
-        "training": info.get("config"),
-        "kernel": info.get("kernel"),
-        "adaptation": adaptation
-        and {"method": adaptation["method"], "seed": adaptation["seed"]} | adaptation["config"],
-        "policy": policy_info,
-        "versions": info.get("versions"),
-    }
+    return f"- {dataset['row_count']} {what}, fingerprint `{dataset['fingerprint']}`"

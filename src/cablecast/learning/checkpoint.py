@@ -1,9 +1,7 @@
-"""Checkpoint files: arrays and a text header in safetensors, and a JSON copy of the header.
+"""Checkpoint files of models, and torch, which is imported only to train.
 
-`model.safetensors` holds everything, so that one rename replaces the whole checkpoint. `model.json`
-repeats the description for human readers.
-
-On-demand access to torch: import, device check and thread limit.
+`model.safetensors` holds arrays and a text header, so that one rename replaces the whole
+checkpoint. `model.json` repeats the description for human readers.
 """
 
 import contextlib
@@ -107,7 +105,7 @@ def read_checkpoint(folder: str | pathlib.Path) -> Checkpoint:
 
     try:
         tensors = module.load(content)
-        # safetensors reads the text header only from a path. The file begins with its length.
+        # safetensors reads the text header only from a path. The file starts with its length.
         length = int.from_bytes(content[:8], "little")
         header = json.loads(content[8 : 8 + length]).get("__metadata__", {})
     except (SafetensorError, ValueError, KeyError) as error:
