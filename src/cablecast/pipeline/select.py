@@ -105,9 +105,18 @@ def select(
         metrics = run.metrics
         if metrics is None:
             with run.locked(), connected(workers):
-                survey = _Survey(setup, tuned, run, (grid, grid_psi), engine, progress)
-                metrics = survey.choose(rows, scatter_max_pct, out is not None)
+                metrics = _survey(
+                    run,
+                    setup,
+                    tuned,
+                    engine,
+                    (grid, grid_psi),
+                    rows,
+                    scatter_max_pct,
+                    progress,
+                )
                 if out is not None:
+                    _draw(run, setup, metrics)
                     run.finish(metrics)
         else:
             progress(Progress(task=f"Selecting for {setup.cable.name}", note=DONE_NOTE))
@@ -119,88 +128,76 @@ def select(
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class _Survey:
-    """Coverage of combinations of r0, v_max and wrist turn."""
+def _survey(
+    run: RunFolder,
+    setup: Setup,
+    tuned: Tuned,
+    engine: Any,
+    grids: tuple[int, int],
+    rows: list[dict[str, Any]],
+    scatter_max_pct: float,
+    progress: ProgressCallback,
+) -> dict[str, Any]:
+    """Measure what each combination covers, choose one, and return the metrics."""
+    pairs = [(r0, v_max) for r0 in R0_CHOICES for v_max in V_MAX_CHOICES]
+    results: list[dict[str, Any]] = []
 
-    setup: Setup
-    tuned: Tuned
-    run: RunFolder
-    grids: tuple[int, int]
-    engine: Any
-    progress: ProgressCallback
-
-    def choose(
-        self, rows: list[dict[str, Any]], scatter_max_pct: float, draw: bool
-    ) -> dict[str, Any]:
-        """Measure, choose, draw, and return the metrics."""
-        pairs = [(r0, v_max) for r0 in R0_CHOICES for v_max in V_MAX_CHOICES]
-        total = len(pairs) + len(V_MAX_CHOICES)
-        results = []
-        for r0, v_max in pairs:
-            results.append(self._coverage(r0, v_max, False, len(results), total))
-        best_r0, _ = choose_r0([_candidate(result) for result in results])
-        for v_max in V_MAX_CHOICES:
-            results.append(self._coverage(best_r0, v_max, True, len(results), total))
-        for result in results:
-            key = _key(result)
-            result["repeatability"] = next((row for row in rows if _key(row) == key), None)
-        best, reasons = choose([_candidate(result) for result in results], scatter_max_pct)
-        polar = polar_casting_region(self.setup)
-        radius = self.setup.workspace.reach(self.setup.cable.length)
-        if draw:
-            self._draw(results, outlines(polar)[0])
-        return {
-            "cable": self.setup.cable.name,
-            "half_disc_radius_m": radius,
-            "coverage": results,
-            "polar_casting": {
-                "share": covered_share(polar, radius),
-                "outline_xy": outlines(polar)[0].round(4).tolist(),
-            },
-            "choice": {
-                "r0": best.r0,
-                "v_max": best.v_max,
-                "with_psi": best.with_psi,
-                "reasons": list(reasons),
-            },
-        }
-
-    def _coverage(
-        self, r0: float, v_max: float, with_psi: bool, done: int, total: int
-    ) -> dict[str, Any]:
-        """Return the coverage of one combination, from the disk where it was measured before."""
-        grid, grid_psi = self.grids
+    def measure(r0: float, v_max: float, with_psi: bool) -> None:
+        grid, grid_psi = grids
         counts = (grid_psi,) * 3 + (max(grid_psi // 2, 1),) if with_psi else (grid,) * 3
-        note = f"r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi
 
-        def measure() -> dict[str, Any]:
-            self.progress(
+        def coverage() -> dict[str, Any]:
+            progress(
                 Progress(
-                    task=f"Coverage of {self.setup.cable.name}",
-                    done=done,
-                    total=total,
+                    task=f"Coverage of {setup.cable.name}",
+                    done=len(results),
+                    total=len(pairs) + len(V_MAX_CHOICES),
                     unit="combinations",
-                    note=note,
+                    note=f"r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi,
                 )
             )
-            return measure_coverage(
-                self.setup.with_motion(r0=r0, v_max=v_max),
-                self.tuned.dynamics.without_curl(),
-                self.engine,
-                counts,
-            ).to_dict()
+            moved = setup.with_motion(r0=r0, v_max=v_max)
+            dynamics = tuned.dynamics.without_curl()
+            return measure_coverage(moved, dynamics, engine, counts).to_dict()
 
         name = f"r0_{r0:g}-v_max_{v_max:g}" + "-psi" * with_psi
-        return self.run.parts(COVERAGE_FOLDER).get_or_make(name, measure)
+        results.append(run.parts(COVERAGE_FOLDER).get_or_make(name, coverage))
 
-    def _draw(self, results: list[dict[str, Any]], polar_outline: Any) -> None:
-        from cablecast.report.maps import coverage_figure
-        from cablecast.report.style import png_bytes
+    for r0, v_max in pairs:
+        measure(r0, v_max, False)
+    best_r0, _ = choose_r0([_candidate(result) for result in results])
+    for v_max in V_MAX_CHOICES:
+        measure(best_r0, v_max, True)
+    for result in results:
+        key = _key(result)
+        result["repeatability"] = next((row for row in rows if _key(row) == key), None)
+    best, reasons = choose([_candidate(result) for result in results], scatter_max_pct)
+    polar = polar_casting_region(setup)
+    radius = setup.workspace.reach(setup.cable.length)
+    return {
+        "cable": setup.cable.name,
+        "half_disc_radius_m": radius,
+        "coverage": results,
+        "polar_casting": {
+            "share": covered_share(polar, radius),
+            "outline_xy": outlines(polar)[0].round(4).tolist(),
+        },
+        "choice": {
+            "r0": best.r0,
+            "v_max": best.v_max,
+            "with_psi": best.with_psi,
+            "reasons": list(reasons),
+        },
+    }
 
-        setup = self.setup
-        figure = coverage_figure(results, polar_outline, setup.workspace, setup.cable.length)
-        write_bytes(self.run.path / FIGURE_FILE, png_bytes(figure))
+
+def _draw(run: RunFolder, setup: Setup, metrics: dict[str, Any]) -> None:
+    from cablecast.report.maps import coverage_figure
+    from cablecast.report.style import png_bytes
+
+    outline = outlines(polar_casting_region(setup))[0]
+    figure = coverage_figure(metrics["coverage"], outline, setup.workspace, setup.cable.length)
+    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
 
 
 def load_repeated(folder: str | os.PathLike[str], cable: Cable) -> list[dict[str, Any]]:
