@@ -1,6 +1,7 @@
 """Video files, and films whose frames carry their own times."""
 
 import io
+import resource
 import subprocess
 import sys
 
@@ -118,6 +119,24 @@ def test_what_a_killed_process_filmed_can_be_read_but_for_the_last_frame(tmp_pat
     assert len(times) >= 39
     index = np.arange(len(times))
     np.testing.assert_allclose(times, index / 60 + 0.002 * (index % 3), atol=FILM_TICK)
+
+
+def test_a_film_that_fills_the_disk_is_an_error_of_the_system_and_leaves_nothing(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    noise = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
+
+    def film():
+        with FilmWriter(tmp_path / "a.mkv", 60.0) as film:
+            for index in range(100):
+                film.write(noise, index / 60)
+
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            film()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_time_before_the_first_frame_is_refused():

@@ -267,10 +267,11 @@ class FilmWriter:
 
     def close(self, whole: bool = True) -> None:
         """Finish the file, or remove it unless it is whole."""
-        if self._muxer is None:
+        muxer, self._muxer = self._muxer, None
+        if muxer is None:
             return
-        self._muxer.close()
-        self._muxer = None
+        if whole:
+            muxer.close()
         self._file.close()
         if whole:
             self._part.replace(self.path)
