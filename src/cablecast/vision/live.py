@@ -1,23 +1,23 @@
 """Live cameras: frames with their times, read by a process of its own, and a watch over them.
 
 Thanks to the process, `python -m cablecast.vision.live`, other work costs no frame. Pictures go
-through a block of shared memory with several slots, a line of JSON about each through one pipe, and
-the numbers of the slots that are free again come back through another.
+through a block of shared memory with several slots, a report on each through a pipe, and the
+numbers of the slots that are free again come back.
 """
 
 import contextlib
 import dataclasses
-import json
 import mmap
+import multiprocessing
 import os
 import re
-import select
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
 from typing import Any, Self
 
 import numpy as np
@@ -112,22 +112,20 @@ class LiveCamera:
         self.settings = settings
         self.dropped_count = 0
         self._last = -np.inf
-        self._lines: list[bytes] = []
-        self._rest = b""
+        self._end: dict[str, Any] | None = None
         self._memory = _open_memory()
-        self._reports, reports = os.pipe()
-        returns, self._returns = os.pipe()
-        words = [json.dumps(settings.to_dict()), str(self._memory), str(reports), str(returns)]
+        self._pipe, theirs = multiprocessing.Pipe()
+        words = [str(theirs.fileno()), str(self._memory)]
         self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
             [sys.executable, "-m", "cablecast.vision.live", *words],
-            pass_fds=(self._memory, reports, returns),
+            pass_fds=(theirs.fileno(), self._memory),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        os.close(reports)
-        os.close(returns)
+        theirs.close()
         try:
+            self._pipe.send(settings)
             report = self._report(_START_TIMEOUT)
             if report is None:
                 raise CameraError(f"camera source {settings.source} ended before its first frame")
@@ -162,61 +160,56 @@ class LiveCamera:
         report = self._report(timeout)
         if report is None:
             return None
-        slot, stamp = int(report["slot"]), float(report["time"])
+        slot, stamp = report["slot"], report["time"]
         image = self._slots[slot].copy()
-        with contextlib.suppress(BrokenPipeError):
+        with contextlib.suppress(OSError):
             # If the process has ended, the next report says why.
-            os.write(self._returns, bytes([slot]))
+            self._pipe.send(slot)
         if not stamp > self._last:
             raise CameraError(
                 f"camera source {self.settings.source}: the time of a frame does not rise: "
                 f"{stamp:.6f} s follows {self._last:.6f} s"
             )
         self._last = stamp
-        return Frame(time=stamp, arrival=float(report["arrival"]), image=image)
+        return Frame(time=stamp, arrival=report["arrival"], image=image)
 
     def skip(self) -> None:
         """Pass over the frames that wait to be read."""
-        while self._lines or select.select([self._reports], [], [], 0.0)[0]:
-            if self.read() is None:
-                return
+        while self._pipe.poll() and self.read() is not None:
+            pass
 
     def close(self) -> None:
         """Stop the process; it may be called twice."""
         if self._process is None:
             return
-        os.close(self._returns)
         # It may be waiting for a camera that does not answer.
         self._process.kill()
         self._process.wait()
         self._process = None
-        os.close(self._reports)
+        self._pipe.close()
         os.close(self._memory)
 
     def _report(self, timeout: float) -> dict[str, Any] | None:
         """Return what the process says next; None at the end of a film."""
         if self._process is None:
             raise CameraError("the camera is closed")
-        source, deadline = self.settings.source, time.monotonic() + timeout
-        while not self._lines:
-            left = deadline - time.monotonic()
-            if left <= 0.0 or not select.select([self._reports], [], [], left)[0]:
-                raise CameraError(
-                    f"camera source {source} gave no frame for {timeout:g} s: is it still plugged "
-                    "in and switched on?"
-                )
-            content = os.read(self._reports, 1 << 16)
-            if not content:
-                raise CameraError(f"the process that reads camera source {source} ended")
-            *lines, self._rest = (self._rest + content).split(b"\n")
-            self._lines += lines
-        report = json.loads(self._lines.pop(0))
+        source, report = self.settings.source, self._end
+        if report is None:
+            try:
+                if not self._pipe.poll(timeout):
+                    raise CameraError(
+                        f"camera source {source} gave no frame for {timeout:g} s: is it still "
+                        "plugged in and switched on?"
+                    )
+                report = self._pipe.recv()
+            except (EOFError, OSError):
+                raise CameraError(f"the process that reads camera source {source} ended") from None
         self.dropped_count = report.get("dropped", self.dropped_count)
         if "error" in report:
             raise CameraError(report["error"])
         if "end" not in report:
             return report
-        self._lines = [json.dumps(report).encode()]
+        self._end = report
         if report["end"]:
             return None
         raise CameraError(f"camera source {source} stopped: is it still plugged in?")
@@ -405,15 +398,13 @@ class _Grabber:
     """Reads frames and passes them on, until the camera ends or the reader is gone.
 
     Args:
-        settings: Camera to read.
+        pipe: Connection to the reader, which sends the settings, and free slots.
         memory: Descriptor of the memory for frames; it is given its size here.
-        reports: Descriptor of the pipe for lines of JSON.
-        returns: Descriptor of the pipe of free slots.
     """
 
-    def __init__(self, settings: CameraSettings, memory: int, reports: int, returns: int):
-        self._settings = settings
-        self._memory, self._reports, self._returns = memory, reports, returns
+    def __init__(self, pipe: Connection, memory: int):
+        self._pipe, self._memory = pipe, memory
+        self._settings: CameraSettings = pipe.recv()
         self._free = list(range(SLOT_COUNT))
         self._zero_count = 0
 
@@ -483,22 +474,18 @@ class _Grabber:
 
     def _slot(self, wait: bool) -> int | None:
         """Return a free slot; None if there is none and none is waited for."""
-        while True:
-            patience = None if wait and not self._free else 0.0
-            while select.select([self._returns], [], [], patience)[0]:
-                returned = os.read(self._returns, SLOT_COUNT)
-                if not returned:
-                    # The reader is gone.
-                    os._exit(0)
-                self._free += list(returned)
-                patience = 0.0
-            if self._free or not wait:
-                return self._free.pop(0) if self._free else None
-
-    def _say(self, values: dict[str, Any]) -> None:
         try:
-            os.write(self._reports, (json.dumps(values) + "\n").encode())
-        except BrokenPipeError:
+            while self._pipe.poll(None if wait and not self._free else 0.0):
+                self._free.append(self._pipe.recv())
+        except (EOFError, OSError):
+            # The reader is gone.
+            os._exit(0)
+        return self._free.pop(0) if self._free else None
+
+    def _say(self, report: dict[str, Any]) -> None:
+        try:
+            self._pipe.send(report)
+        except OSError:
             os._exit(0)
 
 
@@ -506,13 +493,12 @@ def main(arguments: list[str]) -> None:
     """Read a camera for the process that started this one.
 
     Args:
-        arguments: Settings as JSON, and the descriptors of the memory and of both pipes.
+        arguments: Descriptors of the pipe and of the memory.
     """
     # Ctrl-C is for the process that started this one; it ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    settings = CameraSettings.from_dict(json.loads(arguments[0]))
-    memory, reports, returns = (int(word) for word in arguments[1:4])
-    _Grabber(settings, memory, reports, returns).run()
+    pipe, memory = (int(word) for word in arguments)
+    _Grabber(Connection(pipe), memory).run()
 
 
 if __name__ == "__main__":
