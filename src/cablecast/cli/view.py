@@ -5,7 +5,7 @@ import os
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -14,33 +14,29 @@ class View:
 
     The page shows the table, the arm and the cable, and runs until Ctrl-C. The first time it gets
     ready as `cablecast aim` does: the rig makes five casts, the simulator is fitted to them, and a
-    model learns from simulated casts, which takes a minute or two. Every cast is kept in --out and
-    teaches; the same command goes on with the session. Only this computer sees the page, unless
+    model is trained with simulated casts, which takes a minute or two. Every cast is kept in --out
+    and counts; the same command goes on with the session. Only this computer sees the page, unless
     --host says otherwise.
     """
 
-    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable, table, arm and motion."""
-    cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
-    """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
-    rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual, engine, or your own robot as package.module:factory."""
+    setup: LabFile = None
+    cable: CableName = None
+    rig: RigName = "virtual"
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
     """Folder of the session, which `cablecast aim` goes on with."""
     calibration_count: int = 5
-    """Casts that the rig makes to begin with."""
+    """Casts that the rig makes first."""
     count: int = 16_000
-    """Number of simulated casts that the model learns from."""
+    """Number of simulated casts that the model is trained with."""
     seed: int = 0
     """Seed of all random numbers."""
-    time_limit: Annotated[float, argument("S")] = 120.0
-    """Time limit of a reset or a cast [s]."""
+    time_limit: TimeLimit = 120.0
     host: str = "127.0.0.1"
     """Address to listen on; 0.0.0.0 lets every computer in the network in, without a password."""
     port: int = 8080
     """Port to listen on; the next free one if it is taken."""
     dark: bool = False
-    """Begin with dark colours."""
+    """Start with dark colours."""
     arm_meshes: Annotated[pathlib.Path | None, argument("FILE", "simple shapes")] = None
     """MJCF or URDF file of your arm, whose meshes are drawn instead of simple shapes."""
 

@@ -9,7 +9,7 @@ import functools
 import io
 import pathlib
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,13 @@ from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import Shot
 from cablecast.view.shapes import (
+    BLUE,
     CABLE_RADIUS_MIN,
     DARK,
     INK,
     LIGHT,
     PURPLE,
+    SKY,
     VERMILLION,
     Array,
     Color,
@@ -35,8 +37,10 @@ from cablecast.view.shapes import (
     viewpoint,
 )
 
-if TYPE_CHECKING:
-    from PIL import Image
+try:
+    from PIL import Image, ImageChops, ImageDraw, ImageFont
+except ImportError:
+    raise MissingExtraError("Pillow", "view", "films") from None
 
 KINDS = (".html", ".mp4", ".gif")
 
@@ -44,6 +48,7 @@ REST = 1.2
 """Time that a cable at rest is shown before the next cast [s]."""
 
 _GIF_COLORS = 96
+_SWATCH = 20  # Height of the colours that the palette must hold [pixel].
 _SIZE_MAX = 3840
 _CAST_COUNT_MAX = 200
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
@@ -183,20 +188,16 @@ class Painter:
         width: Width of the pictures [pixel].
         height: Height of the pictures [pixel].
         dark: True for dark colours.
-
-    Raises:
-        MissingExtraError: Pillow is not installed.
     """
 
     def __init__(self, setup: Setup, width: int, height: int, *, dark: bool = False):
-        self._image, self._draw, self._font, self._chops = _pillow()
         self.setup = setup
         self.size = (width, height)
         self._camera = Camera.behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
         self._paint = DARK if dark else LIGHT
         self._backdrop = self._painted_backdrop()
 
-    def frame(self, shot: Shot, time: float, tries: list[Shot] | None = None) -> "Image.Image":
+    def frame(self, shot: Shot, time: float, tries: list[Shot] | None = None) -> Image.Image:
         """Return the picture of a cast at a time.
 
         Args:
@@ -205,7 +206,7 @@ class Painter:
             tries: Earlier casts at the same target, whose landings are marked.
         """
         image = self._backdrop.copy()
-        pen = self._draw.Draw(image, "RGBA")
+        pen = ImageDraw.Draw(image, "RGBA")
         if shot.target_xy is not None:
             self._mark_target(pen, shot.target_xy)
         for earlier in tries or []:
@@ -227,12 +228,12 @@ class Painter:
         if time >= shot.cast.duration:
             self._mark_miss(pen, shot)
         self._write(pen, shot.result if time >= shot.cast.duration else shot.caption)
-        return image.resize(self.size, self._image.Resampling.BOX)
+        return image.resize(self.size, Image.Resampling.BOX)
 
-    def _painted_backdrop(self) -> "Image.Image":
+    def _painted_backdrop(self) -> Image.Image:
         paint, table = self._paint, self.setup.workspace
-        image = self._image.new("RGB", (self._camera.width, self._camera.height), paint.page)
-        pen = self._draw.Draw(image, "RGBA")
+        image = Image.new("RGB", (self._camera.width, self._camera.height), paint.page)
+        pen = ImageDraw.Draw(image, "RGBA")
         x, y0 = table.half_width, table.y_min
         top = self._table_top()
         front = np.array([[-x, y0, 0.0], [x, y0, 0.0], [x, y0, -0.04], [-x, y0, -0.04]])
@@ -273,10 +274,10 @@ class Painter:
             for segment in np.stack([nodes[:-1], nodes[1:]], axis=1):
                 self._capsule(pen, segment, scale * radius, (*paint, round(255 * share)))
 
-    def _cast_shadow(self, image: "Image.Image", nodes: Array | None, q: Array | None) -> None:
+    def _cast_shadow(self, image: Image.Image, nodes: Array | None, q: Array | None) -> None:
         """Darken the table below the arm and the cable, once where shadows overlap."""
-        mask = self._image.new("L", image.size, 0)
-        pen = self._draw.Draw(mask)
+        mask = Image.new("L", image.size, 0)
+        pen = ImageDraw.Draw(mask)
         parts: list[tuple[Array, float]] = []
         if q is not None:
             rods = arm_rods(q, self.setup.arm)
@@ -288,9 +289,9 @@ class Painter:
             # A lamp high to the left: shadows fall to the right by a share of the height.
             ground = segment + segment[:, 2:] * _SHADOW_SLOPE
             self._capsule(pen, ground, float(radius), _SHADOW)
-        table = self._image.new("L", image.size, 0)
-        self._polygon(self._draw.Draw(table), self._table_top(), _SHADOW)
-        image.paste((20, 18, 16), mask=self._chops.darker(mask, table))
+        table = Image.new("L", image.size, 0)
+        self._polygon(ImageDraw.Draw(table), self._table_top(), _SHADOW)
+        image.paste((20, 18, 16), mask=ImageChops.darker(mask, table))
 
     def _trail(self, pen: Any, points: Array, color: Color) -> None:
         if len(points) > 1:
@@ -312,7 +313,7 @@ class Painter:
     def _write(self, pen: Any, text: str) -> None:
         if text:
             place = (self._camera.width / 2, self._camera.height * 0.94)
-            font = self._font.load_default(size=_SAMPLES * max(12, self.size[1] // 30))
+            font = ImageFont.load_default(size=_SAMPLES * max(12, self.size[1] // 30))
             pen.text(place, text, fill=self._paint.text, font=font, anchor="mm")
 
     def _dot(self, pen: Any, point: Array, radius: float, color: Color) -> None:
@@ -341,20 +342,12 @@ class Painter:
         pen.polygon([tuple(p) for p in path], fill=color)
 
 
-def _pillow() -> tuple[Any, Any, Any, Any]:
-    try:
-        from PIL import Image, ImageChops, ImageDraw, ImageFont
-    except ImportError:
-        raise MissingExtraError("Pillow", "view", "films") from None
-    return Image, ImageDraw, ImageFont, ImageChops
-
-
 def film_frames(
     setup: Setup,
     shots: Sequence[Shot],
     config: FilmConfig,
     progress: ProgressCallback = ignore,
-) -> "Iterator[Image.Image]":
+) -> Iterator[Image.Image]:
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height, dark=config.dark)
     for number, time in _instants(shots, config, progress):
@@ -382,24 +375,27 @@ def _same_target(one: Shot, other: Shot) -> bool:
     return bool(np.allclose(one.target_xy, other.target_xy, atol=1e-6))
 
 
-def gif_bytes(frames: "Iterator[Image.Image]", config: FilmConfig) -> bytes:
+def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
     """Return pictures as one GIF with one palette, which stores only what changes."""
-    from PIL import Image
-
     first = next(frames)
-    palette = first.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT)
+    # What is drawn in these may cover little of the first picture, or come later.
+    colors = Image.new("RGB", (4, 1))
+    colors.putdata([PURPLE, VERMILLION, BLUE, SKY])
+    sample = Image.new("RGB", (first.width, first.height + _SWATCH))
+    sample.paste(first)
+    sample.paste(colors.resize((first.width, _SWATCH), Image.Resampling.NEAREST), (0, first.height))
+    palette = sample.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT)
 
-    def reduced() -> "Iterator[Image.Image]":
-        for frame in frames:
-            yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
+    def reduced(frame: Image.Image) -> Image.Image:
+        return frame.quantize(palette=palette, dither=Image.Dither.NONE)
 
     buffer = io.BytesIO()
     # The format counts in hundredths of a second.
-    palette.save(
+    reduced(first).save(
         buffer,
         format="GIF",
         save_all=True,
-        append_images=reduced(),
+        append_images=map(reduced, frames),
         duration=10 * round(100 / config.frames_per_second),
         loop=0,
         optimize=True,
@@ -408,7 +404,7 @@ def gif_bytes(frames: "Iterator[Image.Image]", config: FilmConfig) -> bytes:
     return buffer.getvalue()
 
 
-def mp4_bytes(frames: "Iterator[Image.Image]", config: FilmConfig) -> bytes:
+def mp4_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
     """Return pictures as one MP4 (H.264), which every browser plays.
 
     Raises:
