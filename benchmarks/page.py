@@ -20,8 +20,8 @@ import numpy as np
 from tools.browse_page import TablePage, find_browser, open_browser
 
 from benchmarks.common import has
+from cablecast.aiming.session import AimSession
 from cablecast.learning.policy import ForwardSearchPolicy
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
 from cablecast.view.desk import Desk
 from cablecast.view.page import SLIDERS, Page, slid_params

@@ -17,11 +17,11 @@ from benchmarks.strange_rig import (
     other_params,
     world_draws,
 )
+from cablecast.aiming.session import FittedModel
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError
 from cablecast.learning.policy import ForwardSearchPolicy
-from cablecast.pipeline.aim import CALIBRATION_COUNT
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.checked import CheckedRig, seek_trial
 from cablecast.rigs.engine import RigEngine
@@ -148,15 +148,17 @@ class LoopSession:
         rows: dict[str, list] = {"miss_pct": [], "share": []}
         for _ in range(tries):
             if self.full_gain:
-                known = session.aimer.experience
-                scales = dataclasses.replace(known.residual.scales, noise=1e-4)
-                known.residual = dataclasses.replace(known.residual, scales=scales)
+                experience = session.predictor.experience
+                scales = dataclasses.replace(experience.residual.scales, noise=1e-4)
+                residual = dataclasses.replace(experience.residual, scales=scales)
+                experience = dataclasses.replace(experience, residual=residual)
+                session.predictor = dataclasses.replace(session.predictor, experience=experience)
             proposal = session.propose(target)
-            trial = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
-            miss = trial.miss_pct
+            cast = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
+            miss = cast.miss_pct
             rows["miss_pct"].append(miss if np.isfinite(miss) else MISSED_PCT)
             # Probability of the region that just holds the landing.
-            share = trial.law.share(trial.square)
+            share = proposal.law.share(cast.square)
             rows["share"].append(share if np.isfinite(share) else None)
         return rows
 
@@ -226,8 +228,8 @@ class Place:
         if count <= first:
             return None
         largest = max(self.args.counts)
-        begun, fitted = min(largest, CALIBRATION_COUNT), min(largest, FIT_MAX)
-        every, chosen = CastStore(self.setup), CastStore(self.setup)
+        begun, fitted = min(largest, cc.AimConfig().calibration_count), min(largest, FIT_MAX)
+        every = CastStore(self.setup)
         parts: list[tuple[str, int, dict[str, Any]]] = [
             ("spread", begun, {"purpose": "tune", "sampling": "spread"}),
             ("tune", fitted - begun, {"purpose": "tune", "sampling": "uniform"}),
@@ -240,9 +242,7 @@ class Place:
                     self.rig, count=number, out=folder, progress=self.report, **settings
                 )
                 every.add_dataset(made)
-        for cast in every.casts[first:count]:
-            chosen.add(cast)
-        return chosen.dataset()
+        return every.dataset(range(first, min(count, len(every))))
 
     def tuned(self, count: int, paper: bool) -> cc.Tuned:
         """Return what some casts say of the cable; what is believed of it without casts."""
@@ -301,13 +301,12 @@ class Place:
         tuned = self.tuned(count, paper=False)
         if not ensemble:
             tuned = dataclasses.replace(tuned, ensemble=None)
-        session = cc.AimSession(
-            policy,
-            casts=self.casts(min(count, FIT_MAX)),
-            tuned=tuned,
-            within_pct=0.01,
-            tries=1000,
+        casts = self.casts(min(count, FIT_MAX))
+        model = FittedModel(
+            policy=policy, tuned=tuned, fitted_count=0 if casts is None else len(casts)
         )
+        config = cc.AimConfig(within_pct=0.01, tries=1000)
+        session = cc.AimSession(model, casts=casts, config=config)
         rest = self.casts(count, FIT_MAX)
         if rest is not None:
             session.add_casts(rest)

@@ -15,7 +15,6 @@ from benchmarks.common import Table
 from benchmarks.places import open_rig
 from cablecast.cli.progress import console_progress
 from cablecast.files import core_count
-from cablecast.pipeline.aim import CALIBRATION_COUNT, EPOCHS, SIMULATED_COUNT
 
 COLUMNS = ("cable", "fit [s]", "casts and model [s]", "first choice [s]", "together [s]")
 
@@ -28,11 +27,11 @@ class Args:
     """Cables."""
     lab: int = 0
     """Seed of the laboratory."""
-    calibration: int = CALIBRATION_COUNT
+    calibration: int = cc.AimConfig.calibration_count
     """Casts before the first aimed one."""
-    count: int = SIMULATED_COUNT
+    count: int = cc.AimConfig.simulated_count
     """Simulated casts that the model learns from."""
-    epochs: int = EPOCHS
+    epochs: int = cc.AimConfig.epochs
     """Largest number of passes over them."""
     target: tuple[float, float] = (1.05, 15.0)
     """Target of the first aimed cast: distance from the base [m] and angle to the right [deg]."""
@@ -56,11 +55,9 @@ def timed(cable: str, args: Args) -> tuple[float, ...]:
         moments.append(time.perf_counter())
         session = cc.prepare_aim(
             rig,
+            cc.AimConfig(simulated_count=args.count, epochs=args.epochs, device=args.device),
             casts=casts,
             tuned=tuned,
-            count=args.count,
-            epochs=args.epochs,
-            device=args.device,
             out=out,
             progress=progress,
         )

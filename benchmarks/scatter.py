@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
 from benchmarks.places import Luck, Place, equal_casts, some_targets
-from cablecast.aiming.choice import log_shakes
 from cablecast.aiming.ensemble import miss_sizes
+from cablecast.aiming.predictor import log_scatters
 from cablecast.aiming.residual import FRICTION_SIZE
 from cablecast.cli.progress import console_progress
 from cablecast.motion.action import mirror_to_right
@@ -53,19 +53,19 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
         row = place.parts.get(name)
         if row is None:
             session = session or place.session("aim", args.calibration).session
-            aimer = session.aimer
+            predictor = session.predictor
             proposal = session.propose(target)
             action, side = mirror_to_right(proposal.action.to_array()[None])
-            said = aimer.predictor.ensemble.judge(action, side)
+            found = predictor.ensemble.evaluate(action, side)
             luck = Luck(place.rig, 100_000 + 100 * index)
             landings = np.array(equal_casts(luck, proposal.trajectory, args.repeats)) / length
             row = {
                 "landings": [xy.tolist() if np.isfinite(xy).all() else None for xy in landings],
                 "stated": proposal.scatter / length,
-                "simulated": (said.landing_xy[0] * (side[0], 1.0) / length).tolist(),
-                "sensitivity": float(aimer.predictor.sensitivities(action)[0]),
-                "friction": float(said.frictions[0]),
-                "spread": float(said.spreads[0]),
+                "simulated": (found.landing_xy[0] * (side[0], 1.0) / length).tolist(),
+                "sensitivity": float(predictor.beliefs.sensitivities(action)[0]),
+                "friction": float(found.frictions[0]),
+                "spread": float(found.spreads[0]),
             }
             place.parts.put(name, row)
         rows.append(row)
@@ -107,7 +107,7 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
     kinds = {
         "sensitivity to the action": told["sensitivity"],
         "friction": told["friction"],
-        "both": log_shakes(told["sensitivity"], told["friction"]),
+        "both": log_scatters(told["sensitivity"], told["friction"]),
         "spread of the simulators": np.array([row["spread"] for row in rows]),
     }
     return [

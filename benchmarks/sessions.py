@@ -21,7 +21,6 @@ from benchmarks.common import Table
 from benchmarks.places import MISSED_PCT, Place, some_targets
 from cablecast.cli.progress import console_progress
 from cablecast.evaluation.evaluate import median_interval
-from cablecast.pipeline.aim_learning import AimLearning
 
 COLUMNS = ("cable", "lab", "model", "targets", "median", "q1", "q3", "missed", "hit", "casts")
 
@@ -53,37 +52,33 @@ def aim_in_turn(place: Place, args: Args, refit: bool) -> list[dict[str, Any]]:
     stored = [place.parts.get(f"{name}-{index:03d}") for index in range(len(targets))]
     if all(row is not None for row in stored):
         return [row for row in stored if row is not None]
-    learning = AimLearning(
-        setup=place.setup,
-        count=args.simulated,
+    config = cc.AimConfig(
+        tries=args.tries,
+        refit=refit,
+        calibration_count=args.calibration,
+        simulated_count=args.simulated,
         epochs=args.epochs,
         candidate_count=args.candidates,
-        folder=folder,
     )
-    session = cc.AimSession(
-        place.policy(args.calibration, paper=False),
+    session = cc.prepare_aim(
+        place.rig,
+        config,
         casts=place.casts(args.calibration),
-        tuned=place.tuned(args.calibration, paper=False),
-        fitted_count=None if args.calibration else 0,
-        tries=args.tries,
-        out=folder / "session",
-        learning=learning,
+        out=folder,
+        progress=place.report,
     )
     rows = []
     for index, target in enumerate(targets):
-        # A session that is opened again after a new fit has to take it up again.
         if (known := stored[index]) is not None:
-            if known["fitted"] != session.fitted_count:
-                session.take_up(learning.kept(int(known["fitted"]), place.report))
             rows.append(known)
             continue
-        result = cc.aim(session, place.rig, target, refit=refit, progress=place.report)
-        misses = [trial.miss_pct for trial in result.trials[0]]
+        result = cc.aim(session, place.rig, target, progress=place.report)
+        misses = [cast.miss_pct for cast in result.casts[0]]
         row = {
             "miss_pct": [miss if np.isfinite(miss) else MISSED_PCT for miss in misses],
             "hit": bool(result.hit[0]),
             "fitted": session.fitted_count,
-            "casts": len(session.history),
+            "casts": len(session.casts),
         }
         place.parts.put(f"{name}-{index:03d}", row)
         rows.append(row)

@@ -68,22 +68,18 @@ SMALL: dict[str, tuple[str, ...]] = {
     ),
     "plan": ("--model", "runs/model", "--target", "1.0", "10"),
     "evaluate": ("--model", "runs/model", *STICK, "--out", "runs/evaluate"),
-    "demo": (
-        *(*STICK, "--params", "runs/tune", "--count", "120", "--epochs", "1"),
-        *("--candidate-count", "200", "--out", "runs/demo"),
-    ),
     "aim": (
-        *("--target", "1.0", "10", *STICK, "--calibration-count", "3", "--count", "120"),
+        *("--target", "1.0", "10", *STICK, "--calibration-count", "3", "--simulated-count", "120"),
         *("--candidate-count", "200"),
         # The small model aims badly: any landing is a hit.
-        *("--tries", "1", "--within", "100", "--out", "runs/aim"),
+        *("--tries", "1", "--within-pct", "100", "--out", "runs/aim"),
     ),
     "import": ("casts.csv", "--out", "runs/imported"),
     "export": ("runs/tune-data", "--out", "runs/exported"),
     "track": ("trial.mp4", "--out", "runs/track"),
     "reproduce": ("--quick", "--rig", "no_such_rig", "--out", "runs/reproduce"),
 }
-_UNPREPARED = ("plan", "demo", "import", "export", "track", "reproduce")
+_UNPREPARED = ("plan", "import", "export", "track", "reproduce")
 PREPARED = tuple(name for name in SMALL if name not in _UNPREPARED)
 
 

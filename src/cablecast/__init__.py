@@ -8,12 +8,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cablecast.aiming.config import AimConfig as AimConfig
+    from cablecast.aiming.session import AimSession as AimSession
     from cablecast.arm.ur import ArmUR as ArmUR
     from cablecast.cable import Cable as Cable
     from cablecast.cable import CableParams as CableParams
     from cablecast.cable import load_cable as load_cable
     from cablecast.camera.settings import CameraSight as CameraSight
+    from cablecast.cast import Cast as Cast
     from cablecast.cast import EndpointTrack as EndpointTrack
+    from cablecast.cast import Proposal as Proposal
     from cablecast.cast import TrialStatus as TrialStatus
     from cablecast.data.dataset import Dataset as Dataset
     from cablecast.data.dataset import read_dataset as read_dataset
@@ -32,7 +36,6 @@ if TYPE_CHECKING:
     )
     from cablecast.pipeline.aim import aim as aim
     from cablecast.pipeline.aim import prepare_aim as prepare_aim
-    from cablecast.pipeline.aim_session import AimSession as AimSession
     from cablecast.pipeline.collect import collect as collect
     from cablecast.pipeline.evaluate import evaluate as evaluate
     from cablecast.pipeline.plan import plan_motion as plan_motion
@@ -70,11 +73,14 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Action": "cablecast.motion.action",
-    "AimSession": "cablecast.pipeline.aim_session",
+    "AimConfig": "cablecast.aiming.config",
+    "AimSession": "cablecast.aiming.session",
     "ArmUR": "cablecast.arm.ur",
     "Cable": "cablecast.cable",
     "CableParams": "cablecast.cable",
     "CameraSight": "cablecast.camera.settings",
+    "Cast": "cablecast.cast",
+    "Proposal": "cablecast.cast",
     "CablecastError": "cablecast.errors",
     "Dataset": "cablecast.data.dataset",
     "EndpointTrack": "cablecast.cast",
@@ -118,12 +124,14 @@ _HOMES = {
 
 __all__ = [
     "Action",
+    "AimConfig",
     "AimSession",
     "ArmUR",
     "Cable",
     "CableParams",
     "CablecastError",
     "CameraSight",
+    "Cast",
     "Dataset",
     "EndpointTrack",
     "EngineWarp",
@@ -134,6 +142,7 @@ __all__ = [
     "Plan",
     "PolarCastingPolicy",
     "Progress",
+    "Proposal",
     "Rig",
     "RigLifecycle",
     "Setup",

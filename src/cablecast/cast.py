@@ -1,16 +1,25 @@
-"""EndpointTrack: the path of the endpoint and the end of the trial, returned by every executor."""
+"""A cast: what was proposed, what was made, and the track of the cable's endpoint.
+
+`EndpointTrack` is what every rig and simulator returns. `Proposal` is a cast that was planned at a
+target and not made yet, with the landing that is expected. `Cast` is one that was made; everything
+else that is said of it follows from its motion, its track and its proposal.
+"""
 
 import dataclasses
 import enum
-from typing import TYPE_CHECKING, Any
+import functools
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.errors import InputError
-
-if TYPE_CHECKING:
-    from cablecast.motion.trajectory import JointPath
+from cablecast.conventions import Ellipse
+from cablecast.errors import InputError, check_number
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
+from cablecast.setup import Setup
 
 
 class TrialStatus(enum.Enum):
@@ -97,7 +106,7 @@ class EndpointTrack:
     endpoint_xy: NDArray[np.float64]
     status: TrialStatus
     nodes: NDArray[np.float64] | None = None
-    joint_path: "JointPath | None" = None
+    joint_path: JointPath | None = None
     controller_log: ControllerLog | None = None
 
     def __post_init__(self):
@@ -136,3 +145,262 @@ def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{name} of an endpoint track must be an array of numbers") from None
+
+
+TAIL_FREEDOM = 3.0
+"""Degrees of freedom of Student's t distribution that landings follow about the expected one before
+any cast at a target: most land nearer than those of a Gaussian of the same covariance would, and a
+few far off [-]."""
+
+MISS_WEIGHT = 0.5
+"""Weight of each miss in the belief about the scale: misses at one target are correlated."""
+
+MISS_MEMORY = 20
+"""Number of the last misses that count: a cable changes."""
+
+SAME_TARGET = 1e-6
+"""Two targets nearer to each other than this are the same [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RegionLaw:
+    """Law of landings about the expected one: Student's t distribution in the plane.
+
+    Stated covariances may all be too large, or too small, by one factor, which differs from cable
+    to cable. An inverse gamma belief about it makes landings follow Student's t distribution, and
+    every miss updates it.
+
+    Attributes:
+        scale: Covariance over that which was stated before any miss [-].
+        freedom: Degrees of freedom, above 2 [-].
+    """
+
+    scale: float = 1.0
+    freedom: float = TAIL_FREEDOM
+
+    @classmethod
+    def after(cls, squares: Iterable[float]) -> "RegionLaw":
+        """Return the law after some misses.
+
+        Args:
+            squares: d' C^-1 d of each, with d the offset from the expected landing and C the
+                covariance that was stated before any miss [-].
+        """
+        last = list(squares)[-MISS_MEMORY:]
+        freedom = TAIL_FREEDOM + 2.0 * MISS_WEIGHT * len(last)
+        scale = (TAIL_FREEDOM - 2.0 + MISS_WEIGHT * sum(last)) / (freedom - 2.0)
+        return cls(scale=scale, freedom=freedom)
+
+    def square(self, share: float) -> float:
+        """Return the squared distance within which landings lie with some probability.
+
+        Args:
+            share: Probability [-].
+
+        Returns:
+            Bound of d' C^-1 d [-], with C the covariance of this law.
+        """
+        check_number("share", share, 0.01, 0.9999)
+        return (self.freedom - 2.0) * math.expm1(-2.0 / self.freedom * math.log1p(-share))
+
+    def share(self, square: float) -> float:
+        """Return the probability of landings within a squared distance, as in `square`."""
+        return -math.expm1(-0.5 * self.freedom * math.log1p(square / (self.freedom - 2.0)))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Proposal:
+    """A cast that was planned at a target, and what to expect of it.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings.
+        number: Number of the cast in its session, from 0.
+        try_number: Number of the cast at this target, from 1.
+        target_xy: Target [m], shape [2].
+        within_pct: Distance from the target at which the cast has hit [% of cable length].
+        action: Action.
+        expected_xy: Expected landing [m], shape [2].
+        covariance: Covariance of the landing about it [m²], shape [2, 2].
+        law: Law of the landing about it, with what earlier misses say of that covariance.
+        scatter: Standard deviation along each axis of equal casts, a part of it [m].
+        failure: Chance that the cast leaves the table or ends hidden [-].
+        inside_coverage: Whether simulated casts land near the target.
+    """
+
+    setup: Setup
+    number: int
+    try_number: int
+    target_xy: NDArray[np.float64]
+    within_pct: float
+    action: Action
+    expected_xy: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    law: RegionLaw
+    scatter: float
+    failure: float
+    inside_coverage: bool
+
+    @functools.cached_property
+    def trajectory(self) -> Trajectory:
+        """Motion down to joint set points.
+
+        Raises:
+            JointLimitError: The arm cannot follow.
+        """
+        return plan_trajectory(self.action, self.setup)
+
+    def ellipse(self, share: float = 0.9) -> Ellipse:
+        """Return the ellipse that the landing lies in with some probability [-]."""
+        return Ellipse.of_covariance(self.expected_xy, self.covariance, self.law.square(share))
+
+    @property
+    def expected_miss_pct(self) -> float:
+        """Root of the expected squared distance to the target [% of cable length]."""
+        left = float(np.sum((self.expected_xy - self.target_xy) ** 2))
+        root = math.sqrt(left + float(np.trace(self.covariance)))
+        return 100.0 * root / self.setup.cable.length
+
+    def to_note(self) -> dict[str, Any]:
+        """Return what a stored cast keeps of its proposal, beside number and action."""
+        return {
+            "try_number": self.try_number,
+            "target_xy": self.target_xy.tolist(),
+            "expected_xy": self.expected_xy.tolist(),
+            "covariance": self.covariance.tolist(),
+            "law": dataclasses.asdict(self.law),
+            "scatter": self.scatter,
+            "failure": self.failure,
+            "inside_coverage": self.inside_coverage,
+        }
+
+    @classmethod
+    def from_note(
+        cls,
+        note: Mapping[str, Any],
+        *,
+        setup: Setup,
+        number: int,
+        action: Action,
+        within_pct: float,
+    ) -> "Proposal":
+        """Return the proposal of a stored cast; see `to_note`."""
+        return cls(
+            setup=setup,
+            number=number,
+            try_number=int(note["try_number"]),
+            target_xy=np.array(note["target_xy"], dtype=float),
+            within_pct=within_pct,
+            action=action,
+            expected_xy=np.array(note["expected_xy"], dtype=float),
+            covariance=np.array(note["covariance"], dtype=float),
+            law=RegionLaw(**note["law"]),
+            scatter=float(note["scatter"]),
+            failure=float(note["failure"]),
+            inside_coverage=bool(note["inside_coverage"]),
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Cast:
+    """A cast that was made.
+
+    Attributes:
+        action: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [4]; NaN for a motion that no
+            action describes.
+        duration: Duration of the gripper's motion [s].
+        joint_path: Commanded joints; None for a rig without joints.
+        track: What the rig saw of it.
+        purpose: What it was made for, e.g. "tune" or "aim".
+        proposal: What was proposed and expected; None for a cast that was not aimed in its session.
+        origin: Fingerprint of the dataset and the row that it came from; empty where it was made in
+            its session.
+    """
+
+    action: NDArray[np.float64]
+    duration: float
+    joint_path: JointPath | None
+    track: EndpointTrack
+    purpose: str
+    proposal: Proposal | None = None
+    origin: str = ""
+
+    @classmethod
+    def of_motion(
+        cls,
+        motion: Trajectory,
+        track: EndpointTrack,
+        purpose: str,
+        proposal: Proposal | None = None,
+    ) -> "Cast":
+        """Return the cast of a motion that was executed."""
+        return cls(
+            action=np.full(4, np.nan) if motion.action is None else motion.action.to_array(),
+            duration=motion.duration,
+            joint_path=motion.joint_path,
+            track=track,
+            purpose=purpose,
+            proposal=proposal,
+        )
+
+    @property
+    def status(self) -> TrialStatus:
+        """End of the cast."""
+        return self.track.status
+
+    @property
+    def final_xy(self) -> NDArray[np.float64]:
+        """Landing [m], shape [2]; NaN for a cast without one."""
+        return self.track.final_xy
+
+    @property
+    def landed(self) -> bool:
+        """Whether the cast has a landing."""
+        return bool(np.all(np.isfinite(self.final_xy)))
+
+    @property
+    def target_xy(self) -> NDArray[np.float64]:
+        """Target [m], shape [2]; NaN for a cast that was not aimed."""
+        return np.full(2, np.nan) if self.proposal is None else self.proposal.target_xy
+
+    @property
+    def expected_xy(self) -> NDArray[np.float64]:
+        """Landing that was expected [m], shape [2]; NaN for a cast that was not aimed."""
+        return np.full(2, np.nan) if self.proposal is None else self.proposal.expected_xy
+
+    @property
+    def number(self) -> int:
+        """Number of an aimed cast in its session, from 0; -1 for a cast that was not aimed."""
+        return -1 if self.proposal is None else self.proposal.number
+
+    @property
+    def try_number(self) -> int:
+        """Number of the cast at its target, from 1; 0 for a cast that was not aimed."""
+        return 0 if self.proposal is None else self.proposal.try_number
+
+    def is_at(self, target_xy: NDArray[np.float64]) -> bool:
+        """Return whether the cast was aimed at a target [m], shape [2]."""
+        return bool(np.linalg.norm(self.target_xy - target_xy) < SAME_TARGET)
+
+    @property
+    def miss_pct(self) -> float:
+        """Distance from target to landing [% of cable length]; NaN without either."""
+        if self.proposal is None:
+            return math.nan
+        miss = float(np.linalg.norm(self.final_xy - self.target_xy))
+        return 100.0 * miss / self.proposal.setup.cable.length
+
+    @property
+    def hit(self) -> bool:
+        """Whether it landed near enough to its target."""
+        return self.proposal is not None and self.miss_pct <= self.proposal.within_pct
+
+    @property
+    def square(self) -> float:
+        """Return d' C^-1 d, with d the offset from the expected landing and C its covariance [-].
+
+        NaN for a cast without a landing or without an expectation.
+        """
+        if self.proposal is None or not self.landed:
+            return math.nan
+        offset = self.final_xy - self.expected_xy
+        return float(offset @ np.linalg.solve(self.proposal.covariance, offset))

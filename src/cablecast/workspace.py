@@ -154,9 +154,9 @@ class Workspace:
         for xy in targets:
             if not np.all(np.isfinite(xy)):
                 raise TargetError(f"target ({xy[0]}, {xy[1]}) is not finite")
-            r, theta = xy_to_polar(xy)
-            where = f"target r = {r:.3f} m, theta = {np.degrees(theta):.1f} deg"
-            if r > bound:
+            radius, theta = xy_to_polar(xy)
+            where = f"target r = {radius:.3f} m, theta = {np.degrees(theta):.1f} deg"
+            if radius > bound:
                 raise TargetError(f"{where} is out of reach: r must be at most {bound:.3f} m")
             if not self.on_table(xy):
                 raise TargetError(

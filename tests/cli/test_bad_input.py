@@ -254,10 +254,10 @@ def snapshot(folder: pathlib.Path):
 
 
 @pytest.mark.parametrize(
-    "verb", ["simulate", "collect", "train", "plan", "evaluate", "repeat", "demo"]
+    "verb", ["simulate", "collect", "train", "plan", "evaluate", "repeat", "aim"]
 )
 def test_an_unknown_cable_is_refused_and_the_known_ones_are_listed(verb, capsys, in_new_folder):
-    target = ["--target", "1.0", "0"] if verb == "plan" else []
+    target = ["--target", "1.0", "0"] if verb in ("plan", "aim") else []
     line = refused([verb, "--cable", "cable_9", *target], capsys)
     assert "'cable_9'" in line
     assert "cable_1, cable_2, cable_3" in line

@@ -1,7 +1,6 @@
 """The store of all casts of a cable: each is kept as it is made, none twice."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -63,9 +62,32 @@ def test_two_that_add_to_one_folder_never_overwrite_each_other(casts, tmp_path):
 
 def test_a_damaged_cast_is_said_by_name(casts, tmp_path):
     CastStore(SETUP, tmp_path).add_dataset(casts)
-    file = tmp_path / "casts" / "00002.json"
-    values = json.loads(file.read_text())
-    values["values"]["theta1"] = 0.0
-    file.write_text(json.dumps(values))
-    with pytest.raises(DamagedFileError, match=r"00002\.json"):
+    file = tmp_path / "casts" / "00002.parquet"
+    whole = file.read_bytes()
+    for damaged in (whole[: len(whole) // 2], b""):
+        file.write_bytes(damaged)
+        with pytest.raises(DamagedFileError, match=r"00002\.parquet.*Restore it from a copy"):
+            CastStore(SETUP, tmp_path)
+    # Another cast is not taken for it.
+    file.write_bytes((tmp_path / "casts" / "00001.parquet").read_bytes())
+    with pytest.raises(DamagedFileError, match="must hold the rows 2 to 2"):
+        CastStore(SETUP, tmp_path)
+
+
+def test_casts_behind_a_missing_one_are_not_overlooked(casts, tmp_path):
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    (tmp_path / "casts" / "00001.parquet").unlink()
+    with pytest.raises(DamagedFileError, match=r"00001\.parquet is missing, but 00002\.parquet"):
+        CastStore(SETUP, tmp_path)
+
+
+def test_what_was_taken_back_is_known_again(casts, tmp_path):
+    store = CastStore(SETUP, tmp_path)
+    store.add_dataset(casts)
+    store.undo(1)
+    again = CastStore(SETUP, tmp_path)
+    assert again.undone == {1}
+    assert len(again.dataset()) == len(again) - 1
+    (tmp_path / "undone.json").write_text('{"undone": []}')
+    with pytest.raises(DamagedFileError, match=r"undone\.json"):
         CastStore(SETUP, tmp_path)

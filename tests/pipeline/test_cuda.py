@@ -32,9 +32,8 @@ def test_a_fit_on_cuda_follows_the_casts_as_closely_as_one_on_the_cpu(casts):
 
 def test_the_first_aim_is_prepared_on_cuda(casts, tmp_path):
     with cc.make_rig("virtual", cc.Setup(cable="cable_3"), seed=0) as rig:
-        session = cc.prepare_aim(
-            rig, casts=casts, device="cuda", count=2000, epochs=20, out=tmp_path
-        )
+        config = cc.AimConfig(device="cuda", simulated_count=2000, epochs=20)
+        session = cc.prepare_aim(rig, config, casts=casts, out=tmp_path)
         proposal = session.propose(r=1.05, theta_deg=15.0)
     # The network has seen few casts, but the fit plays what it proposes.
     apart = np.linalg.norm(proposal.expected_xy - proposal.target_xy)

@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
+from cablecast.aiming.session import AimSession
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import RigError
 from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup

@@ -4,9 +4,9 @@ import pathlib
 import sys
 import time
 
+from cablecast.aiming.session import AimSession
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
 from cablecast.view.desk import Desk
 from cablecast.view.page import Page

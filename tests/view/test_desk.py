@@ -4,11 +4,10 @@ import threading
 import numpy as np
 import pytest
 
+from cablecast.aiming.session import AimSession
 from cablecast.cast import TrialStatus
 from cablecast.errors import InputError, RigError, TargetError
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.rigs.make import make_rig
-from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
 from cablecast.view.desk import Desk, Phase
 
@@ -76,14 +75,14 @@ def test_a_rehearsal_prepares_the_first_plan_and_leaves_no_trace(rig, engine, po
     desk, session = Desk(rig, engine), AimSession(policy)
     desk.open_session(session)
     assert desk.preview is None
-    assert session.history == ()
-    prepared = session.aimer._known_candidates
+    assert session.casts == ()
+    prepared = session.predictor.beliefs.policy_candidates
     desk.aim(TARGET)
     desk.cast()
     desk.undo()
     # What takes longest is not computed again, also where all is learned anew.
-    assert session.aimer._known_candidates is prepared
-    assert session.aimer.casts == []
+    assert session.predictor.beliefs.policy_candidates is prepared
+    assert session.predictor.casts == ()
 
 
 def test_a_session_of_another_set_up_is_refused(own, engine, policy):
@@ -161,7 +160,7 @@ def test_the_table_can_be_used_again_after_the_rig_failed(desk, own):
 def test_a_session_goes_on_where_it_was(rig, engine, policy, tmp_path):
     def open_desk():
         session = AimSession(policy, out=tmp_path / "session")
-        return Desk(rig, engine, session=session, parts=Parts(tmp_path / "shapes"))
+        return Desk(rig, engine, session=session)
 
     desk = open_desk()
     desk.aim(TARGET)

@@ -3,11 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.aiming.session import AimSession
 from cablecast.data.dataset import read_dataset
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluate_policy
 from cablecast.files import write_json
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
 from cablecast.runs.folder import METRICS_FILE

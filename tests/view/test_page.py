@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.aiming.session import AimSession, FittedModel
 from cablecast.camera.settings import CameraSight
 from cablecast.errors import InputError
-from cablecast.pipeline.aim_learning import Learned
-from cablecast.pipeline.aim_session import AimSession
 from cablecast.runs.progress import Progress
 from cablecast.view.desk import Desk, Phase
 from cablecast.view.page import Page, shrunk
@@ -27,12 +26,12 @@ class Learning:
     def __init__(self, policy):
         self.policy, self.counts, self.error = policy, [], None
 
-    def learned_anew(self, casts, count, report):
+    def __call__(self, casts, count, report):
         report(Progress(task="2/4 fit", done=1, total=4))
         if self.error is not None:
             raise self.error
         self.counts.append((len(casts), count))
-        return Learned(policy=self.policy, fitted_count=count)
+        return FittedModel(policy=self.policy, fitted_count=count)
 
 
 @pytest.fixture
@@ -42,7 +41,7 @@ def learning(policy):
 
 @pytest.fixture
 def page(rig, engine, policy, learning, tmp_path):
-    session = AimSession(policy, out=tmp_path / "session", learning=learning)
+    session = AimSession(policy, out=tmp_path / "session", refitting=learning)
     desk = Desk(rig, engine, session=session)
     opened = Page(desk, Worker(), lambda report: None, tmp_path, port=0)
     yield opened
@@ -93,7 +92,7 @@ def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, l
     assert page.worker.state.message == ""
     assert learning.counts == [(2, 3)]
     assert session.fitted_count == 3
-    assert len(session.aimer.casts) == 2
+    assert len(session.predictor.casts) == 2
     assert "fits 3 casts" in desk.message
     assert desk.phase is Phase.READY
 
@@ -192,8 +191,14 @@ def test_the_last_miss_is_written_over_no_other_number(page, own, drawn):
     # Two at one place, and one beyond the text of both.
     ends = [(-0.01, 0.0), (-0.3, 0.0), (0.0, 0.0)]
     tries = page.desk.tries_at(target)
+
+    def landed(one, end):
+        path = one.track.endpoint_xy.copy()
+        path[-1] = target + end
+        return path
+
     near = [
-        dataclasses.replace(one, final_xy=target + end)
+        dataclasses.replace(one, track=dataclasses.replace(one.track, endpoint_xy=landed(one, end)))
         for one, end in zip(tries, ends, strict=True)
     ]
     page.stage.table.landings(near)

@@ -1,8 +1,8 @@
-"""EnsembleLandings: where simulators of different physics land the same casts, and how far apart.
+"""EnsembleLandings: the same casts in simulators of different physics, and the spread of landings.
 
-All of them follow the casts that they were fitted to. One, at full resolution, is the best guess.
-Where they disagree, physics matters that those casts do not determine, so their spread says how far
-off the best guess may be (docs/aim.md).
+All simulators follow the casts that they were fitted to. One, at full resolution, is the best
+guess. Where they disagree, physics matters that those casts do not determine, so their spread says
+how far off the best guess may be (docs/aim.md).
 """
 
 import concurrent.futures
@@ -13,14 +13,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.engines import make_engine
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import InputError
 from cablecast.files import core_count
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import ParamUpdate
 from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.tuned import Tuned
 
 OWN_MISS, SPREAD_FACTOR = 0.035, 0.85
 """A landing misses by about the spread of the ensemble times a factor, and by a part of its own
@@ -33,7 +36,7 @@ fits in the virtual rig, where the distance tells no more. Beyond, misses grow a
 square, between the least and the largest factor. With the square, because wrong physics errs by
 more elsewhere than along the tracks that were fitted."""
 
-TELLING_COUNT = 5
+TRUSTED_COUNT = 5
 """Casts from which on a close fit means small misses elsewhere: a fit finds so many numbers that it
 follows two casts closely, whatever they are."""
 
@@ -46,8 +49,8 @@ _SAMPLE_DT = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Judgement:
-    """Judgement of an ensemble on some casts.
+class LandingEstimate:
+    """Landings of casts in an ensemble, and how far off they may be.
 
     Attributes:
         landing_xy: Landing in the best simulator [m], NaN where there is none, shape [action, 2].
@@ -89,7 +92,7 @@ def miss_factor(distance: float, track_count: int) -> float:
     """
     ratio = distance / float(np.clip(distance, *USUAL_DISTANCES))
     least, most = FACTORS
-    return float(np.clip(ratio**2, least if track_count >= TELLING_COUNT else 1.0, most))
+    return float(np.clip(ratio**2, least if track_count >= TRUSTED_COUNT else 1.0, most))
 
 
 class EnsembleLandings:
@@ -106,7 +109,7 @@ class EnsembleLandings:
         best: Simulator whose landings are expected.
         fine_engine: Engine that simulates it.
         posterior: Uncertainty of the parameters, and the distance that the fit left; None for
-            simulators that do not learn, and follow the cable as well as usual.
+            simulators that are not updated, and follow the cable as well as usual.
     """
 
     def __init__(
@@ -124,6 +127,25 @@ class EnsembleLandings:
         self.best, self.fine_engine = best, fine_engine
         self.posterior = posterior
         self._known: dict[bytes, NDArray[np.float64]] = {}
+
+    @classmethod
+    def of(cls, tuned: Tuned) -> "EnsembleLandings":
+        """Return the simulators of a fit that has an ensemble.
+
+        Raises:
+            InputError: The fit has none.
+        """
+        fitted = tuned.ensemble
+        if fitted is None:
+            raise InputError("this fit has no ensemble: fit the cable with `tune`")
+        return cls(
+            tuned.setup,
+            [dataclasses.replace(member, servo=tuned.dynamics.servo) for member in fitted.members],
+            make_engine("warp", fitted.segment_count, fitted.dt),
+            tuned.dynamics,
+            make_engine("warp", fitted.fine_segment_count, fitted.fine_dt),
+            tuned.posterior,
+        )
 
     def tracks(
         self, actions: NDArray[np.float64], side: NDArray[np.float64] | None = None
@@ -159,8 +181,8 @@ class EnsembleLandings:
         xy = rollout.endpoint_xy
         return np.swapaxes(xy.reshape(len(actions), count, *xy.shape[1:]), 0, 1)
 
-    def taught(self, tracks: MeasuredTracks) -> "EnsembleLandings":
-        """Return the simulators after they learned from a few casts more.
+    def updated(self, tracks: MeasuredTracks) -> "EnsembleLandings":
+        """Return the simulators after a step towards a few more casts.
 
         Each takes one step from its parameters towards the tracks (`ParamUpdate`). Simulators
         without a posterior stay as they are.
@@ -172,10 +194,10 @@ class EnsembleLandings:
             return self
         # A few casts do not fill the cores, so the simulators run side by side.
         with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
-            learned = list(pool.map(lambda update: update.params_after(tracks), self._updates))
+            params = list(pool.map(lambda update: update.params_after(tracks), self._updates))
         best, *members = [
-            one.with_params(params)
-            for one, params in zip((self.best, *self.members), learned, strict=True)
+            one.with_params(found)
+            for one, found in zip((self.best, *self.members), params, strict=True)
         ]
         return EnsembleLandings(
             self.setup, members, self.engine, best, self.fine_engine, self.posterior
@@ -193,10 +215,10 @@ class EnsembleLandings:
             for engine, one in zip(engines, (self.best, *self.members), strict=True)
         ]
 
-    def judge(
+    def evaluate(
         self, actions: NDArray[np.float64], side: NDArray[np.float64] | None = None
-    ) -> Judgement:
-        """Return what the ensemble says of casts.
+    ) -> LandingEstimate:
+        """Simulate casts, or look up those that were simulated before.
 
         Args:
             actions: Actions to the right, shape [action, 4].
@@ -207,25 +229,27 @@ class EnsembleLandings:
         keys = [row.tobytes() for row in np.column_stack([actions, side])]
         row_of = {key: row for row, key in enumerate(keys) if key not in self._known}
         if row_of:
-            some = list(row_of.values())
+            new = list(row_of.values())
             count = len(self.members)
-            played = (*self.members, *self._rubbed)
+            played = (*self.members, *self._other_frictions)
             # A few casts do not fill the cores, so both resolutions run side by side.
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
                 best = pool.submit(
-                    self._tracks, self.fine_engine, (self.best,), actions[some], side[some]
+                    self._tracks, self.fine_engine, (self.best,), actions[new], side[new]
                 )
-                tracks = self._tracks(self.engine, played, actions[some], side[some])
-            new = judged(
+                tracks = self._tracks(self.engine, played, actions[new], side[new])
+            found = estimate_landings(
                 tracks[:count],
                 self.setup,
                 landing_xy=best.result()[0, :, -1],
-                rubbed_xy=tracks[count:, :, -1],
+                friction_xy=tracks[count:, :, -1],
             )
-            rows = np.column_stack([new.landing_xy, new.frictions, new.spreads, new.leaving])
+            rows = np.column_stack(
+                [found.landing_xy, found.frictions, found.spreads, found.leaving]
+            )
             self._known.update(zip(row_of, rows, strict=True))
         rows = np.array([self._known[key] for key in keys]).reshape(-1, 5)
-        return Judgement(
+        return LandingEstimate(
             landing_xy=rows[:, :2],
             frictions=rows[:, 2],
             spreads=rows[:, 3],
@@ -241,7 +265,7 @@ class EnsembleLandings:
         return miss_factor(self.posterior.distance, self.posterior.track_count)
 
     @functools.cached_property
-    def _rubbed(self) -> tuple[Dynamics, Dynamics]:
+    def _other_frictions(self) -> tuple[Dynamics, Dynamics]:
         """The first simulator with less and with more friction."""
         first = self.members[0]
         friction = np.asarray(first.params.lateral_friction)
@@ -252,21 +276,21 @@ class EnsembleLandings:
         return first.with_params(less), first.with_params(more)
 
 
-def judged(
+def estimate_landings(
     tracks: NDArray[np.float64],
     setup: Setup,
     *,
     landing_xy: NDArray[np.float64],
-    rubbed_xy: NDArray[np.float64],
-) -> Judgement:
-    """Return what tracks in several simulators say of casts.
+    friction_xy: NDArray[np.float64],
+) -> LandingEstimate:
+    """Return landings and spread from tracks in several simulators.
 
     Args:
         tracks: Positions of the free end [m], shape [member, action, sample, 2]; NaN where a
             simulation broke off.
         setup: Gives the table and the cable.
         landing_xy: Landings that are expected [m], shape [action, 2].
-        rubbed_xy: Landings with `_FRICTION_STEP` less and more friction [m], shape [2, action, 2].
+        friction_xy: Landings with `_FRICTION_STEP` less and more friction [m], [2, action, 2].
     """
     length = setup.cable.length
     landings = tracks[:, :, -1] / length
@@ -274,10 +298,12 @@ def judged(
     count = there.sum(axis=0)[:, None]
     summed = np.where(there[..., None], landings, 0.0).sum(axis=0)
     mean = np.where(count > 0, summed / np.maximum(count, 1), np.nan)
-    spread = np.sqrt(0.5 * np.mean(_apart(landings, mean) ** 2, axis=0))
-    frictions = _apart(rubbed_xy[1] / length, rubbed_xy[0] / length) / (2.0 * _FRICTION_STEP)
+    spread = np.sqrt(0.5 * np.mean(_distances(landings, mean) ** 2, axis=0))
+    frictions = _distances(friction_xy[1] / length, friction_xy[0] / length) / (
+        2.0 * _FRICTION_STEP
+    )
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
-    return Judgement(
+    return LandingEstimate(
         landing_xy=landing_xy,
         frictions=frictions,
         spreads=spread,
@@ -285,7 +311,7 @@ def judged(
     )
 
 
-def _apart(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return distances of landings, `_APART_MAX` at most, and where a simulation broke off."""
-    distance = np.linalg.norm(some - others, axis=-1)
+    distance = np.linalg.norm(first - second, axis=-1)
     return np.where(np.isfinite(distance), np.minimum(distance, _APART_MAX), _APART_MAX)

@@ -1,27 +1,15 @@
-"""ArrayRows: records whose fields are arrays with one row for each of the same things.
-
-FewCastResidual: what real casts add to a simulated landing, from the first cast on.
+"""Residuals: what real casts add to a simulated landing, from the first cast on.
 
 The residual of a cast, measured minus simulated landing, is modelled as s g(a) + f h(a) + k(a) e. g
 and h are Gaussian processes with Matern 3/2 kernels over the features of the action, the simulated
 landing and the side of the table; e is scatter from cast to cast. The size s is a power of that of
-`LocalSize` and of an ensemble: casts that land far away, or on which simulators part, miss by more.
-f is the shift of the landing with the friction: an error that moves all casts like it, and so
+`LocalSize` and of an ensemble: casts that land far away, or on which simulators disagree, miss by
+more. f is the shift of the landing with the friction: an error that moves all casts like it, and so
 reaches far. The scatter k follows the sensitivity of the landing to action and friction. Four
-numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed to begin with
-and a hundred may overrule it.
-
-LocalSize: by how much more casts to one place of the table may miss than casts to another.
-
-Far and sideways landings depend more on what is not known of the cable. Where simulators of
-different physics follow the same casts, the spread of their landings tells the size. Otherwise the
-sensitivity of landings to the action does: over the whole table it tells where the simulator errs,
-but not among actions with the same landing (docs/aim-results.md).
-
-Experience: what casts taught beyond the simulator: residuals, scatter, failures, and drift.
+numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed at the start and
+a hundred may overrule it.
 """
 
-import copy
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -41,7 +29,6 @@ class ArrayRows:
         return len(getattr(self, dataclasses.fields(self)[0].name))
 
     def __getitem__(self, rows) -> Self:
-        """Return the rows that a slice, a mask or an array of indices selects."""
         return type(self)(
             **{field.name: getattr(self, field.name)[rows] for field in dataclasses.fields(self)}
         )
@@ -123,14 +110,14 @@ class Places(ArrayRows):
     Attributes:
         inputs: Coordinates, shape [action, 7].
         log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
-        log_shakes: Logarithm of the scatter over that of a usual cast, shape [action].
+        log_scatters: Logarithm of the scatter over that of a usual cast, shape [action].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
     """
 
     inputs: NDArray[np.float64]
     log_sizes: NDArray[np.float64]
-    log_shakes: NDArray[np.float64]
+    log_scatters: NDArray[np.float64]
     frictions: NDArray[np.float64]
 
 
@@ -164,7 +151,7 @@ class FewCastResidual:
             places=Places(
                 inputs=np.empty((0, PLACE_COUNT)),
                 log_sizes=np.empty(0),
-                log_shakes=np.empty(0),
+                log_scatters=np.empty(0),
                 frictions=np.empty(0),
             ),
             residuals=np.empty((0, 2)),
@@ -219,7 +206,7 @@ class FewCastResidual:
 
     def scatter_variance(self, places: Places) -> NDArray[np.float64]:
         """Return the variance of the scatter along each axis, shape [action]."""
-        return (np.exp(places.log_shakes) * self.scales.noise) ** 2
+        return (np.exp(places.log_scatters) * self.scales.noise) ** 2
 
     def correlation(self, places: Places, others: Places | None = None) -> NDArray[np.float64]:
         """Return the correlation of g between places and others.
@@ -370,67 +357,62 @@ _SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
 _SCATTER_MIN, _SCATTER_MAX = 0.25, 25.0
 # A cast that the simulator was fitted to counts as if it scattered more, by this share.
 _FITTED_NOISE = 0.5
-# A drift is noticed where so many casts surprise by so much on average (1 is expected), of which
-# none counts for more than a few, and not before there are enough casts to know the usual. The
-# noise of earlier casts then grows by a factor.
-_DRIFT_CASTS, _DRIFT_SURPRISE, _SURPRISE_MAX, _DRIFT_FROM = 10, 2.0, 4.0, 20
+# A drift is noticed where the normalised squared innovations of so many casts average this much (1
+# is expected), each clipped, and not before there are enough casts. The noise of earlier casts then
+# grows by a factor.
+_DRIFT_CASTS, _DRIFT_INNOVATION, _INNOVATION_MAX, _DRIFT_FROM = 10, 2.0, 4.0, 20
 _OLD_NOISE = 3.0
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Lesson:
-    """Lesson of one cast with a landing.
-
-    Attributes:
-        surprise: Squared distance from expected to actual landing over the expected one.
-        weight: Share of the scatter in the expected one: what the process did not know says
-            nothing about scatter.
-        fitted: Whether the simulator was fitted to the cast.
-        aimed: True if the cast was aimed at a target.
-        age: Factor of its noise, which a drift lets grow.
-    """
-
-    surprise: float
-    weight: float
-    fitted: bool
-    aimed: bool
-    age: float = 1.0
-
-
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Experience:
     """Residuals of the casts so far, and what they say of scatter, failures and drift.
 
-    Args:
-        believed: Scales of the residual that are expected before any cast; the defaults where None.
+    Arrays have one row for each cast with a landing.
 
     Attributes:
         residual: What real casts added to the simulated landings.
+        innovations: Squared distance from expected to actual landing over the expected one [-].
+        weights: Share of the scatter in the expected squared distance: the rest says nothing about
+            scatter [-].
+        fitted: Whether the simulator was fitted to the cast.
+        aimed: Whether the cast was aimed at a target.
+        ages: Factor of its noise, which a drift lets grow [-].
         drifts: Numbers of casts with a landing after which a drift was noticed.
+        failed: Places of the casts without a landing.
+        ended: Places of all casts.
     """
 
-    def __init__(self, believed: ResidualScales | None = None):
-        self.residual = FewCastResidual.empty(believed)
-        self.drifts: list[int] = []
-        self._lessons: list[_Lesson] = []
-        self._failed = self._ended = self.residual.places
+    residual: FewCastResidual
+    innovations: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    fitted: NDArray[np.bool_]
+    aimed: NDArray[np.bool_]
+    ages: NDArray[np.float64]
+    drifts: tuple[int, ...] = ()
+    failed: Places
+    ended: Places
 
-    def copy(self) -> "Experience":
-        """Return an experience of the same casts that grows on its own."""
-        other = copy.copy(self)
-        other.drifts, other._lessons = list(self.drifts), list(self._lessons)
-        return other
+    @classmethod
+    def empty(cls, believed: ResidualScales | None = None) -> "Experience":
+        """Return the experience before any cast.
 
-    @property
-    def surprises(self) -> list[float]:
-        """Surprise of each cast with a landing; 1 on average."""
-        return [lesson.surprise for lesson in self._lessons]
+        Args:
+            believed: Scales of the residual that are expected; the defaults where None.
+        """
+        residual = FewCastResidual.empty(believed)
+        return cls(
+            residual=residual,
+            innovations=np.empty(0),
+            weights=np.empty(0),
+            fitted=np.empty(0, dtype=bool),
+            aimed=np.empty(0, dtype=bool),
+            ages=np.empty(0),
+            failed=residual.places,
+            ended=residual.places,
+        )
 
-    @property
-    def ages(self) -> list[float]:
-        """Factor of the noise of each cast with a landing, which drifts let grow."""
-        return [lesson.age for lesson in self._lessons]
-
-    def add(
+    def with_cast(
         self,
         place: Places,
         residual: NDArray[np.float64] | None,
@@ -438,47 +420,44 @@ class Experience:
         fitted: bool = False,
         aimed: bool = True,
         age: float | None = None,
-    ) -> None:
-        """Learn from one cast.
+    ) -> "Experience":
+        """Return the experience with one more cast.
 
         Args:
             place: Place of the cast.
             residual: Measured minus simulated landing [cable lengths], shape [2]; None for a cast
                 without a landing.
             fitted: Whether the simulator was fitted to the cast.
-            aimed: True if the cast was aimed at a target.
-            age: Factor of its noise as it is known; drifts are noticed where None.
+            aimed: Whether the cast was aimed at a target.
+            age: Factor of its noise where it is known; drifts are noticed where None.
         """
-        self._ended = Places.join([self._ended, place])
+        ended = Places.join([self.ended, place])
         if residual is None:
-            self._failed = Places.join([self._failed, place])
-            return
+            return dataclasses.replace(self, ended=ended, failed=Places.join([self.failed, place]))
         mean, variance = self.residual.predict(place)
         scatter = self.residual.scatter_variance(place)
         total = float(variance[0] + scatter[0])
-        self._lessons.append(
-            _Lesson(
-                surprise=float(np.sum((residual - mean[0]) ** 2) / (2.0 * total)),
-                weight=0.0 if fitted else float(scatter[0]) / total,
-                fitted=fitted,
-                aimed=aimed,
-                age=age or 1.0,
-            )
+        innovation = float(np.sum((residual - mean[0]) ** 2) / (2.0 * total))
+        grown = dataclasses.replace(
+            self,
+            residual=self.residual.with_cast(place, residual),
+            innovations=np.append(self.innovations, innovation),
+            weights=np.append(self.weights, 0.0 if fitted else float(scatter[0]) / total),
+            fitted=np.append(self.fitted, fitted),
+            aimed=np.append(self.aimed, aimed),
+            ages=np.append(self.ages, age or 1.0),
+            ended=ended,
         )
-        self.residual = self.residual.with_cast(place, residual)
-        if age is None:
-            self._notice_drift()
-        self._renew_scatter()
+        return (grown._aged() if age is None else grown)._with_scatter()
 
-    def refit(self) -> None:
-        """Fit the scales of the process anew to the casts that were aimed.
+    def with_fitted_scales(self) -> "Experience":
+        """Return the experience with the scales of the process fitted to the aimed casts.
 
         The others miss by less: a cast that is chosen for where it is expected to land is often one
         whose expected landing is wrong, and many targets are reached by delicate casts only.
         """
-        telling = [lesson.aimed and not lesson.fitted for lesson in self._lessons]
-        self.residual = self.residual.fitted(np.array(telling, dtype=bool))
-        self._renew_scatter()
+        residual = self.residual.fitted(self.aimed & ~self.fitted)
+        return dataclasses.replace(self, residual=residual)._with_scatter()
 
     def scatter(self, places: Places) -> NDArray[np.float64]:
         """Return the variance of equal casts along each axis [square cable lengths], [action]."""
@@ -486,33 +465,32 @@ class Experience:
 
     def failure_chance(self, places: Places) -> NDArray[np.float64]:
         """Return the chance of a cast without a landing, from casts nearby, shape [action]."""
-        failed = (self.residual.correlation(places, self._failed) ** 4).sum(axis=1)
-        ended = (self.residual.correlation(places, self._ended) ** 4).sum(axis=1)
+        failed = (self.residual.correlation(places, self.failed) ** 4).sum(axis=1)
+        ended = (self.residual.correlation(places, self.ended) ** 4).sum(axis=1)
         return (_FAILURE_CASTS * FAILURE_SHARE + failed) / (_FAILURE_CASTS + ended)
 
     def _scatter_factor(self, places: Places) -> NDArray[np.float64]:
-        """Return the variance of the scatter over that expected, from surprises nearby."""
-        weights = np.array([lesson.weight for lesson in self._lessons])
-        near = self.residual.correlation(places) ** 4 * weights
-        surprise = near @ np.array(self.surprises)
-        factor = (_SCATTER_CASTS + surprise) / (_SCATTER_CASTS + near.sum(axis=1))
+        """Return the variance of the scatter over that expected, from innovations nearby."""
+        near = self.residual.correlation(places) ** 4 * self.weights
+        innovation = near @ self.innovations
+        factor = (_SCATTER_CASTS + innovation) / (_SCATTER_CASTS + near.sum(axis=1))
         return np.clip(factor, _SCATTER_MIN, _SCATTER_MAX)
 
-    def _renew_scatter(self) -> None:
+    def _with_scatter(self) -> "Experience":
         """Let each cast of the process scatter as casts like it do."""
-        noise = np.sqrt(self._scatter_factor(self.residual.places))
-        noise = noise * [lesson.age for lesson in self._lessons]
-        noise = noise + _FITTED_NOISE * np.array([lesson.fitted for lesson in self._lessons])
-        self.residual = dataclasses.replace(self.residual, scatter=noise)
+        noise = np.sqrt(self._scatter_factor(self.residual.places)) * self.ages
+        noise = noise + _FITTED_NOISE * self.fitted
+        residual = dataclasses.replace(self.residual, scatter=noise)
+        return dataclasses.replace(self, residual=residual)
 
-    def _notice_drift(self) -> None:
-        """Let earlier casts count less where the last ones surprise by more than they should."""
-        count = len(self._lessons)
+    def _aged(self) -> "Experience":
+        """Let earlier casts count less where the last ones land farther off than expected."""
+        count = len(self.ages)
         if count < _DRIFT_FROM or count - max(self.drifts, default=0) < _DRIFT_CASTS:
-            return
-        last = np.minimum(self.surprises[-_DRIFT_CASTS:], _SURPRISE_MAX)
-        if float(np.mean(last)) > _DRIFT_SURPRISE:
-            self.drifts.append(count)
-            for row in range(count - _DRIFT_CASTS):
-                old = self._lessons[row]
-                self._lessons[row] = dataclasses.replace(old, age=_OLD_NOISE * old.age)
+            return self
+        last = np.minimum(self.innovations[-_DRIFT_CASTS:], _INNOVATION_MAX)
+        if float(np.mean(last)) <= _DRIFT_INNOVATION:
+            return self
+        ages = self.ages.copy()
+        ages[:-_DRIFT_CASTS] *= _OLD_NOISE
+        return dataclasses.replace(self, ages=ages, drifts=(*self.drifts, count))

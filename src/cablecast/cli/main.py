@@ -15,7 +15,6 @@ from cablecast.cli.aim import Aim
 from cablecast.cli.calibrate import Calibrate
 from cablecast.cli.camera import CameraVerb
 from cablecast.cli.collect import Collect
-from cablecast.cli.demo import Demo
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.export import Export
 from cablecast.cli.film import Film
@@ -58,7 +57,7 @@ Teach a robot arm to throw the free end of a cable onto a target on a table.
 `cablecast aim` does it all: a few casts, a fit, and casts at your targets, each of which teaches.
 The other verbs are its steps and those of the paper: collect casts on a real or virtual robot,
 tune a simulator to them, simulate many more, train a model on those, plan a motion for a target,
-evaluate on the robot. `cablecast demo` does this for one cable in minutes; `cablecast reproduce`
+evaluate on the robot. `cablecast reproduce`
 repeats every experiment of the paper.
 """
 
@@ -80,7 +79,6 @@ VERBS: dict[str, type] = {
     "view": View,
     "film": Film,
     "twin": Twin,
-    "demo": Demo,
     "reproduce": Reproduce,
 }
 """Verbs of the command line, in the order in which data flows."""

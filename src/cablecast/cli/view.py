@@ -5,11 +5,12 @@ import os
 import pathlib
 from typing import Annotated
 
+from cablecast.aiming.config import AimConfig
 from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class View:
+class View(AimConfig):
     """Open a page in the browser: click on the table, and the cable is cast there.
 
     The page shows the table, the arm and the cable, and runs until Ctrl-C. The first time it gets
@@ -24,12 +25,6 @@ class View:
     rig: RigName = "virtual"
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
     """Folder of the session, which `cablecast aim` goes on with."""
-    calibration_count: int = 5
-    """Casts that the rig makes first."""
-    count: int = 16_000
-    """Number of simulated casts that the model is trained with."""
-    seed: int = 0
-    """Seed of all random numbers."""
     time_limit: TimeLimit = 120.0
     host: str = "127.0.0.1"
     """Address to listen on; 0.0.0.0 lets every computer in the network in, without a password."""
@@ -51,17 +46,13 @@ class View:
         from cablecast.view.page import serve
 
         check_count("port", self.port, 1, 65535)
-        check_count("calibration_count", self.calibration_count, 2)
-        check_count("count", self.count, 50)
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             serve(
                 rig,
                 out,
-                calibration_count=self.calibration_count,
-                count=self.count,
-                seed=self.seed,
+                config=AimConfig.of(self),
                 host=self.host,
                 port=self.port,
                 dark=self.dark,

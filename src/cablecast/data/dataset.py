@@ -375,6 +375,16 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
     except pa.ArrowException as error:
         raise DatasetError(f"shards of {path} differ in their columns: {error}") from None
 
+    return table_dataset(table, info, path)
+
+
+def table_dataset(table: Any, info: dict[str, Any], path: pathlib.Path | None = None) -> Dataset:
+    """Return the dataset that a pyarrow table of checked rows holds.
+
+    Raises:
+        DatasetError: A trial's status is unknown.
+    """
+
     def stack(names: tuple[str, ...]) -> NDArray[np.float64]:
         return np.stack([table[name].to_numpy() for name in names], axis=-1)
 
@@ -384,7 +394,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
         try:
             TrialStatus.from_code(str(code))
         except InputError as error:
-            raise DatasetError(f"{path}: {error}") from None
+            raise DatasetError(f"{path or 'the dataset'}: {error}") from None
     return Dataset(
         actions=stack(ACTION_COLUMNS),
         endpoint_xy=stack(ENDPOINT_COLUMNS),

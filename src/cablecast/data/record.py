@@ -18,17 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.schema import (
-    ACTION_COLUMNS,
-    CONTROLLER_COLUMNS,
-    ENDPOINT_COLUMNS,
-    EXTENT_COLUMNS,
     SCHEMA_VERSION,
-    track_extent,
 )
 from cablecast.data.simulate import actions_digest
+from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
 from cablecast.errors import DatasetError, InputError, RigError, check_count, check_seed
 from cablecast.files import core_count
@@ -247,7 +243,7 @@ class _Recording:
     ) -> dict[str, Any]:
         values = {
             "index": index,
-            **trial_values(motion, track),
+            **cast_row(Cast.of_motion(motion, track, self._purpose)),
             "repeat": index % self.plan.repeats,
             "attempt": failures,
             "rig": json.dumps(self.rig.description, sort_keys=True, ensure_ascii=False),
@@ -255,36 +251,6 @@ class _Recording:
         if self.plan.keep_nodes:
             values["nodes"] = None if track.nodes is None else track.nodes.ravel()
         return {name: [value] for name, value in values.items()}
-
-
-def trial_values(motion: Trajectory, track: EndpointTrack) -> dict[str, Any]:
-    """Return what one trial adds to a dataset: a value for each column of motion and track.
-
-    Args:
-        motion: Motion as commanded.
-        track: What the rig reported.
-    """
-    commanded, actual, log = motion.joint_path, track.joint_path, track.controller_log
-    reported = {}
-    if log is not None:
-        lists = (log.times, log.target_q.ravel(), log.speed_scaling, log.safety_bits)
-        reported = dict(zip(CONTROLLER_COLUMNS, lists, strict=True))
-    action = np.full(4, np.nan) if motion.action is None else motion.action.to_array()
-    return {
-        **dict(zip(ACTION_COLUMNS, action, strict=True)),
-        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
-        "status": track.status.code,
-        "duration": motion.duration,
-        **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
-        "times": track.times,
-        "track_x": track.endpoint_xy[:, 0],
-        "track_y": track.endpoint_xy[:, 1],
-        "joint_times": None if commanded is None else commanded.times,
-        "joint_q": None if commanded is None else commanded.q.ravel(),
-        "actual_times": None if actual is None else actual.times,
-        "actual_q": None if actual is None else actual.q.ravel(),
-        **reported,
-    }
 
 
 def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:

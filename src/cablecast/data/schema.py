@@ -76,6 +76,9 @@ OPTIONAL_COLUMNS = (
         "grip_pose", "list", "m, rad", "x, y, z, yaw and pitch of the tracked grip, five after five"
     ),
     Column("nodes", "list", "m", "x, y and z of the nodes from the grip to the free end, by time"),
+    Column("purpose", "string", "-", "what the cast was made for"),
+    Column("origin", "string", "-", "fingerprint of the dataset and the row it came from"),
+    Column("proposal", "string", "-", "target and expected landing of the cast, as JSON"),
     Column("attempt", "int64", "-", "failed attempts before this one"),
     Column("rig", "string", "-", "description of the rig, as JSON"),
 )

@@ -1,71 +1,118 @@
-"""CastStore: all casts of one cable, whatever they were made for, one file each.
+"""CastStore: all casts of one cable, whatever they were made for, one Parquet file each.
 
 A dataset has a number of rows that is known before its first cast. A store grows: a cast is kept as
-soon as it is done, and every cast teaches.
+soon as it is done. Its files are shards of one row in the schema of datasets.
 """
 
-import dataclasses
-import math
+import json
 import os
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.data.dataset import Dataset
+from cablecast.cast import Cast, Proposal
+from cablecast.data.dataset import Dataset, table_dataset
 from cablecast.data.schema import (
     ACTION_COLUMNS,
     CONTROLLER_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
+    arrow_schema,
+    read_shard,
+    shard_bytes,
+    track_extent,
 )
-from cablecast.errors import DamagedFileError, InputError
-from cablecast.runs.folder import Parts, RunFolder, fingerprint
+from cablecast.errors import CablecastError, DamagedFileError, DatasetError, InputError
+from cablecast.files import read_sealed, seal, write_bytes, write_json
+from cablecast.motion.action import Action
+from cablecast.runs.folder import RunFolder, fingerprint
 from cablecast.setup import Setup
 
-_LISTS = (
-    *("times", "track_x", "track_y"),
-    *("joint_times", "joint_q", "actual_times", "actual_q", "nodes"),
-    *CONTROLLER_COLUMNS,
-)
-_COLUMNS = (*ACTION_COLUMNS, *ENDPOINT_COLUMNS, "status", "duration", *EXTENT_COLUMNS)
+UNDONE_FILE = "undone.json"
 
 _REMEDY = "Restore it from a copy, or rename the casts after it so that the numbers have no gap"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class StoredCast:
-    """One cast of a store.
+def cast_row(cast: Cast) -> dict[str, Any]:
+    """Return a cast as a row of a dataset: a value for each column of motion and track."""
+    track = cast.track
+    commanded, actual, log = cast.joint_path, track.joint_path, track.controller_log
+    reported = {}
+    if log is not None:
+        lists = (log.times, log.target_q.ravel(), log.speed_scaling, log.safety_bits)
+        reported = dict(zip(CONTROLLER_COLUMNS, lists, strict=True))
+    return {
+        **dict(zip(ACTION_COLUMNS, cast.action, strict=True)),
+        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
+        "status": track.status.code,
+        "duration": cast.duration,
+        **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
+        "times": track.times,
+        "track_x": track.endpoint_xy[:, 0],
+        "track_y": track.endpoint_xy[:, 1],
+        "joint_times": None if commanded is None else commanded.times,
+        "joint_q": None if commanded is None else commanded.q.ravel(),
+        "actual_times": None if actual is None else actual.times,
+        "actual_q": None if actual is None else actual.q.ravel(),
+        **reported,
+    }
 
-    Attributes:
-        purpose: What it was made for, e.g. "calibrate" or "aim".
-        values: A value for each column of motion and track, see `trial_values`.
-        note: What whoever made the cast wants to know of it again, as plain values.
-        origin: Fingerprint of the dataset and the row that it came from; empty where it was made
-            for the store.
+
+def dataset_cast(casts: Dataset, row: int) -> Cast:
+    """Return a row of a dataset as a cast without a proposal.
+
+    Raises:
+        DatasetError: The dataset holds no tracks.
     """
+    return Cast(
+        action=casts.actions[row],
+        duration=float(casts.duration[row]),
+        joint_path=casts.commanded_joints(row),
+        track=casts.track(row),
+        purpose=casts.kind,
+        origin=f"{casts.fingerprint}/{row}",
+    )
 
-    purpose: str
-    values: dict[str, Any]
-    note: dict[str, Any] = dataclasses.field(default_factory=dict)
-    origin: str = ""
 
-    @property
-    def action(self) -> NDArray[np.float64]:
-        """Action, shape [4]; NaN for a motion that no action describes."""
-        return np.array([self.values[name] for name in ACTION_COLUMNS], dtype=float)
+def casts_dataset(casts: Sequence[Cast], setup: Setup) -> Dataset:
+    """Return casts as a dataset in memory.
 
-    @property
-    def endpoint_xy(self) -> NDArray[np.float64]:
-        """Landing [m], shape [2]; NaN for a cast without one."""
-        return np.array([self.values[name] for name in ENDPOINT_COLUMNS], dtype=float)
+    Args:
+        casts: Casts of one set-up.
+        setup: Cable, workspace, arm and motion settings.
+    """
+    rows = [_stored_row(cast, index) for index, cast in enumerate(casts)]
+    names = sorted({name for row in rows for name in row})
+    columns = {name: [row.get(name) for row in rows] for name in names}
+    table = _table(columns)
+    info = {
+        "kind": "aim",
+        "settings": {**setup.to_settings(), "count": len(casts)},
+        "fingerprint": fingerprint([table.num_rows], shard_bytes(table, "")),
+    }
+    return table_dataset(table, info)
 
-    @property
-    def status(self) -> str:
-        """Code of the trial's status."""
-        return str(self.values["status"])
+
+def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
+    nodes = cast.track.nodes
+    return {
+        **cast_row(cast),
+        "index": index,
+        "nodes": None if nodes is None else nodes.ravel(),
+        "purpose": cast.purpose,
+        "origin": cast.origin,
+        "proposal": "" if cast.proposal is None else json.dumps(cast.proposal.to_note()),
+    }
+
+
+def _table(columns: dict[str, list[Any]]) -> Any:
+    import pyarrow as pa
+
+    schema = arrow_schema(tuple(columns))
+    return pa.table({name: columns.get(name, []) for name in schema.names}, schema=schema)
 
 
 class CastStore:
@@ -74,38 +121,62 @@ class CastStore:
     Args:
         setup: Cable, workspace, arm and motion settings of the casts.
         folder: Folder that keeps them; none where None.
+        within_pct: Distance from a target at which a cast has hit [% of cable length].
+
+    Attributes:
+        casts: All casts.
+        undone: Numbers of those that were taken back: they are kept, and count for nothing.
 
     Raises:
         InputError: The folder holds something else, or casts of another set-up.
         DamagedFileError: A file is not what was written, or missing before later ones.
     """
 
-    def __init__(self, setup: Setup, folder: str | os.PathLike[str] | None = None):
-        self.setup = setup
-        self.casts: list[StoredCast] = []
+    def __init__(
+        self,
+        setup: Setup,
+        folder: str | os.PathLike[str] | None = None,
+        within_pct: float = 3.0,
+    ):
+        self.setup, self.within_pct = setup, within_pct
+        self.casts: list[Cast] = []
+        self.undone: frozenset[int] = frozenset()
         self._run: RunFolder | None = None
-        if folder is not None:
-            self._run = RunFolder.open(pathlib.Path(folder), "aim", setup.to_settings())
-            while (values := self._parts.get(self._name())) is not None:
-                self.casts.append(_read(values, self._parts, self._name()))
-            self._refuse_gap()
+        if folder is None:
+            return
+        self._run = RunFolder.open(pathlib.Path(folder), "aim", setup.to_settings())
+        while self._file(len(self)).exists():
+            self.casts.append(self._read(len(self)))
+        later = sorted(
+            file.name
+            for file in self._file(0).parent.glob("[0-9]*.parquet")
+            if file.name > self._file(len(self)).name
+        )
+        if later:
+            # They would be overlooked, and then overwritten.
+            raise DamagedFileError(
+                f"{self._file(len(self))} is missing, but {later[0]} is there. {_REMEDY}"
+            )
+        self.undone = self._read_undone()
 
     def __len__(self) -> int:
         return len(self.casts)
 
-    def add(self, cast: StoredCast) -> None:
+    def add(self, cast: Cast) -> None:
         """Keep a cast.
 
         Raises:
             InputError: Another process has added casts meanwhile.
         """
+        number = len(self)
         if self._run is not None:
             with self._run.locked():
-                if self._parts.file(self._name()).exists():
+                if self._file(number).exists():
                     raise InputError(
                         f"another process has added casts to {self._run.path}: open the store again"
                     )
-                self._parts.put(self._name(), _plain(dataclasses.asdict(cast)))
+                table = _table({k: [v] for k, v in _stored_row(cast, number).items()})
+                write_bytes(self._file(number), shard_bytes(table, self._settings_fingerprint))
         self.casts.append(cast)
 
     def add_dataset(self, casts: Dataset) -> int:
@@ -124,101 +195,81 @@ class CastStore:
             raise InputError("a store keeps casts of a rig: these were simulated")
         if casts.setup.to_settings() != self.setup.to_settings():
             raise InputError("the casts were made with another set-up than those of the store")
-        known = {cast.origin for cast in self.casts}
+        origins = {cast.origin for cast in self.casts}
         before = len(self)
         for row in range(len(casts)):
-            origin = f"{casts.fingerprint}/{row}"
-            if origin not in known:
-                values = _row_values(casts, row)
-                self.add(StoredCast(purpose=casts.kind, values=values, origin=origin))
+            cast = dataset_cast(casts, row)
+            if cast.origin not in origins:
+                self.add(cast)
         return len(self) - before
 
-    def dataset(self) -> Dataset:
-        """Return all casts as a dataset in memory."""
+    def in_memory(self) -> "CastStore":
+        """Return a store of the same casts that keeps nothing on disk."""
+        store = CastStore(self.setup, within_pct=self.within_pct)
+        store.casts, store.undone = list(self.casts), self.undone
+        return store
 
-        def stack(names: tuple[str, ...]) -> NDArray[np.float64]:
-            rows = [[cast.values[name] for name in names] for cast in self.casts]
-            return np.array(rows, dtype=float).reshape(-1, len(names))
+    def undo(self, number: int) -> None:
+        """Take a cast back: it is kept, and counts for nothing from now on."""
+        undone = self.undone | {number}
+        if self._run is not None:
+            with self._run.locked():
+                write_json(self._run.path / UNDONE_FILE, seal({"undone": sorted(undone)}))
+        self.undone = undone
 
-        plain = [_plain(cast.values) for cast in self.casts]
-        return Dataset(
-            actions=stack(ACTION_COLUMNS),
-            endpoint_xy=stack(ENDPOINT_COLUMNS),
-            status=np.array([cast.status for cast in self.casts], dtype=str),
-            duration=stack(("duration",))[:, 0],
-            extent=stack(EXTENT_COLUMNS),
-            extra={name: [cast.values.get(name) for cast in self.casts] for name in _LISTS},
-            info={
-                "kind": "aim",
-                "fingerprint": fingerprint(plain),
-                "settings": {**self.setup.to_settings(), "count": len(self)},
-            },
-        )
+    def dataset(self, rows: Sequence[int] | NDArray[np.intp] | None = None) -> Dataset:
+        """Return casts as a dataset in memory.
+
+        Args:
+            rows: Numbers of the casts; all that were not taken back where None.
+        """
+        if rows is None:
+            rows = [number for number in range(len(self)) if number not in self.undone]
+        return casts_dataset([self.casts[row] for row in rows], self.setup)
 
     @property
-    def _parts(self) -> Parts:
+    def _settings_fingerprint(self) -> str:
+        return fingerprint(self.setup.to_settings())
+
+    def _file(self, number: int) -> pathlib.Path:
         if self._run is None:
             raise InputError("this store keeps nothing on the disk")
-        return dataclasses.replace(self._run.parts("casts"), remedy=_REMEDY)
+        return self._run.path / "casts" / f"{number:05d}.parquet"
 
-    def _refuse_gap(self) -> None:
-        """Refuse casts behind a missing one: they would be overlooked, and then overwritten."""
-        folder = self._parts.folder
-        later = sorted(file.name for file in folder.glob("[0-9]*.json") if file.stem > self._name())
-        if later:
-            raise DamagedFileError(
-                f"{self._parts.file(self._name())} is missing, but {later[0]} is there. {_REMEDY}"
+    def _read(self, number: int) -> Cast:
+        """Return a stored cast, if the file holds one."""
+        file = self._file(number)
+        try:
+            table, _ = read_shard(file, range(number, number + 1), self._settings_fingerprint)
+            casts = table_dataset(table, {"kind": "aim", "settings": self.setup.to_settings()})
+            row = {name: casts.extra[name][0] for name in ("purpose", "origin", "proposal")}
+            note = json.loads(row["proposal"]) if row["proposal"] else None
+            proposal = note and Proposal.from_note(
+                note,
+                setup=self.setup,
+                number=number,
+                action=Action.from_array(casts.actions[0]),
+                within_pct=self.within_pct,
             )
+            return Cast(
+                action=casts.actions[0],
+                duration=float(casts.duration[0]),
+                joint_path=casts.commanded_joints(0),
+                track=casts.track(0),
+                purpose=row["purpose"],
+                proposal=proposal,
+                origin=row["origin"],
+            )
+        except DatasetError as error:
+            reason = str(error).partition(": delete it")[0]
+            raise DamagedFileError(f"{reason}. {_REMEDY}") from None
+        except (KeyError, TypeError, ValueError, CablecastError):
+            raise DamagedFileError(f"{file} holds no cast. {_REMEDY}") from None
 
-    def _name(self) -> str:
-        """Return the name of the file of the next cast."""
-        return f"{len(self.casts):05d}"
-
-
-def _row_values(casts: Dataset, row: int) -> dict[str, Any]:
-    """Return the values of one row of a dataset."""
-    values: dict[str, Any] = dict(zip(ACTION_COLUMNS, casts.actions[row], strict=True))
-    values |= dict(zip(ENDPOINT_COLUMNS, casts.endpoint_xy[row], strict=True))
-    values |= dict(zip(EXTENT_COLUMNS, casts.extent[row], strict=True))
-    values |= {"status": str(casts.status[row]), "duration": float(casts.duration[row])}
-    for name in _LISTS:
-        column = casts.extra.get(name)
-        values[name] = None if column is None else column[row]
-    return values
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as JSON stores it: arrays become lists, NaN and infinity become None."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and np.isfinite(value).all():
-        return value.tolist()
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _read(stored: Mapping[str, Any], parts: Parts, name: str) -> StoredCast:
-    """Return a stored cast, if it is one."""
-    try:
-        values = dict(stored["values"])
-        for column in _COLUMNS:
-            if column != "status":
-                values[column] = np.nan if values[column] is None else float(values[column])
-        for column in _LISTS:
-            if values.get(column) is not None:
-                values[column] = np.array(values[column], dtype=float)
-        return StoredCast(
-            purpose=str(stored["purpose"]),
-            values=values | {"status": str(values["status"])},
-            note=dict(stored["note"]),
-            origin=str(stored["origin"]),
-        )
-    except (KeyError, TypeError, ValueError):
-        raise DamagedFileError(
-            f"{parts.file(name)} holds no cast: restore it from a copy"
-        ) from None
+    def _read_undone(self) -> frozenset[int]:
+        """Return the numbers of the casts that were taken back."""
+        try:
+            values = read_sealed(self._file(0).parents[1] / UNDONE_FILE)
+        except FileNotFoundError:
+            return frozenset()
+        return frozenset(int(number) for number in values["undone"])

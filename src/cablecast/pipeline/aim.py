@@ -5,34 +5,56 @@ import math
 import os
 import pathlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.aiming.config import AimConfig
+from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig
+from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import InputError, check_count
-from cablecast.learning.policy import ForwardSearchPolicy
-from cablecast.motion.feasibility import ACTION_COUNT_MAX
-from cablecast.pipeline.aim_casts import AimProposal, AimTrial
-from cablecast.pipeline.aim_fits import FITS_FOLDER, SESSION_FOLDER, newest_fit
-from cablecast.pipeline.aim_learning import CANDIDATE_COUNT, AimLearning, Learned
-from cablecast.pipeline.aim_session import TRIES, WITHIN_PCT, AimSession
+from cablecast.errors import InputError
+from cablecast.evaluation.evaluate import (
+    Evaluation,
+    TargetCast,
+    evaluation_metrics,
+    save_trials,
+    summarise_errors,
+)
+from cablecast.files import write_bytes, write_text
+from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
+from cablecast.motion.action import Action
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.collect import collect
+from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE
+from cablecast.pipeline.places import require
+from cablecast.pipeline.simulate import simulate_to_aim
+from cablecast.pipeline.train import train
+from cablecast.pipeline.tune import tune
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.tuning.tuned import Tuned
-
-CALIBRATION_COUNT = 5
-"""Casts that the simulator is fitted to before the first aimed one."""
-SIMULATED_COUNT = 16_000
-"""Simulated casts that the model learns from."""
-EPOCHS = 60
+from cablecast.runs.folder import METRICS_FILE, RunFolder, plain_settings, run_facts
+from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.setup import Setup
+from cablecast.tuning.tuned import Tuned, load_tuned
 
 CALIBRATION_FOLDER = "calibration"
+SESSION_FOLDER = "session"
+FITS_FOLDER = "fits"
+"""A later fit lies in `fits/NNNNN`, where NNNNN is the number of casts of the session then. The
+newest whose model is finished is the one that the session goes on with."""
+REPORT_FOLDER = "report"
+TRIES_FILE = "tries.png"
 
-ProposalCallback = Callable[[AimProposal], None]
-TrialCallback = Callable[[AimProposal, AimTrial], None]
+_FOLDERS = {
+    *(CALIBRATION_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
+    *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
+}
+
+ProposalCallback = Callable[[Proposal], None]
+CastCallback = Callable[[Cast], None]
 RefitCallback = Callable[[AimSession, str], None]
 
 
@@ -43,17 +65,17 @@ class AimResult:
     Attributes:
         session: Session, which further targets can be aimed at in.
         target_xy: Targets [m], shape [target, 2].
-        trials: Casts at each target, in order.
+        casts: Casts at each target, in order.
     """
 
     session: AimSession
     target_xy: NDArray[np.float64]
-    trials: tuple[tuple[AimTrial, ...], ...]
+    casts: tuple[tuple[Cast, ...], ...]
 
     @property
     def hit(self) -> NDArray[np.bool_]:
         """True for each target that was hit, shape [target]."""
-        return np.array([any(trial.hit for trial in trials) for trials in self.trials])
+        return np.array([any(cast.hit for cast in casts) for casts in self.casts])
 
     def misses_pct(self, try_number: int) -> NDArray[np.float64]:
         """Return the miss of one try at each target [% of cable length], shape [target].
@@ -65,26 +87,55 @@ class AimResult:
         """
         return np.array(
             [
-                trials[min(try_number, len(trials)) - 1].miss_pct if trials else math.nan
-                for trials in self.trials
+                casts[min(try_number, len(casts)) - 1].miss_pct if casts else math.nan
+                for casts in self.casts
             ]
         )
+
+    @property
+    def try_rows(self) -> list[dict[str, Any]]:
+        """Errors after each try, casts without a landing counted as misses; a row for each try."""
+        rows = []
+        for number in range(1, max((len(casts) for casts in self.casts), default=0) + 1):
+            misses = self.misses_pct(number)
+            row = summarise_errors(np.nan_to_num(misses, nan=np.inf)).to_dict()
+            rows.append({"try": number, "without_landing": int(np.isnan(misses).sum()), **row})
+        return rows
+
+
+def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
+    """Check what aiming needs before its rig is connected.
+
+    Args:
+        config: Settings.
+        folder: Folder of the session and of the report.
+
+    Raises:
+        InputError: The device is not here, or the folder is a file or holds something else.
+        MissingExtraError: A library is missing.
+    """
+    require("aiming", "torch", "safetensors", "matplotlib", "jinja2")
+    from cablecast.engines import make_engine
+    from cablecast.learning.checkpoint import check_device
+
+    make_engine("warp", device=config.device)
+    check_device(config.device)
+    path = pathlib.Path(folder)
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: aiming needs a folder")
+    names = [f.name for f in path.iterdir() if f.name[0] != "."] if path.exists() else []
+    if other := sorted(set(names) - _FOLDERS):
+        raise InputError(f"{path} holds {other[0]}, which aiming did not make: give a new folder")
 
 
 def prepare_aim(
     rig: CheckedRig,
+    config: AimConfig | None = None,
     *,
     casts: Dataset | None = None,
     tuned: Tuned | None = None,
     fit_all: bool = False,
-    calibration_count: int = CALIBRATION_COUNT,
-    count: int = SIMULATED_COUNT,
-    epochs: int = EPOCHS,
-    candidate_count: int = CANDIDATE_COUNT,
-    within_pct: float = WITHIN_PCT,
-    tries: int = TRIES,
-    seed: int = 0,
-    device: str = "cpu",
+    simulators: SimulatorConfig | None = None,
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = ignore,
 ) -> AimSession:
@@ -92,90 +143,70 @@ def prepare_aim(
 
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
+        config: Settings.
         casts: Casts on the rig that were made before; some are made where None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
-        fit_all: True to fit the simulator anew now to all casts that the session in `out` has, and
-            to learn anew from it. Later calls for the same folder go on with the newest such fit.
-        calibration_count: Casts to make where none were given. With 0 the session aims at once
-            with what is believed of the cable, and the simulator is fitted to its first casts.
-        count: Simulated casts that the model learns from.
-        epochs: Largest number of passes over them.
-        candidate_count: Motions to choose from.
-        within_pct: Distance from a target at which a cast has hit [% of cable length].
-        tries: Casts at one target at most.
-        seed: Seed of everything that is drawn by chance.
-        device: "cpu" or "cuda".
+        fit_all: Fit the simulator anew now to all casts that the session in `out` has, and learn
+            anew from it. Later calls for the same folder go on with the newest such fit.
+        simulators: Settings of the simulators.
         out: Folder that keeps everything and lets stopped work go on; none where None.
         progress: Told how far each step is.
 
     Returns:
-        A session that has learned from the casts.
+        A session that is conditioned on the casts.
 
     Raises:
         InputError: A value is out of bounds, or the folder holds something else.
         RigError: A cast failed too often.
         MissingExtraError: A library that a later step needs is missing.
     """
-    place = None if out is None else pathlib.Path(out)
-    learning = AimLearning(
-        setup=rig.setup,
-        count=count,
-        epochs=epochs,
-        candidate_count=candidate_count,
-        seed=seed,
-        device=device,
-        folder=place,
-    )
-    learned = _later(learning, fit_all, progress)
-    if learned is not None:
+    config, simulators = config or AimConfig(), simulators or SimulatorConfig()
+    folder = None if out is None else pathlib.Path(out)
+    learning = _Learning(rig.setup, config, simulators, folder)
+    model = _later_model(learning, fit_all, progress)
+    if model is not None:
         casts = None
-    else:
-        if casts is None and tuned is None:
-            casts = _calibrated(learning, rig, calibration_count, progress)
-        learned = learning.learned(casts, tuned, progress)
+    elif casts is None and tuned is None and config.calibration_count:
+        casts = _calibration_casts(rig, config, folder, progress)
     session = AimSession(
-        learned.policy,
+        model or learning.first(casts, tuned, progress),
         casts=casts,
-        tuned=learned.tuned,
-        fitted_count=learned.fitted_count,
-        out=None if place is None else place / SESSION_FOLDER,
-        within_pct=within_pct,
-        tries=tries,
-        learning=learning,
+        out=None if folder is None else folder / SESSION_FOLDER,
+        config=config,
+        simulators=simulators,
+        refitting=learning,
     )
     session.look(rig)
     return session
 
 
-def _calibrated(
-    learning: AimLearning, rig: CheckedRig, count: int, progress: ProgressCallback
-) -> Dataset | None:
-    """Return casts to fit the simulator to; None where none are asked for. See `prepare_aim`."""
+def _calibration_casts(
+    rig: CheckedRig,
+    config: AimConfig,
+    folder: pathlib.Path | None,
+    progress: ProgressCallback,
+) -> Dataset:
     from cablecast.engines.warp_.rollout import compile_ahead
     from cablecast.engines.warp_.world import Features
 
-    check_count("calibration_count", count, 0, ACTION_COUNT_MAX)
-    if count == 1:
-        raise InputError("calibration_count is 1: a fit takes at least 2 casts; 0 begins without")
-    if not count:
-        return None
+    count = config.calibration_count
     progress(Progress(task=f"1/4 {count} casts to fit the simulator to"))
-    # For the fit, whose materials a kernel of their own plays.
+    # For the fit, whose materials a kernel of their own simulates.
     compile_ahead(Features(remembers=True, surface=True))
-    out = None if learning.folder is None else learning.folder / CALIBRATION_FOLDER
     return collect(
-        rig, count=count, sampling="spread", seed=learning.seed, out=out, progress=progress
+        rig,
+        count=count,
+        sampling="spread",
+        seed=config.seed,
+        out=None if folder is None else folder / CALIBRATION_FOLDER,
+        progress=progress,
     )
 
 
-def _later(learning: AimLearning, fit_all: bool, progress: ProgressCallback) -> Learned | None:
-    """Return what a fit to all casts of a session taught; None for the one to its first casts.
-
-    Args:
-        learning: Settings, with the folder of the session.
-        fit_all: True for a fit to all casts that the session has by now, False for the newest one
-            that is finished.
-        progress: Told how far each step is.
+def _later_model(
+    learning: "_Learning", fit_all: bool, progress: ProgressCallback
+) -> FittedModel | None:
+    """Return the model of a fit to all casts of a session; None for the one to its first casts.
 
     Raises:
         InputError: There are no casts yet to fit the simulator to, or fewer than the fit had.
@@ -195,7 +226,122 @@ def _later(learning: AimLearning, fit_all: bool, progress: ProgressCallback) -> 
         return learning.kept(newest, progress)
     if not len(store):
         raise InputError("fitting to all casts needs the folder of a session that has some")
-    return learning.learned_anew(store.dataset(), len(store), progress)
+    return learning(store.dataset(), len(store), progress)
+
+
+def newest_fit(folder: pathlib.Path) -> int:
+    """Return the number of casts of the newest finished fit to all casts; 0 where there is none.
+
+    Args:
+        folder: Folder of the session.
+    """
+    counts = [
+        int(file.parent.parent.name)
+        for file in (folder / FITS_FOLDER).glob(f"*/{MODEL_FOLDER}/{METRICS_FILE}")
+        if file.parent.parent.name.isdecimal()
+    ]
+    return max(counts, default=0)
+
+
+class _Learning:
+    """Makes the models of a session: a fit, simulated casts, training."""
+
+    def __init__(
+        self,
+        setup: Setup,
+        config: AimConfig,
+        simulators: SimulatorConfig,
+        folder: pathlib.Path | None,
+    ):
+        require("aiming", "torch", "safetensors")
+        self.setup, self.config, self.simulators, self.folder = setup, config, simulators, folder
+        self._resolution = {"segment_count": simulators.segment_count, "dt": simulators.dt}
+
+    def first(
+        self, casts: Dataset | None, tuned: Tuned | None, progress: ProgressCallback
+    ) -> FittedModel:
+        """Return the first model of a session: of a fit to casts, of a given one, or believed."""
+        waits = tuned is None and casts is None
+        if casts is not None and tuned is None:
+            tuned = self._fitted(casts, self.folder, progress)
+        elif tuned is None:
+            tuned = Tuned.believed(self.setup, self.config.seed)
+        return FittedModel(
+            policy=self._policy(tuned, self.folder, progress),
+            tuned=tuned,
+            fitted_to=str(tuned.metrics.get("dataset_fingerprint", "")),
+            waits=waits,
+        )
+
+    def __call__(
+        self, casts: Dataset, count: int, progress: ProgressCallback = ignore
+    ) -> FittedModel:
+        """Return the model of a later fit; see `Refitting`."""
+        folder = self._fit_folder(count)
+        tuned = self._fitted(casts, folder, progress, validation_count=0)
+        policy = self._policy(tuned, folder, progress)
+        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
+
+    def kept(self, count: int, progress: ProgressCallback) -> FittedModel:
+        """Return the model of a later fit that is finished.
+
+        Raises:
+            InputError: A file of it is missing or damaged.
+        """
+        folder = self._fit_folder(count)
+        if folder is None:
+            raise InputError("fits are kept in the folder of a session: it has none")
+        progress(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
+        tuned = load_tuned(folder / TUNE_FOLDER, self.setup)
+        policy = self._policy(tuned, folder, progress)
+        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
+
+    def _fit_folder(self, count: int) -> pathlib.Path | None:
+        return None if self.folder is None else self.folder / FITS_FOLDER / f"{count:05d}"
+
+    def _fitted(
+        self,
+        casts: Dataset,
+        folder: pathlib.Path | None,
+        progress: ProgressCallback,
+        validation_count: int | None = None,
+    ) -> Tuned:
+        progress(Progress(task=f"2/4 fit to {len(casts)} casts"))
+        return tune(
+            casts,
+            config=self.simulators.fit,
+            **self._resolution,
+            validation_count=validation_count,
+            out=None if folder is None else folder / TUNE_FOLDER,
+            progress=progress,
+        )
+
+    def _policy(
+        self, tuned: Tuned, folder: pathlib.Path | None, progress: ProgressCallback
+    ) -> ForwardSearchPolicy:
+        config = self.config
+        shared: dict[str, Any] = {
+            "seed": config.seed,
+            "device": config.device,
+            "progress": progress,
+        }
+        progress(Progress(task="3/4 simulate"))
+        simulated = simulate_to_aim(
+            self.setup,
+            tuned,
+            count=config.simulated_count,
+            out=None if folder is None else folder / DATASET_FOLDER,
+            **{name: value for name, value in self._resolution.items() if value is not None},
+            **shared,
+        )
+        progress(Progress(task="4/4 train"))
+        return train(
+            simulated,
+            epochs=config.epochs,
+            candidate_count=config.candidate_count,
+            out=None if folder is None else folder / MODEL_FOLDER,
+            **shared,
+        )
 
 
 def aim(
@@ -205,16 +351,16 @@ def aim(
     *,
     r: ArrayLike | None = None,
     theta_deg: ArrayLike | None = None,
-    refit: bool = True,
     on_proposal: ProposalCallback | None = None,
-    on_trial: TrialCallback | None = None,
+    on_cast: CastCallback | None = None,
     on_refit: RefitCallback | None = None,
     progress: ProgressCallback = ignore,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 
     A target that the session has cast at before goes on where it stopped. Before a new target the
-    simulator is fitted anew to all casts where `AimSession.refit_reason` says that it is worth it.
+    simulator is fitted anew to all casts where `AimSession.refit_reason` says that it is worth it,
+    unless `AimConfig.refit` is False.
 
     Args:
         session: Session that `prepare_aim` returned, or a policy of simulated casts alone.
@@ -223,9 +369,8 @@ def aim(
         r: Distances from the robot's base [m], a number or shape [target].
         theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
             shape [target].
-        refit: False to keep the model that the session has.
-        on_proposal: Called with every cast before it is made.
-        on_trial: Called with every cast after it was made.
+        on_proposal: Called with every proposal before its cast is made.
+        on_cast: Called with every cast after it was made.
         on_refit: Called with the session and the reason of a new fit that is due, in place of
             `session.refit(progress)`.
         progress: Told how many targets are done, and how far a new fit is.
@@ -238,12 +383,14 @@ def aim(
         RigError: A cast failed too often. Earlier casts are kept.
     """
     session = session if isinstance(session, AimSession) else AimSession(session)
-    targets = session.setup.workspace.check_targets(
-        target_xy, r=r, theta_deg=theta_deg, cable_length=session.setup.cable.length
+    setup = session.setup
+    targets = setup.workspace.check_targets(
+        target_xy, r=r, theta_deg=theta_deg, cable_length=setup.cable.length
     )
     for done, target in enumerate(targets):
         # Never between the tries at a target: a correction relies on the model of the last try.
-        reason = "" if not refit or session.trials_at(target) else session.refit_reason
+        refits = session.config.refit and not session.casts_at(target)
+        reason = session.refit_reason if refits else ""
         if reason and on_refit is not None:
             on_refit(session, reason)
         elif reason:
@@ -253,27 +400,96 @@ def aim(
             proposal = session.propose(target)
             if on_proposal is not None:
                 on_proposal(proposal)
-            trial = session.cast(rig, proposal)
-            if on_trial is not None:
-                on_trial(proposal, trial)
+            cast = session.cast(rig, proposal)
+            if on_cast is not None:
+                on_cast(cast)
         progress(Progress(task="Aiming", done=done + 1, total=len(targets), unit="targets"))
     return AimResult(
         session=session,
         target_xy=targets,
-        trials=tuple(tuple(session.trials_at(target)) for target in targets),
+        casts=tuple(tuple(session.casts_at(target)) for target in targets),
     )
 
 
-def ellipse_points(proposal: AimProposal, share: float, count: int = 72) -> NDArray[np.float64]:
-    """Return the outline of a proposal's ellipse [m], shape [point, 2].
+def aim_evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
+    """Return all casts at some targets as an evaluation; `repeat` counts the tries from 0."""
+    setup = result.session.setup
+    inside = result.session.model.policy.inside_coverage(result.target_xy)
+    trials = [
+        TargetCast(
+            target_index=index,
+            repeat=cast.try_number - 1,
+            target_xy=result.target_xy[index],
+            predicted_xy=cast.expected_xy,
+            track=cast.track,
+            trajectory=plan_trajectory(Action.from_array(cast.action), setup),
+        )
+        for index, casts in enumerate(result.casts)
+        for cast in casts
+    ]
+    return Evaluation(
+        setup=setup,
+        rig=dict(rig.description),
+        target_xy=result.target_xy,
+        inside_coverage=inside,
+        trials=tuple(trials),
+    )
+
+
+def write_aim_report(
+    result: AimResult, rig: CheckedRig, folder: str | os.PathLike[str]
+) -> Evaluation:
+    """Write metrics, casts, the map of the tries, and the report of the last tries.
 
     Args:
-        proposal: Planned cast.
-        share: Probability that the landing lies inside [-].
-        count: Number of points.
+        result: Casts at the targets.
+        rig: Rig that made them.
+        folder: Folder of the report; an earlier one is overwritten.
+
+    Returns:
+        The last cast at each target, with metrics; `tries` among these has one row per try.
+
+    Raises:
+        MissingExtraError: A library that draws is missing.
     """
-    major, minor, angle = proposal.ellipse(share)
-    turn = np.linspace(0.0, 2.0 * np.pi, count)
-    local = np.stack([major * np.cos(turn), minor * np.sin(turn)], axis=-1)
-    c, s = np.cos(angle), np.sin(angle)
-    return proposal.expected_xy + local @ np.array([[c, s], [-s, c]])
+    require("the report of aim", "matplotlib", "jinja2")
+    from cablecast.report.maps import tries_map
+    from cablecast.report.page import report_page
+    from cablecast.report.style import png_bytes, svg_uri
+
+    folder, session = pathlib.Path(folder), result.session
+    every = aim_evaluation(result, rig)
+    by_target = {trial.target_index: trial for trial in every.trials}
+    last = dataclasses.replace(every, trials=tuple(by_target[key] for key in sorted(by_target)))
+    metrics = evaluation_metrics(last) | {
+        "tries": result.try_rows,
+        "cast_count": len(session.casts),
+        "targets": result.target_xy.tolist(),
+    }
+    last = dataclasses.replace(last, metrics=metrics)
+    policy = session.model.policy
+    settings = {
+        **session.setup.to_settings(),
+        "rig": dict(rig.description),
+        "policy": policy.info,
+        **dataclasses.asdict(session.config),
+    }
+    run = RunFolder(
+        path=folder,
+        config={"command": "aim", "settings": plain_settings(settings), **run_facts()},
+    )
+    with run.locked():
+        save_trials(every, folder / TRIALS_FILE)
+        figure = tries_map(every)
+        write_bytes(folder / TRIES_FILE, png_bytes(figure))
+        page = report_page(
+            last,
+            policy.model.info,
+            run.config,
+            simulated_xy=policy.predicted_xy,
+            simulated_radius=COVERAGE_PCT / 100 * last.cable.length,
+            tries=svg_uri(figure),
+        )
+        write_text(folder / REPORT_FILE, page)
+        run.finish(metrics)
+    return last

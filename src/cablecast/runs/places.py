@@ -62,7 +62,7 @@ def find_model(folder: pathlib.Path | None, cable_name: str) -> pathlib.Path:
     Raises:
         CheckpointError: There is none; says how to make one.
     """
-    command = f"cablecast demo` or `cablecast train --cable {cable_name}"
+    command = f"cablecast train --cable {cable_name}"
     default = cable_folder(cable_name) / MODEL_FOLDER
     return _find(folder, default, f"model of {cable_name}", command, "--model", CheckpointError)
 

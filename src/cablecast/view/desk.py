@@ -12,7 +12,9 @@ import threading
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.aiming.session import AimSession
 from cablecast.cable import CableParams
+from cablecast.cast import Cast, Proposal
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
@@ -20,9 +22,8 @@ from cablecast.errors import InputError, TargetError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.trajectory import Trajectory
-from cablecast.pipeline.aim_session import AimProposal, AimSession, AimTrial
+from cablecast.report.words import change_text
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import ShownCast
@@ -30,9 +31,6 @@ from cablecast.view.look import ShownCast
 SEGMENT_COUNT, STEP = 30, 1e-3
 """Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
 cable's length from that of the full resolution (docs/view.md)."""
-
-UNDONE_FOLDER = "shapes"
-"""Folder beside a session that keeps the numbers of the tries that were taken back."""
 
 
 class Phase(enum.Enum):
@@ -56,7 +54,7 @@ class Preview:
         margin: Predicted distance of the free end from the table's edges [m]; negative off it.
     """
 
-    proposal: AimProposal
+    proposal: Proposal
     cast: ShownCast
     limit_shares: NDArray[np.float64]
     margin: float
@@ -74,7 +72,6 @@ class Desk:
         rig: Rig that casts.
         engine: Simulator of the previews; the usual one where None.
         session: Session that plans; None until one was prepared.
-        parts: Folder that keeps which tries were taken back; they are kept in memory where None.
 
     Attributes:
         setup: Set-up of the rig.
@@ -89,7 +86,6 @@ class Desk:
         engine: Engine | None = None,
         *,
         session: AimSession | None = None,
-        parts: Parts | None = None,
     ):
         self.rig = rig
         self.engine = engine or EngineWarp(segment_count=SEGMENT_COUNT, dt=STEP)
@@ -100,9 +96,6 @@ class Desk:
         self._dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
         self._casting = False
-        self._parts = parts
-        noted = None if parts is None else parts.get("undone")
-        self._undone: set[int] = set() if noted is None else set(noted["numbers"])
         if session is not None:
             self.set_session(session)
 
@@ -121,29 +114,29 @@ class Desk:
                 return Phase.NO_MODEL
             if self.preview is None:
                 return Phase.READY
-            done = self.preview.proposal.number < len(self.session.history)
+            done = self.preview.proposal.number < len(self.session.casts)
             return Phase.LANDED if done else Phase.PLANNED
 
     @property
-    def tries(self) -> list[AimTrial]:
+    def tries(self) -> list[Cast]:
         """Casts at targets, in order, with those that were undone."""
-        history = () if self.session is None else self.session.history
+        history = () if self.session is None else self.session.casts
         return [trial for trial in history if trial.try_number > 0]
 
     @property
-    def last(self) -> AimTrial | None:
+    def last(self) -> Cast | None:
         """Latest try that was not undone."""
         return next((one for one in reversed(self.tries) if not self.is_undone(one)), None)
 
-    def is_undone(self, trial: AimTrial) -> bool:
+    def is_undone(self, trial: Cast) -> bool:
         """Return whether a try was taken back."""
-        return trial.number in self._undone
+        return self.session is not None and trial.number in self.session.undone
 
-    def tries_at(self, target_xy: NDArray[np.float64]) -> list[AimTrial]:
+    def tries_at(self, target_xy: NDArray[np.float64]) -> list[Cast]:
         """Return the tries at a target [m] that were not undone, in order."""
         if self.session is None:
             return []
-        return [one for one in self.session.trials_at(target_xy) if not self.is_undone(one)]
+        return self.session.casts_at(target_xy)
 
     @property
     def refit_reason(self) -> str:
@@ -158,14 +151,12 @@ class Desk:
         """
         if session.setup.to_settings() != self.setup.to_settings():
             raise InputError("the model was made for another set-up than the rig's")
-        settings = session.aimer.policy.model.settings
+        settings = session.model.policy.model.settings
         with self._lock:
             self._refuse_casting()
             self.session, self.preview = session, None
             if settings.is_simulated:
                 self._dynamics = settings.dynamics
-            if self._undone:
-                session.relearn(without=self._undone)
 
     def open_session(self, session: AimSession, report: ProgressCallback = ignore) -> None:
         """Plan with a session from now on, once its first plan will be as quick as the others.
@@ -193,10 +184,10 @@ class Desk:
             InputError: There is no session, or it has too few casts.
         """
         session = self._need_session()
-        learned = session.learn_anew(report)
+        model = session.fit(report)
         report(Progress(task="All casts with the new model"))
         with self._lock:
-            session.take_up(learned)
+            session.use(model)
             self.set_session(session)
         self._rehearse(session)
         self.message = f"The simulator fits {session.fitted_count} casts now."
@@ -237,7 +228,7 @@ class Desk:
                 raise InputError("there is nothing to correct yet: cast first")
             return self.aim(last.target_xy)
 
-    def cast(self) -> AimTrial:
+    def cast(self) -> Cast:
         """Cast as planned, and see where the free end comes to rest.
 
         To be called in the thread that may use the rig.
@@ -259,14 +250,13 @@ class Desk:
             track = session.play(self.rig, proposal.trajectory, proposal.number)
             trial = session.observe(proposal, track)
             with self._lock:
-                seen = np.isfinite(trial.miss_pct)
-                self.message = trial.change if seen else track.status.value
+                self.message = change_text(trial, session) if trial.landed else track.status.value
             return trial
         finally:
             with self._lock:
                 self._casting = False
 
-    def undo(self) -> AimTrial:
+    def undo(self) -> Cast:
         """Take the last try back: it is kept, and no plan uses it from now on.
 
         Raises:
@@ -277,17 +267,14 @@ class Desk:
             last = self.last
             if last is None:
                 raise InputError("there is no try to undo")
-            self._undone = self._undone | {last.number}
-            if self._parts is not None:
-                self._parts.put("undone", {"numbers": sorted(self._undone)})
-            self._need_session().relearn(without=self._undone)
+            self._need_session().undo(last.number)
             self.preview = None
             self.message = f"Try {last.number} is taken back: no plan uses it from now on."
             return last
 
-    def shown(self, trial: AimTrial) -> ShownCast:
+    def shown(self, trial: Cast) -> ShownCast:
         """Return a try as it was seen."""
-        return ShownCast.of_values(self._need_session().store.casts[trial.number].values)
+        return ShownCast.of_track(trial.track, trial.joint_path)
 
     def simulate(self, trajectory: Trajectory, params: CableParams | None = None) -> ShownCast:
         """Return a motion as the simulator sees it, with other parameters if they are given."""
@@ -303,12 +290,12 @@ class Desk:
             proposal=proposal,
             cast=self.simulate(proposal.trajectory),
             limit_shares=np.asarray(limits.peaks[0, 1:] / limits.bounds[1:]),
-            margin=float(session.aimer.policy.model.predict_margin(rightward[None])[0]),
+            margin=float(session.model.policy.model.predict_margin(rightward[None])[0]),
         )
 
     def _rehearse(self, session: AimSession) -> None:
         """Plan for nobody: the first plan of a session takes several times as long as others."""
-        landings = session.aimer.policy.predicted_xy
+        landings = session.model.policy.predicted_xy
         away = np.linalg.norm(landings - np.median(landings, axis=0), axis=1)
         self._plan(session, landings[np.argmin(away)])
 

@@ -3,8 +3,7 @@
 import dataclasses
 import os
 import pathlib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,25 +64,6 @@ class ShownCast:
             nodes=None if track.nodes is None else _smooth(track.times, track.nodes, times),
             joint_path=track.joint_path or commanded,
         )
-
-    @classmethod
-    def of_values(cls, values: Mapping[str, Any]) -> "ShownCast":
-        """Return a cast of a session's store, from its columns of motion and track."""
-        joints = None
-        for name in ("actual", "joint"):
-            if joints is None and values.get(f"{name}_q") is not None:
-                times = np.asarray(values[f"{name}_times"])
-                q = np.asarray(values[f"{name}_q"]).reshape(len(times), -1)
-                joints = JointPath(times=times, q=q, qd=np.zeros_like(q))
-        times, nodes = np.asarray(values["times"], dtype=float), values.get("nodes")
-        track = EndpointTrack(
-            times=times,
-            endpoint_xy=np.stack([values["track_x"], values["track_y"]], axis=-1),
-            status=TrialStatus.from_code(values["status"]),
-            nodes=None if nodes is None else np.asarray(nodes).reshape(len(times), -1, 3),
-            joint_path=joints,
-        )
-        return cls.of_track(track)
 
     @classmethod
     def simulated(
@@ -315,10 +295,9 @@ def _of_session(path: pathlib.Path) -> Collection:
     settings = {} if run is None else run.settings
     setup = Setup.from_dict({name: settings.get(name, {}) for name in SECTIONS})
     store = CastStore(setup, path / SESSION_FOLDER)
-    notes = [cast.note for cast in store.casts]
-    targets = [note.get("target_xy") or (np.nan, np.nan) for note in notes]
-    tries = [int(note.get("try_number", 0)) for note in notes]
-    return _collection(setup, store.dataset(), path, np.array(targets).reshape(-1, 2), tries)
+    targets = np.array([cast.target_xy for cast in store.casts]).reshape(-1, 2)
+    tries = [cast.try_number for cast in store.casts]
+    return _collection(setup, store.dataset(range(len(store))), path, targets, tries)
 
 
 def _of_tuning(path: pathlib.Path) -> Collection:

@@ -11,21 +11,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.aiming.config import AimConfig
 from cablecast.cable import PARAMS, CableParams
 from cablecast.cast import TrialStatus
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
-from cablecast.pipeline.aim import CALIBRATION_COUNT, SIMULATED_COUNT, prepare_aim
+from cablecast.pipeline.aim import prepare_aim
 from cablecast.pipeline.places import require
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import METRICS_FILE, Parts
+from cablecast.runs.folder import METRICS_FILE
 from cablecast.runs.places import MODEL_FOLDER
 from cablecast.runs.progress import ProgressCallback
 from cablecast.view.arm_meshes import ArmMeshes
-from cablecast.view.desk import UNDONE_FOLDER, Desk, Phase, Preview
+from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.film import KINDS, FilmConfig, write_film
 from cablecast.view.look import Collection, Shot, ShownCast, open_collection
 from cablecast.view.scene import FIGURE_COLORS, Stage, start_server, stop_server, update
@@ -228,7 +229,7 @@ class Page:
         if visible:
             if self.desk.session is None:
                 raise InputError("no model predicts yet where casts land: get ready first")
-            miss = miss_map(self.desk.session.aimer.policy)[1]
+            miss = miss_map(self.desk.session.model.policy)[1]
         self.stage.table.show_map(miss)
 
     # How it is shown.
@@ -759,9 +760,7 @@ def serve(
     rig: CheckedRig,
     folder: str | os.PathLike[str],
     *,
-    calibration_count: int = CALIBRATION_COUNT,
-    count: int = SIMULATED_COUNT,
-    seed: int = 0,
+    config: AimConfig | None = None,
     host: str,
     port: int,
     dark: bool = False,
@@ -773,9 +772,7 @@ def serve(
     Args:
         rig: Rig that `make_rig` returned.
         folder: Folder of the session, the same as that of `cablecast aim`.
-        calibration_count: Casts that the rig makes first.
-        count: Simulated casts that the model is trained with.
-        seed: Seed of all random numbers.
+        config: Settings of aiming.
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
         dark: True for a page that starts dark.
@@ -789,17 +786,10 @@ def serve(
     require("the page", "viser", "trimesh", "torch", "safetensors")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
     folder = pathlib.Path(folder)
-    desk, worker = Desk(rig, parts=Parts(folder / UNDONE_FOLDER)), Worker()
+    desk, worker = Desk(rig), Worker()
 
     def prepare(report: ProgressCallback) -> None:
-        session = prepare_aim(
-            rig,
-            calibration_count=calibration_count,
-            count=count,
-            seed=seed,
-            out=folder,
-            progress=report,
-        )
+        session = prepare_aim(rig, config, out=folder, progress=report)
         desk.open_session(session, report)
 
     page = Page(desk, worker, prepare, folder, host=host, port=port, dark=dark, meshes=meshes)

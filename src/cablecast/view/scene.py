@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cablecast.camera.settings import CameraSight
+from cablecast.cast import Cast, Proposal
 from cablecast.errors import InputError, MissingExtraError
-from cablecast.pipeline.aim import ellipse_points
-from cablecast.pipeline.aim_session import AimProposal, AimTrial
 from cablecast.setup import Setup
 from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.look import ShownCast
@@ -368,7 +367,7 @@ class Table:
     def __init__(self, server: "viser.ViserServer", setup: Setup, paint: Paint = LIGHT):
         self._server, self._setup, self._paint = server, setup, paint
         self._blind: tuple[tuple[float, float, float], ...] = ()
-        self._tries: list[AimTrial] = []
+        self._tries: list[Cast] = []
         scene = server.scene
         scene.configure_environment_map(hdri=None)
         scene.configure_default_lights(enabled=False, cast_shadow=False)
@@ -451,13 +450,13 @@ class Table:
         """Draw the target [m], shape [2], as two rings and a cross."""
         self._lines("/marks/target", target_marks(xy, 2 * LIFT), VERMILLION, 3.0)
 
-    def expectation(self, proposal: AimProposal) -> None:
+    def expectation(self, proposal: Proposal) -> None:
         """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
-        outline = level(ellipse_points(proposal, EXPECTED_SHARE), 2 * LIFT)
+        outline = level(proposal.ellipse(EXPECTED_SHARE).outline(), 2 * LIFT)
         lines = [circle(proposal.expected_xy, 0.012, 2 * LIFT), polyline(outline)]
         self._lines("/marks/expected", np.concatenate(lines), GREEN, 2.5)
 
-    def landings(self, trials: list[AimTrial]) -> None:
+    def landings(self, trials: list[Cast]) -> None:
         """Draw the landings of tries at one target, numbered, each with a line to the target."""
         self._server.scene.remove_by_name("/marks/tries")
         self._tries = trials
@@ -533,7 +532,7 @@ class Table:
         )
 
 
-def _text_xy(one: AimTrial) -> Array:
+def _text_xy(one: Cast) -> Array:
     """Return where the text of a landing lies: on its far side, where it hides no target."""
     beside = _TEXT_AWAY if one.final_xy[1] >= one.target_xy[1] else -_TEXT_AWAY
     return one.final_xy + [0.0, beside]

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from cablecast.arm.ur import JOINT_NAMES
+from cablecast.cast import Cast
 from cablecast.conventions import xy_to_polar
-from cablecast.pipeline.aim_session import AimTrial
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.scene import EXPECTED_SHARE
@@ -75,7 +75,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     proposal, length = preview.proposal, desk.setup.cable.length
     r, theta = xy_to_polar(proposal.target_xy)
     offset = float(np.linalg.norm(proposal.expected_xy - proposal.target_xy))
-    major, minor, _ = (100.0 / length * value for value in proposal.ellipse(EXPECTED_SHARE))
+    major, minor = 100.0 / length * proposal.ellipse(EXPECTED_SHARE).semi_axes
     shares = 100.0 * preview.limit_shares
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
@@ -110,12 +110,12 @@ def tries_text(desk: Desk) -> str:
     return "\n".join(lines)
 
 
-def try_name(one: AimTrial) -> str:
+def try_name(one: Cast) -> str:
     """Return the name of a try in a list."""
     return f"{one.number}: {_target_text(one)}, try {one.try_number}"
 
 
-def _target_text(one: AimTrial) -> str:
+def _target_text(one: Cast) -> str:
     r, theta = xy_to_polar(one.target_xy)
     return f"{r:.2f} m, {math.degrees(theta):.0f}°"
 

@@ -1,41 +1,49 @@
 """A session whose simulator is fitted anew to all casts that it has."""
 
 import dataclasses
-import functools
 import json
 
 import numpy as np
 import pytest
 
 import cablecast as cc
-from cablecast.cast import TrialStatus
+from cablecast.aiming.session import SimulatorConfig, refit_reason
 from cablecast.cli import main
 from cablecast.errors import InputError
-from cablecast.pipeline import aim_learning
-from cablecast.pipeline.aim_casts import AimTrial
-from cablecast.pipeline.aim_fits import refit_reason
 from cablecast.rigs.engine import RigEngine
-from cablecast.runs.progress import DONE_NOTE
+from cablecast.runs.progress import DONE_NOTE, ignore
+from casts import made_up_cast
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
 SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
-SMALL = {"calibration_count": 3, "count": 120, "candidate_count": 200}
+SMALL = {"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2}
+QUICK = SimulatorConfig(fit=SEARCH, spread_count=5, **COARSE)
 SETUP = cc.Setup()
 TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 
 
+# A session as small as SMALL, from the command line.
+COMMAND = (
+    *("--rig", "engine", "--simulated-count", "120", "--candidate-count", "300", "--epochs", "2"),
+    *("--within-pct", "0.01"),
+)
+
+
 @pytest.fixture(autouse=True)
-def quick(monkeypatch, blank_figures):
-    tune, simulate, train = aim_learning.tune, aim_learning.simulate_to_aim, aim_learning.train
-    quick_tune = functools.partial(tune, config=SEARCH, **COARSE)
-    monkeypatch.setattr(aim_learning, "tune", quick_tune)
-    monkeypatch.setattr(aim_learning, "simulate_to_aim", functools.partial(simulate, **COARSE))
-    few = {"epochs": 2}
-    monkeypatch.setattr(aim_learning, "train", lambda casts, **given: train(casts, **(given | few)))
-    monkeypatch.setattr("cablecast.pipeline.aim_beliefs._ACTION_COUNT", 5)
+def quick(blank_figures, monkeypatch):
+    """Let the command line fit and simulate as quickly, too."""
+    monkeypatch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
+
+
+def prepare(rig, *, fit_all=False, out=None, progress=ignore, **changes):
+    """Return a session that is small."""
+    config = cc.AimConfig(**(SMALL | changes))
+    return cc.prepare_aim(
+        rig, config, fit_all=fit_all, simulators=QUICK, out=out, progress=progress
+    )
 
 
 @pytest.fixture
@@ -48,57 +56,54 @@ def rig():
 
 
 def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_path):
-    first = cc.prepare_aim(rig, out=tmp_path, tries=1, **SMALL)
+    first = prepare(rig, out=tmp_path, tries=1)
     assert first.fitted_count == 3
     cc.aim(first, rig, TARGETS)
-    again = cc.prepare_aim(rig, out=tmp_path, tries=1, fit_all=True, **SMALL)
+    again = prepare(rig, out=tmp_path, tries=1, fit_all=True)
     folder = tmp_path / "fits" / "00005"
     tuned = json.loads((folder / "tune" / "config.json").read_text())["settings"]
     assert (tuned["training_count"], tuned["validation_count"]) == (5, 0)
-    assert again.aimer.policy.model.fingerprint != first.aimer.policy.model.fingerprint
-    assert again.fitted_count == len(again.history) == 5
-    for one, other in zip(first.history, again.history, strict=True):
+    assert again.model.policy.model.fingerprint != first.model.policy.model.fingerprint
+    assert again.fitted_count == len(again.casts) == 5
+    for one, other in zip(first.casts, again.casts, strict=True):
         assert np.array_equal(one.final_xy, other.final_xy, equal_nan=True)
     # Aimed casts, too, say less than new ones: the simulator was fitted to them.
-    assert all(cast.fitted for cast in again.aimer.casts)
+    assert all(again.predictor.fitted)
 
     cc.aim(again, rig, [[0.4, 1.0]])
     notes = []
-    later = cc.prepare_aim(
-        rig, out=tmp_path, tries=1, progress=lambda state: notes.append(state.note), **SMALL
-    )
+    later = prepare(rig, out=tmp_path, tries=1, progress=lambda state: notes.append(state.note))
     assert notes.count(DONE_NOTE) == 3
-    assert later.aimer.policy.model.fingerprint == again.aimer.policy.model.fingerprint
-    assert (later.fitted_count, len(later.history)) == (5, 6)
-    assert [cast.fitted for cast in later.aimer.casts] == [True] * 5 + [False]
+    assert later.model.policy.model.fingerprint == again.model.policy.model.fingerprint
+    assert (later.fitted_count, len(later.casts)) == (5, 6)
+    assert list(later.predictor.fitted) == [True] * 5 + [False]
 
 
 def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig, tmp_path):
-    options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, **SMALL, "calibration_count": 0}
-    session = cc.prepare_aim(rig, **options)
-    assert (len(session.history), session.fitted_count, session.refit_reason) == (0, 0, "")
+    options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, "calibration_count": 0}
+    session = prepare(rig, **options)
+    assert (len(session.casts), session.fitted_count, session.refit_reason) == (0, 0, "")
     believed = session.propose(TARGETS[0])
     # The simulators land far apart, and the region says so.
-    sure = cc.AimSession(session.aimer.policy).propose(TARGETS[0])
-    assert believed.ellipse(0.9)[0] > 1.5 * sure.ellipse(0.9)[0]
+    sure = cc.AimSession(session.model.policy).propose(TARGETS[0])
+    assert believed.ellipse(0.9).semi_axes[0] > 1.5 * sure.ellipse(0.9).semi_axes[0]
 
     cc.aim(session, rig, [*TARGETS, [0.4, 1.0]])
     assert session.fitted_count == 0
     due = "6 casts are known, and the simulator is fitted to none"
     assert session.refit_reason == due
     # A session that is opened again waits for them, too.
-    again = cc.prepare_aim(rig, **options)
+    again = prepare(rig, **options)
     assert again.refit_reason == due
     cc.aim(again, rig, [0.0, 1.1])
     assert again.fitted_count == 6
-    assert cc.prepare_aim(rig, **options).fitted_count == 6
+    assert prepare(rig, **options).fitted_count == 6
     with pytest.raises(InputError, match="calibration_count is 1: a fit takes at least 2"):
-        cc.prepare_aim(rig, **SMALL | {"calibration_count": 1})
+        prepare(rig, calibration_count=1)
 
 
 def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):
-    options = ["--rig", "engine", "--out", str(tmp_path), "--calibration-count", "0"]
-    options += ["--count", "120", "--tries", "1", "--within", "0.01", "--candidate-count", "300"]
+    options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "0", "--tries", "1"]
     assert main(["aim", "--target", "1.1", "10", *options]) == 3
     assert "no cast of cable_1 is known yet" in capsys.readouterr().out
     assert main(["aim", "--target", "1.0", "-5", *options]) == 3
@@ -107,27 +112,26 @@ def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, caps
 
 def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
     with pytest.raises(InputError, match="needs the folder of a session"):
-        cc.prepare_aim(rig, out=tmp_path, fit_all=True, **SMALL)
+        prepare(rig, out=tmp_path, fit_all=True)
     with pytest.raises(InputError, match="needs the folder of a session"):
-        cc.prepare_aim(rig, fit_all=True, **SMALL)
+        prepare(rig, fit_all=True)
 
 
 def test_a_fit_to_casts_that_are_gone_is_refused(rig, tmp_path):
-    cc.prepare_aim(rig, out=tmp_path, tries=1, **SMALL)
-    cc.prepare_aim(rig, out=tmp_path, tries=1, fit_all=True, **SMALL)
+    prepare(rig, out=tmp_path, tries=1)
+    prepare(rig, out=tmp_path, tries=1, fit_all=True)
     sorted((tmp_path / "session" / "casts").iterdir())[-1].unlink()
     with pytest.raises(InputError, match="a fit to 3 casts, but the session has 2"):
-        cc.prepare_aim(rig, out=tmp_path, **SMALL)
+        prepare(rig, out=tmp_path)
 
 
 def test_a_command_without_a_target_is_refused(capsys):
     assert main(["aim", "--rig", "engine"]) == 2
-    assert "at least one --target" in capsys.readouterr().err
+    assert "either --target R THETA, once or more, or --paper-targets" in capsys.readouterr().err
 
 
 def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):
-    options = ["--rig", "engine", "--out", str(tmp_path), "--calibration-count", "2"]
-    options += ["--count", "120", "--tries", "2", "--within", "0.01", "--candidate-count", "300"]
+    options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "2", "--tries", "2"]
     assert main(["aim", "--target", "1.1", "10", "--target", "1.0", "-5", *options]) == 3
     assert main(["aim", "--target", "1.2", "0", *options, "--tries", "1", "--no-refit"]) == 3
     printed = capsys.readouterr().out
@@ -145,80 +149,70 @@ def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):
 
 
 def test_a_new_fit_that_was_stopped_goes_on_and_targets_keep_their_tries(rig, tmp_path):
-    options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, **SMALL, "calibration_count": 2}
+    options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, "calibration_count": 2}
 
     def stop_at_the_training(state):
         if state.task == "4/4 train":
             raise KeyboardInterrupt
 
-    session = cc.prepare_aim(rig, **options)
+    session = prepare(rig, **options)
     places = np.array([*TARGETS, [0.4, 1.0]])
     with pytest.raises(KeyboardInterrupt):
         cc.aim(session, rig, places, progress=stop_at_the_training)
     # Two tries at each of two targets: with those of the first fit, three times as many.
-    assert len(session.history) == 6
+    assert len(session.casts) == 6
     stopped = tmp_path / "fits" / "00006"
     assert not (stopped / "model" / "metrics.json").exists()
     ended = (stopped / "tune" / "metrics.json").stat().st_mtime_ns
-    again = cc.prepare_aim(rig, **options)
+    again = prepare(rig, **options)
     assert again.fitted_count == 2
     result = cc.aim(again, rig, places)
     assert (stopped / "tune" / "metrics.json").stat().st_mtime_ns == ended
-    assert [len(trials) for trials in result.trials] == [2] * 3
+    assert [len(casts) for casts in result.casts] == [2] * 3
     assert result.session is again
     assert again.fitted_count == 6
 
 
 def test_a_session_without_a_folder_is_fitted_anew_too_and_leaves_out_what_it_was_told_to(rig):
-    session = cc.prepare_aim(rig, tries=1, **SMALL)
+    session = prepare(rig, tries=1)
     cc.aim(session, rig, TARGETS)
-    before = session.aimer.policy.model.fingerprint
-    session.relearn(without=[4])
+    before = session.model.policy.model.fingerprint
+    session.undo(4)
     session.refit()
-    assert session.aimer.policy.model.fingerprint != before
+    assert session.model.policy.model.fingerprint != before
     assert session.fitted_count == 5
-    assert len(session.aimer.casts) == 4
+    assert len(session.predictor.casts) == 4
     with pytest.raises(InputError, match="only a session that prepare_aim returned"):
-        cc.AimSession(session.aimer.policy).refit()
+        cc.AimSession(session.model.policy).refit()
 
 
-def trials(*surprises, fitted=5):
-    """Return some casts that the simulator was fitted to, and first tries with given surprises."""
+def casts_of(*innovations, fitted=5, try_number=1):
+    """Return casts that the simulator was fitted to, and first tries with given innovations."""
     deviation = 0.1
-    rows = []
-    for number, surprise in enumerate((*[np.nan] * fitted, *surprises)):
-        offset = np.array([deviation * np.sqrt(2.0 * surprise), 0.0])
-        rows.append(
-            AimTrial(
-                number=number,
-                purpose="aim",
-                try_number=int(number >= fitted),
-                target_xy=np.zeros(2),
-                action=np.zeros(4),
-                expected_xy=np.zeros(2),
-                covariance=deviation**2 * np.eye(2),
-                status=TrialStatus.OK,
-                final_xy=offset,
-                miss_pct=0.0,
-                hit=False,
-            )
+    known = [made_up_cast((0.0, 0.0)) for _ in range(fitted)]
+    return known + [
+        made_up_cast(
+            (deviation * np.sqrt(2.0 * innovation), 0.0),
+            (0.0, 0.0),
+            deviation=deviation,
+            try_number=try_number,
         )
-    return rows
+        for innovation in innovations
+    ]
 
 
 def test_a_new_fit_is_due_at_three_times_the_casts_or_when_first_tries_land_far_off():
-    assert refit_reason(trials(*[1.0] * 9), 5) == ""
-    due = refit_reason(trials(*[1.0] * 10), 5)
+    assert refit_reason(casts_of(*[1.0] * 9), 5) == ""
+    due = refit_reason(casts_of(*[1.0] * 10), 5)
     assert "15 casts are known, and the simulator is fitted to 5" in due
-    # Twice the casts and a mean surprise of 3: 1.7 times as far as stated.
-    assert "1.7 times as far off" in refit_reason(trials(*[3.0] * 5), 5)
-    assert refit_reason(trials(*[3.0] * 4), 5) == ""
+    # Twice the casts and a mean innovation of 3: 1.7 times as far as stated.
+    assert "1.7 times as far off" in refit_reason(casts_of(*[3.0] * 5), 5)
+    assert refit_reason(casts_of(*[3.0] * 4), 5) == ""
     # One cast that went wrong is no reason, and casts without a landing tell nothing.
-    assert refit_reason(trials(100.0, 0.5, 0.5, 0.5, 0.5), 5) == ""
-    assert refit_reason(trials(3.0, 3.0, *[np.nan] * 3), 5) == ""
-    corrections = [dataclasses.replace(trial, try_number=2) for trial in trials(*[3.0] * 5)]
-    assert refit_reason(corrections, 5) == ""
-    assert refit_reason(trials(*[3.0] * 100, fitted=40), 40) == ""
-    assert refit_reason(trials(*[3.0] * 100), 0) == ""
-    assert refit_reason(trials(*[1.0] * 4, fitted=0), 0, waits=True) == ""
-    assert "fitted to none" in refit_reason(trials(*[1.0] * 5, fitted=0), 0, waits=True)
+    assert refit_reason(casts_of(100.0, 0.5, 0.5, 0.5, 0.5), 5) == ""
+    assert refit_reason(casts_of(3.0, 3.0, *[np.nan] * 3), 5) == ""
+    assert refit_reason(casts_of(*[3.0] * 5, try_number=2), 5) == ""
+    assert refit_reason(casts_of(*[3.0] * 100, fitted=40), 40) == ""
+    assert refit_reason(casts_of(*[3.0] * 100), 0) == ""
+    assert refit_reason(casts_of(*[1.0] * 4, fitted=0), 0, waits=True) == ""
+    assert "fitted to none" in refit_reason(casts_of(*[1.0] * 5, fitted=0), 0, waits=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.aiming.choice import _unit_points, lost_chance
+from cablecast.aiming.propose import _unit_points, lost_chance
 from cablecast.camera.settings import CameraSight
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.setup import Setup

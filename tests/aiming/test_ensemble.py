@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 from formula_rig import LENGTH, SETUP, make_policy
 
-from cablecast.aiming.choice import AimedCast, Aimer
 from cablecast.aiming.ensemble import (
     FACTORS,
     OWN_MISS,
     SPREAD_FACTOR,
     USUAL_DISTANCES,
     EnsembleLandings,
-    Judgement,
-    judged,
+    LandingEstimate,
+    estimate_landings,
     miss_factor,
     miss_sizes,
 )
+from cablecast.aiming.predictor import Beliefs, LandingPredictor
+from cablecast.aiming.propose import propose
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
@@ -37,18 +39,23 @@ def tracks_to(ends):
     return np.linspace([0.0, 0.5], ends, 5).swapaxes(0, 1)[:, None]
 
 
-def judged_of(tracks, rubbed=((0.0, 1.0), (0.0, 1.0)), expected=None):
-    """Return the judgement on one cast that lands somewhere with less and more friction."""
+def estimate_of(tracks, friction_xy=((0.0, 1.0), (0.0, 1.0)), expected=None):
+    """Return the estimate of one cast that lands somewhere with less and more friction."""
     first = tracks[0, :, -1]
-    return judged(
+    return estimate_landings(
         LENGTH * tracks,
         SETUP,
         landing_xy=LENGTH * (first if expected is None else np.array([expected])),
-        rubbed_xy=LENGTH * np.array(rubbed)[:, None],
+        friction_xy=LENGTH * np.array(friction_xy)[:, None],
     )
 
 
-class _Told:
+def predictor_of(policy, ensemble=None):
+    """Return the predictor of a policy before any cast."""
+    return LandingPredictor.of(dataclasses.replace(Beliefs.of(policy), ensemble=ensemble))
+
+
+class _Assumed:
     """An ensemble that knows casts that swing back by less than 0.5 rad, and shifts all.
 
     Where no model is given, casts have no landing in the best simulator.
@@ -57,12 +64,12 @@ class _Told:
     def __init__(self, model=None, shift=(0.0, 0.0), leaves_from=-10.0):
         self.model, self.shift, self.leaves_from = model, np.array(shift), leaves_from
 
-    def judge(self, actions, side=None):
+    def evaluate(self, actions, side=None):
         spreads = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
         landing_xy = np.full((len(actions), 2), np.nan)
         if self.model is not None:
             landing_xy = self.model.predict(actions) + LENGTH * self.shift
-        return Judgement(
+        return LandingEstimate(
             landing_xy=landing_xy,
             frictions=np.zeros(len(actions)),
             spreads=spreads,
@@ -89,7 +96,7 @@ def ensemble():
 
 def test_expected_landing_and_spread():
     ends = tracks_to([[0.0, 1.0], [0.2, 1.0], [0.1, 1.3]])
-    said = judged_of(ends, expected=(0.05, 1.2))
+    said = estimate_of(ends, expected=(0.05, 1.2))
     np.testing.assert_allclose(said.landing_xy, [[LENGTH * 0.05, LENGTH * 1.2]])
     # Half of the mean squared distance from (0.1, 1.1): 0.02, 0.02 and 0.04.
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(0.04 / 3)))
@@ -111,34 +118,34 @@ def test_simulators_are_trusted_as_they_follow_their_own_casts():
 
 def test_the_friction_moves_a_landing_from_less_to_more():
     here = tracks_to([[0.0, 1.0]] * 2)
-    said = judged_of(here, [(0.0, 1.04), (0.0, 1.0)])
+    said = estimate_of(here, [(0.0, 1.04), (0.0, 1.0)])
     # From 8 % less to 8 % more.
     np.testing.assert_allclose(said.frictions, 0.04 / 0.16)
     np.testing.assert_allclose(said.sizes, OWN_MISS)
-    broken = judged_of(here, [(np.nan, np.nan), (0.0, 1.0)])
+    broken = estimate_of(here, [(np.nan, np.nan), (0.0, 1.0)])
     np.testing.assert_allclose(broken.frictions, 1.0 / 0.16)
 
 
 def test_a_simulation_that_broke_off_is_trusted_no_further_than_a_cable_length():
     tracks = tracks_to([[0.0, 1.0], [np.nan, np.nan], [0.0, 1.0]])
-    said = judged_of(tracks)
+    said = estimate_of(tracks)
     np.testing.assert_allclose(said.sizes, np.hypot(OWN_MISS, SPREAD_FACTOR * np.sqrt(1.0 / 6)))
-    said = judged_of(tracks[1:2])
+    said = estimate_of(tracks[1:2])
     assert np.all(np.isnan(said.landing_xy))
     assert np.all(np.isfinite(said.sizes))
 
 
 def test_it_counts_the_simulators_in_which_the_free_end_leaves_the_table():
     tracks = tracks_to([[0.0, 1.0]] * 4)
-    assert judged_of(tracks).leaving == 0.0
+    assert estimate_of(tracks).leaving == 0.0
     tracks[1, 0, 1] = [0.0, (SETUP.workspace.y_min - 0.01) / LENGTH]
-    assert judged_of(tracks).leaving == 0.25
+    assert estimate_of(tracks).leaving == 0.25
     tracks[2, 0, 2] = [(SETUP.workspace.half_width + 0.01) / LENGTH, 0.5]
-    assert judged_of(tracks).leaving == 0.5
+    assert estimate_of(tracks).leaving == 0.5
 
 
 def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
-    first = ensemble.judge(ACTIONS)
+    first = ensemble.evaluate(ACTIONS)
     simulated = []
     tracks = ensemble._tracks
 
@@ -148,7 +155,7 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
 
     monkeypatch.setattr(ensemble, "_tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
-    again = ensemble.judge(new)
+    again = ensemble.evaluate(new)
     # The best; three simulators, and the first with less and more friction.
     assert sorted(simulated, key=lambda one: one[1]) == [(FINE, 1, 1), (COARSE, 5, 1)]
     np.testing.assert_array_equal(again.landing_xy[:3], first.landing_xy[::-1])
@@ -160,18 +167,18 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
 def test_the_expected_landing_is_that_at_full_resolution(ensemble, policy):
     first = ensemble.members[:1]
     fine = EnsembleLandings(SETUP, first, FINE, first[0], FINE).tracks(ACTIONS)[0, :, -1]
-    said = ensemble.judge(ACTIONS)
+    said = ensemble.evaluate(ACTIONS)
     np.testing.assert_allclose(said.landing_xy, fine, rtol=0, atol=1e-12)
     assert np.all(said.sizes > OWN_MISS)
     # Whatever the network says of it.
-    expected, _, _ = Aimer(policy, ensemble=ensemble).predictor.predict(ACTIONS)
+    expected, _, _ = predictor_of(policy, ensemble).predict(ACTIONS)
     np.testing.assert_allclose(expected, fine, rtol=0, atol=1e-9)
-    alone = EnsembleLandings(SETUP, first, COARSE, first[0], COARSE).judge(ACTIONS)
+    alone = EnsembleLandings(SETUP, first, COARSE, first[0], COARSE).evaluate(ACTIONS)
     np.testing.assert_allclose(alone.sizes, OWN_MISS)
 
 
 def test_a_cast_without_a_landing_in_the_simulator_lands_where_the_network_says(policy):
-    expected, _, _ = Aimer(policy, ensemble=_Told()).predictor.predict(ACTIONS)
+    expected, _, _ = predictor_of(policy, _Assumed()).predict(ACTIONS)
     # The network's single precision rounds a batch otherwise than its rows.
     np.testing.assert_allclose(expected, policy.model.predict(ACTIONS), rtol=0, atol=1e-6)
 
@@ -183,14 +190,14 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
     for factor in np.exp([-0.08, 0.08]):
         params = dataclasses.replace(first.params, lateral_friction=friction * factor)
         one = Dynamics(params=params)
-        rubbed = EnsembleLandings(SETUP, [one], COARSE, one, FINE)
-        ends.append(rubbed.tracks(ACTIONS)[0, :, -1])
+        other = EnsembleLandings(SETUP, [one], COARSE, one, FINE)
+        ends.append(other.tracks(ACTIONS)[0, :, -1])
     expected = np.linalg.norm(ends[1] - ends[0], axis=1) / LENGTH / 0.16
-    np.testing.assert_allclose(ensemble.judge(ACTIONS).frictions, expected)
+    np.testing.assert_allclose(ensemble.evaluate(ACTIONS).frictions, expected)
     assert np.all(expected > 0.1)
 
 
-def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
+def test_a_curled_cable_is_simulated_on_the_side_that_it_is_cast_to():
     curled = Dynamics(params=SETUP.cable.with_params(rest_curvature=0.6 / LENGTH).params)
     ensemble = EnsembleLandings(SETUP, [curled], COARSE, curled, COARSE)
     side = np.array([1.0, -1.0, -1.0])
@@ -198,53 +205,53 @@ def test_a_curled_cable_is_judged_on_the_side_that_it_is_cast_to():
     paths = cast_grip_paths(mirror_actions(ACTIONS, side), SETUP)
     real = curled.rollout(ensemble.engine, SETUP, paths).endpoint_xy[:, -1]
     np.testing.assert_allclose(mirror_xy(seen, side), real, rtol=0, atol=1e-3)
-    said = ensemble.judge(ACTIONS, side)
+    said = ensemble.evaluate(ACTIONS, side)
     np.testing.assert_allclose(said.landing_xy, seen, rtol=0, atol=1e-9)
     # What is known of one side is not taken for the other.
-    other = ensemble.judge(ACTIONS, -side)
+    other = ensemble.evaluate(ACTIONS, -side)
     assert np.all(np.linalg.norm(other.landing_xy - said.landing_xy, axis=1) > 1e-3 * LENGTH)
 
 
 def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
     targets = np.array([[0.3, 1.1], [-0.25, 1.15], [0.5, 1.05], [-0.5, 1.1]])
-    trusting, told = Aimer(policy), Aimer(policy, ensemble=_Told())
-    swings = [[abs(aimer.choose(xy).action[0]) for xy in targets] for aimer in (trusting, told)]
+    predictors = predictor_of(policy), predictor_of(policy, _Assumed())
+    swings = [[abs(propose(one, xy).action.theta1) for xy in targets] for one in predictors]
     assert max(swings[1]) < 0.5
     assert max(swings[0]) > 0.5
 
 
 def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
     targets = np.array([[0.3, 1.1], [-0.25, 1.15], [0.5, 1.05], [-0.5, 1.1]])
-    aimer = Aimer(policy, ensemble=_Told(leaves_from=-0.2))
-    choices = [aimer.choose(xy) for xy in targets]
-    assert max(abs(choice.action[0]) for choice in choices) < 0.2
-    assert max(choice.failure for choice in choices) < 0.1
+    predictor = predictor_of(policy, _Assumed(leaves_from=-0.2))
+    proposals = [propose(predictor, xy) for xy in targets]
+    assert max(abs(proposal.action.theta1) for proposal in proposals) < 0.2
+    assert max(proposal.failure for proposal in proposals) < 0.1
 
 
 def test_the_simulated_landing_is_expected_on_both_sides(policy):
-    aimer = Aimer(policy, ensemble=_Told(policy.model, shift=(0.05, -0.03)))
+    predictor = predictor_of(policy, _Assumed(policy.model, shift=(0.05, -0.03)))
     for side in (1.0, -1.0):
-        choice = aimer.choose([side * 0.3, 1.1])
-        plain, _, _ = Aimer(policy).predictor.predict(choice.action)
+        choice = propose(predictor, [side * 0.3, 1.1])
+        plain, _, _ = predictor_of(policy).predict(choice.action.to_array())
         shift = LENGTH * np.array([side * 0.05, -0.03])
         np.testing.assert_allclose(choice.expected_xy, plain[0] + shift, atol=1e-9)
         np.testing.assert_allclose(choice.expected_xy, [side * 0.3, 1.1], atol=0.02)
 
 
 def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
-    aimer = Aimer(policy, ensemble=_Told())
+    predictor = predictor_of(policy, _Assumed())
     known, unknown = np.array([[-0.4, 0.6, 0.5, 1.0], [-0.8, 0.6, 0.5, 1.0]])
-    _, covariance, _ = aimer.predictor.predict(np.array([known, unknown]))
+    _, covariance, _ = predictor.predict(np.array([known, unknown]))
     assert np.linalg.det(covariance[1]) > 4.0 * np.linalg.det(covariance[0])
 
 
-def test_casts_teach_an_aimer_that_has_an_ensemble(policy):
-    told = Aimer(policy, ensemble=_Told(policy.model, shift=(0.05, 0.0)))
-    choice = told.choose([0.3, 1.1])
+def test_a_cast_moves_the_expected_landing_to_where_it_landed(policy):
+    before = predictor_of(policy, _Assumed(policy.model, shift=(0.05, 0.0)))
+    choice = propose(before, [0.3, 1.1])
     seen = choice.expected_xy + LENGTH * np.array([0.08, 0.02])
-    other = told.copy()
-    other.learn([AimedCast(action=choice.action, endpoint_xy=seen)])
-    expected, covariance, _ = other.predictor.predict(choice.action)
+    track = EndpointTrack(times=np.zeros(1), endpoint_xy=seen[None], status=TrialStatus.OK)
+    after = before.with_casts([Cast.of_motion(choice.trajectory, track, "aim", choice)])
+    expected, covariance, _ = after.predict(choice.action.to_array())
     assert np.linalg.norm(expected[0] - seen) < 0.2 * np.linalg.norm(choice.expected_xy - seen)
     assert np.linalg.det(covariance[0]) < 0.3 * np.linalg.det(choice.covariance)
-    assert not told.casts
+    assert not before.casts

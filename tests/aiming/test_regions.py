@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from cablecast.cast import MISS_MEMORY, MISS_WEIGHT, RegionLaw
 from cablecast.errors import InputError
-from cablecast.pipeline.aim_regions import MISS_MEMORY, MISS_WEIGHT, RegionLaw
 
 LAWS = [RegionLaw(), RegionLaw.after([0.2, 5.0]), RegionLaw.after([9.0] * 30)]
 
@@ -21,7 +21,7 @@ def test_regions_are_those_of_a_t_distribution_with_the_stated_covariance(law, s
     np.testing.assert_allclose(law.share(expected), share, rtol=1e-12)
 
 
-def test_a_miss_teaches_as_bayes_rule_says():
+def test_a_miss_changes_the_belief_as_bayes_rule_says():
     """A whole cast's worth of misses: the marginal of an inverse gamma belief about the factor."""
     squares = [0.3, 4.0, 1.1, 2.0]
     prior, weight = RegionLaw(), MISS_WEIGHT

@@ -13,12 +13,12 @@ JITTER = 1e-4
 SCALES = ResidualScales(amplitude=0.08, noise=0.02, length=1.0, power=0.0)
 
 
-def places(inputs, log_sizes=0.0, log_shakes=0.0, frictions=0.0):
+def places(inputs, log_sizes=0.0, log_scatters=0.0, frictions=0.0):
     inputs = np.atleast_2d(inputs)
     return Places(
         inputs=inputs,
         log_sizes=np.full(len(inputs), log_sizes),
-        log_shakes=np.full(len(inputs), log_shakes),
+        log_scatters=np.full(len(inputs), log_scatters),
         frictions=np.full(len(inputs), frictions),
     )
 
@@ -64,9 +64,9 @@ def test_casts_to_some_places_miss_by_more_and_sensitive_ones_scatter_by_more():
     far = places(np.zeros(7), log_sizes=np.log(3.0))
     assert process.predict(far)[1] == pytest.approx(9 * process.predict(HERE)[1])
     assert process.scatter_variance(far) == pytest.approx(process.scatter_variance(HERE))
-    shaky = places(np.zeros(7), log_shakes=np.log(3.0))
-    assert process.predict(shaky)[1] == pytest.approx(process.predict(HERE)[1])
-    assert process.scatter_variance(shaky) == pytest.approx(9 * process.scatter_variance(HERE))
+    scattered = places(np.zeros(7), log_scatters=np.log(3.0))
+    assert process.predict(scattered)[1] == pytest.approx(process.predict(HERE)[1])
+    assert process.scatter_variance(scattered) == pytest.approx(9 * process.scatter_variance(HERE))
 
 
 def test_what_the_friction_moves_is_less_known_and_misses_alike_far_away():
@@ -118,8 +118,8 @@ def test_errors_of_casts_far_from_each_other_are_hardly_taken_for_scatter():
         process = FewCastResidual.empty()
         for number in range(24):
             # Sensitive casts are off by more, and each lands far from all others.
-            place = places(np.full(7, 20.0 * number), log_shakes=0.9 * rng.normal())
-            size = 0.035 * np.hypot(1.0, np.exp(place.log_shakes[0]))
+            place = places(np.full(7, 20.0 * number), log_scatters=0.9 * rng.normal())
+            size = 0.035 * np.hypot(1.0, np.exp(place.log_scatters[0]))
             process = process.with_cast(place, size * rng.normal(size=2))
         found.append(process.fitted().scales.noise)
     assert np.mean(found) < 1.5 * process.believed.noise

@@ -1,0 +1,439 @@
+"""LandingPredictor: where casts are expected to land, and how surely.
+
+A policy's network approximates where every action lands in a simulator. Where the best simulator of
+the cable has simulated an action, its own landing is used, and the network only says how the
+landing of an action nearby differs from it. Simulators of different physics tell how far off it may
+be (`EnsembleLandings`). A Gaussian process adds what real casts showed (`Experience`).
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.aiming.ensemble import EnsembleLandings
+from cablecast.aiming.residual import ArrayRows, Experience, LocalSize, Places, ResidualScales
+from cablecast.cast import Cast
+from cablecast.conventions import mirror_xy
+from cablecast.errors import InputError
+from cablecast.learning.landing import LandingModel, deviations
+from cablecast.learning.policy import ForwardSearchPolicy
+from cablecast.motion.action import mirror_to_right
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.tuned import Tuned
+
+USUAL_FRICTION = 1.7
+"""Shift of a usual landing per relative change of the friction [cable lengths]."""
+
+SPREAD_COUNT = 240
+"""Simulated casts that tell how far apart the simulators of an ensemble usually land."""
+_SPREAD_SEED = 7
+
+# Casts that a predictor for one target is conditioned on at most.
+_NEAR_COUNT = 20
+# Shares of a usual cast's variance that go with the action and with the friction.
+_ACTION_SHARE, _FRICTION_SHARE = 0.3, 0.7
+_SCATTER_MIN = 1e-6
+# Candidates of the policy that tell the local size.
+_SIZE_COUNT = 400
+# Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
+_ALONG = 0.5
+
+_Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Candidates(ArrayRows):
+    """Actions mirrored to the right, the side that each is cast to, and their simulated landings.
+
+    Attributes:
+        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+        side: +1 right, -1 left, shape [action].
+        shifts: From the landing that the policy's network says to that in the best simulator, 0
+            where there is no ensemble [cable lengths], shape [action, 2].
+        leaving: Chance that the free end passes an edge of the table, 0 where there is no ensemble
+            [-], shape [action].
+        log_sizes: Logarithm of the size of a miss over the usual one, NaN where there is no
+            ensemble, shape [action].
+        frictions: Shift of the landing per relative change of the friction, a usual one where there
+            is no ensemble [cable lengths], shape [action].
+    """
+
+    actions: _Array
+    side: _Array
+    shifts: _Array
+    leaving: _Array
+    log_sizes: _Array
+    frictions: _Array
+
+    @classmethod
+    def unsimulated(cls, actions: _Array, side: _Array) -> "Candidates":
+        """Return candidates that no ensemble has simulated."""
+        return cls(
+            actions=actions,
+            side=side,
+            shifts=np.zeros((len(actions), 2)),
+            leaving=np.zeros(len(actions)),
+            log_sizes=np.full(len(actions), np.nan),
+            frictions=np.full(len(actions), USUAL_FRICTION),
+        )
+
+    def at(self, actions: _Array) -> "Candidates":
+        """Return actions near these, of which the same is taken to be true."""
+        return dataclasses.replace(self, actions=actions)
+
+    def towards(self, others: "Candidates", part: float) -> "Candidates":
+        """Return candidates at a part of the way from each of these to its counterpart."""
+
+        def between(name: str) -> _Array:
+            start = getattr(self, name)
+            return start + part * (getattr(others, name) - start)
+
+        names = ("actions", "shifts", "leaving", "log_sizes", "frictions")
+        return Candidates(side=self.side, **{name: between(name) for name in names})
+
+
+def log_scatters(sensitivities: _Array, frictions: _Array) -> _Array:
+    """Return the logarithm of the scatter of equal casts over that of a usual one, shape [action].
+
+    Small differences from cast to cast move a landing as a change of the action does, and as a
+    change of the friction does: a cable that slides far, or that just tips over, is moved by
+    either. docs/aim-results.md has how well the two rank the scatter of casts.
+
+    Args:
+        sensitivities: Sensitivity to the action over the usual one [-], shape [action].
+        frictions: Shift per relative change of the friction [cable lengths], shape [action].
+    """
+    action = _ACTION_SHARE * sensitivities**2
+    friction = _FRICTION_SHARE * (frictions / USUAL_FRICTION) ** 2
+    return np.log(np.maximum(np.sqrt(action + friction), _SCATTER_MIN))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Beliefs:
+    """What is believed of landings before any cast is compared with them.
+
+    Attributes:
+        policy: Policy of simulated casts alone.
+        scales: Scales of real landings about the simulated ones.
+        size: By how much more casts to one place may miss than to another.
+        ensemble: Simulators that evaluate each single cast; None where the fit has none.
+    """
+
+    policy: ForwardSearchPolicy
+    scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
+    size: LocalSize
+    ensemble: EnsembleLandings | None = None
+
+    def __post_init__(self):
+        if self.policy.model.has_real_casts:
+            raise InputError(
+                "aiming learns from real casts itself: give it a policy of simulated casts alone"
+            )
+
+    @classmethod
+    def of(
+        cls, policy: ForwardSearchPolicy, tuned: Tuned | None = None, *, count: int = SPREAD_COUNT
+    ) -> "Beliefs":
+        """Return the beliefs of a fitted simulator and of the policy that was trained with it.
+
+        Args:
+            policy: Policy of simulated casts alone.
+            tuned: Result of `tune`; None for a simulator of which nothing is known, whose landings
+                are taken to be as far off as those of one that follows some casts as usual.
+            count: Simulated casts that tell how far apart the simulators usually land.
+
+        Raises:
+            InputError: The policy has learned from real casts.
+        """
+        if tuned is None or tuned.ensemble is None:
+            every = slice(None, None, max(1, len(policy.sensitivity) // _SIZE_COUNT))
+            landing_xy, values = policy.predicted_xy[every], policy.sensitivity[every]
+            return cls(policy=policy, size=LocalSize(landing_xy=landing_xy, values=values))
+        ensemble = EnsembleLandings.of(tuned)
+        actions = feasible_uniform(count, tuned.setup, seed=_SPREAD_SEED)
+        found = ensemble.evaluate(*mirror_to_right(actions))
+        finite = np.isfinite(found.landing_xy).all(axis=1)
+        size = LocalSize(landing_xy=found.landing_xy[finite], values=found.sizes[finite])
+        # Casts that scatter cannot be followed more closely than they scatter.
+        smaller = min(1.0, ensemble.factor)
+        usual = ResidualScales()
+        scales = dataclasses.replace(
+            usual,
+            amplitude=size.usual,
+            noise=np.sqrt(smaller) * usual.noise,
+            friction=smaller * usual.friction,
+        )
+        return cls(policy=policy, scales=scales, size=size, ensemble=ensemble)
+
+    @property
+    def model(self) -> LandingModel:
+        """Network that learned the simulated landings."""
+        return self.policy.model
+
+    @property
+    def length(self) -> float:
+        """Length of the cable [m]."""
+        return self.policy.setup.cable.length
+
+    @functools.cached_property
+    def changes(self) -> _Array:
+        """Changes of an action that sensitivities are measured with, shape [change, 4]."""
+        return deviations(self.policy.actions)
+
+    @functools.cached_property
+    def usual_sensitivity(self) -> float:
+        """Sensitivity of a usual landing to these changes."""
+        return float(np.median(self.policy.sensitivity))
+
+    def sensitivities(self, actions: _Array) -> _Array:
+        """Return sensitivities of the landing to the action over the usual one, shape [action].
+
+        Args:
+            actions: Actions to the right, shape [action, 4].
+        """
+        return self.model.sensitivity(actions, self.changes) / self.usual_sensitivity
+
+    def simulated_xy(self, candidates: Candidates) -> _Array:
+        """Return the simulated landings of candidates to the right [m], shape [action, 2]."""
+        return self.model.predict(candidates.actions) + self.length * candidates.shifts
+
+    def places(self, candidates: Candidates, simulated_xy: _Array, sensitivity: _Array) -> Places:
+        """Return the places of candidates for the residuals of real casts.
+
+        The ensemble may trust one of two actions more that land at one place. The size is the
+        geometric mean of its own and the usual one there, because the action that it trusts most
+        of many is trusted too much (docs/aim.md).
+
+        Args:
+            candidates: Candidates.
+            simulated_xy: Their simulated landings to the right [m], shape [action, 2].
+            sensitivity: Sensitivity of each over the usual one, shape [action].
+        """
+        usual = self.size.log_sizes(simulated_xy)
+        own = np.where(np.isnan(candidates.log_sizes), usual, candidates.log_sizes)
+        inputs = np.hstack(
+            [
+                self.model.normalize(candidates.actions).astype(float),
+                self.model.normalize_endpoints(simulated_xy),
+                candidates.side[:, None],
+            ]
+        )
+        return Places(
+            inputs=inputs,
+            log_sizes=0.5 * (usual + own),
+            log_scatters=log_scatters(sensitivity, candidates.frictions),
+            frictions=candidates.frictions,
+        )
+
+    @functools.cached_property
+    def policy_candidates(self) -> tuple[Candidates, _Array, Places]:
+        """The policy's candidates, their simulated landings to the right [m], and their places."""
+        actions, side = mirror_to_right(self.policy.actions)
+        candidates = Candidates.unsimulated(actions, side)
+        simulated_xy = mirror_xy(self.policy.predicted_xy, side)
+        sensitivity = self.policy.sensitivity / self.usual_sensitivity
+        return candidates, simulated_xy, self.places(candidates, simulated_xy, sensitivity)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class LandingPredictor:
+    """Landings of a policy's simulator, of an ensemble, and of real casts in one.
+
+    Attributes:
+        beliefs: What is believed before any cast.
+        ensemble: Simulators that evaluate each single cast; None without.
+        experience: Residuals of real casts about the simulated landings.
+        casts: Casts that it is conditioned on.
+        fitted: Whether the simulator was fitted to each: it then lands nearer to its prediction
+            than others will, and says less.
+    """
+
+    beliefs: Beliefs
+    ensemble: EnsembleLandings | None
+    experience: Experience
+    casts: tuple[Cast, ...] = ()
+    fitted: tuple[bool, ...] = ()
+
+    @classmethod
+    def of(cls, beliefs: Beliefs) -> "LandingPredictor":
+        """Return the predictor before any cast."""
+        return cls(
+            beliefs=beliefs,
+            ensemble=beliefs.ensemble,
+            experience=Experience.empty(beliefs.scales),
+        )
+
+    def with_casts(
+        self,
+        casts: Sequence[Cast],
+        *,
+        fitted: Sequence[bool] | None = None,
+        ages: Sequence[float] | None = None,
+        fit_scales: bool = False,
+    ) -> "LandingPredictor":
+        """Return the predictor after more casts, in the order in which they were made.
+
+        Args:
+            casts: Casts with or without a landing. A motion without an action is left out.
+            fitted: Whether the simulator was fitted to each; to none where None.
+            ages: Factors of their noise, shape [cast]; drifts are noticed where None.
+            fit_scales: Whether the scales of the process are fitted anew.
+        """
+        rows = [row for row, cast in enumerate(casts) if np.all(np.isfinite(cast.action))]
+        known = [fitted is not None and bool(fitted[row]) for row in rows]
+        experience = self.experience
+        if rows:
+            # One batch takes hardly longer than one cast.
+            self.evaluate(*mirror_to_right(np.array([casts[row].action for row in rows])))
+        for row, is_fitted in zip(rows, known, strict=True):
+            cast = casts[row]
+            place, simulated_xy, side = self._place(cast.action)
+            landing = cast.final_xy * np.array([side, 1.0])
+            experience = experience.with_cast(
+                place,
+                (landing - simulated_xy) / self.beliefs.length if cast.landed else None,
+                fitted=is_fitted,
+                aimed=cast.proposal is not None,
+                age=None if ages is None else ages[row],
+            )
+        if fit_scales and rows:
+            experience = experience.with_fitted_scales()
+        return dataclasses.replace(
+            self,
+            experience=experience,
+            casts=(*self.casts, *(casts[row] for row in rows)),
+            fitted=(*self.fitted, *known),
+        )
+
+    def near(self, target_xy: _Array, tracks: MeasuredTracks) -> "LandingPredictor":
+        """Return a predictor for one target whose simulators take a step towards some casts.
+
+        Simulators that follow the casts near a target predict better what a small change of these
+        does. Elsewhere they are no better than before, so casts far from the target are left out,
+        which saves the time to simulate them.
+
+        Args:
+            target_xy: Target [m], shape [2].
+            tracks: Casts near the target that the simulators were not fitted to.
+        """
+        if self.ensemble is None:
+            return self
+        rows = self._rows_near(target_xy)
+        experience = Experience.empty(self.beliefs.scales)
+        scales = self.experience.residual.scales
+        ages = iter(self.experience.ages)
+        age_of = [next(ages) if cast.landed else 1.0 for cast in self.casts]
+        start = LandingPredictor(
+            beliefs=self.beliefs,
+            ensemble=self.ensemble.updated(tracks),
+            experience=dataclasses.replace(
+                experience, residual=dataclasses.replace(experience.residual, scales=scales)
+            ),
+        )
+        return start.with_casts(
+            [self.casts[row] for row in rows],
+            fitted=[self.fitted[row] for row in rows],
+            ages=[age_of[row] for row in rows],
+        )
+
+    def _rows_near(self, target_xy: _Array) -> NDArray[np.int_]:
+        """Return the rows of the casts that tell most of a target, in ascending order.
+
+        A cast is near if it was aimed there or landed there. One without a landing counts where the
+        network expects it.
+        """
+        actions, side = mirror_to_right(np.array([cast.action for cast in self.casts]))
+        landings = np.array([cast.final_xy for cast in self.casts])
+        expected = mirror_xy(self.beliefs.model.predict(actions), side)
+        ends = np.where(np.isfinite(landings), landings, expected)
+        targets = np.array([cast.target_xy for cast in self.casts])
+        far = np.fmin(*(np.linalg.norm(xy - target_xy, axis=1) for xy in (ends, targets)))
+        return np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
+
+    def evaluate(self, actions: _Array, side: _Array) -> Candidates:
+        """Return candidates with what the ensemble says of them, if there is one.
+
+        Args:
+            actions: Actions to the right, shape [action, 4].
+            side: Side that each is cast to, +1 right and -1 left, shape [action].
+        """
+        if self.ensemble is None:
+            return Candidates.unsimulated(actions, side)
+        found = self.ensemble.evaluate(actions, side)
+        shifts = (found.landing_xy - self.beliefs.model.predict(actions)) / self.beliefs.length
+        return Candidates(
+            actions=actions,
+            side=side,
+            shifts=np.nan_to_num(shifts),
+            leaving=found.leaving,
+            log_sizes=np.log(found.sizes / self.beliefs.size.usual),
+            frictions=found.frictions,
+        )
+
+    def expected(self, candidates: Candidates) -> tuple[Places, _Array, _Array]:
+        """Return places, expected landings to the right [m], and how surely these are known.
+
+        Returns:
+            Places; landings [m], shape [action, 2]; their variance along each axis without the
+            scatter [square cable lengths], shape [action].
+        """
+        places, simulated_xy = self._located(candidates)
+        mean, variance = self.experience.residual.predict(places)
+        return places, simulated_xy + self.beliefs.length * mean, variance
+
+    def landings(self, candidates: Candidates, sensitivity: _Array) -> _Array:
+        """Return the expected landings of candidates to the right [m], shape [action, 2].
+
+        Args:
+            candidates: Candidates.
+            sensitivity: Sensitivity of each over the usual one, shape [action].
+        """
+        simulated_xy = self.beliefs.simulated_xy(candidates)
+        places = self.beliefs.places(candidates, simulated_xy, sensitivity)
+        return simulated_xy + self.beliefs.length * self.experience.residual.means(places)
+
+    def predict(self, actions: ArrayLike) -> tuple[_Array, _Array, _Array]:
+        """Predict landings.
+
+        Args:
+            actions: Actions on either side, shape [action, 4].
+
+        Returns:
+            Expected landings [m], shape [action, 2]; their covariances, scatter included [m²],
+            shape [action, 2, 2]; standard deviation of equal casts along each axis [m], shape
+            [action].
+        """
+        actions = np.atleast_2d(np.asarray(actions, dtype=float))
+        rows = [self._predict_action(action) for action in actions]
+        xy, covariance, scatter = zip(*rows, strict=True)
+        return np.array(xy), np.array(covariance), np.array(scatter)
+
+    def _predict_action(self, action: _Array) -> tuple[_Array, _Array, float]:
+        place, simulated_xy, side = self._place(action)
+        mean, variance = self.experience.residual.predict(place)
+        scatter = self.experience.scatter(place)
+        length = self.beliefs.length
+        actions, _ = mirror_to_right(action[None])
+        shifts = self.beliefs.model.landing_shifts(actions, self.beliefs.changes)[0]
+        along = shifts @ shifts.T / max(float(np.sum(shifts**2)), 1e-12)
+        shape = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
+        covariance = (variance[0] + scatter[0]) * length**2 * shape
+        flip = np.array([side, 1.0])
+        xy = flip * (simulated_xy + length * mean[0])
+        return xy, covariance * np.outer(flip, flip), float(np.sqrt(scatter[0])) * length
+
+    def _place(self, action: _Array) -> tuple[Places, _Array, float]:
+        """Return the place of a cast, its simulated landing to the right [m], and its side."""
+        candidate = self.evaluate(*mirror_to_right(action[None]))
+        places, simulated_xy = self._located(candidate)
+        return places, simulated_xy[0], float(candidate.side[0])
+
+    def _located(self, candidates: Candidates) -> tuple[Places, _Array]:
+        """Return the places of candidates and their simulated landings to the right [m]."""
+        simulated_xy = self.beliefs.simulated_xy(candidates)
+        sensitivity = self.beliefs.sensitivities(candidates.actions)
+        return self.beliefs.places(candidates, simulated_xy, sensitivity), simulated_xy

@@ -1,0 +1,316 @@
+"""The choice of a cast: beliefs and casts in, a proposal out.
+
+A `LandingPredictor` says where a cast is expected to land, and how surely, from simulators and from
+all real casts so far. For a target, `propose` takes the action with the least expected loss, from
+the distance left, the uncertainty of the prediction, the scatter of the action, and the chance of a
+cast that ends out of sight. After a cast near a target the process is almost certain there, so the
+next action is a small step from the last one, damped by the scatter as in a Kalman filter. An
+action that scatters more than expected, or stays far off, loses this advantage to others.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.aiming.predictor import Candidates, LandingPredictor
+from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import Proposal, RegionLaw
+from cablecast.conventions import mirror_xy
+from cablecast.errors import InputError
+from cablecast.learning.landing import central_shifts
+from cablecast.learning.policy import TABLE_MARGIN, refine_actions, within_ranges
+from cablecast.motion.action import Action, mirror_actions, mirror_to_right
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.feasibility import check_actions
+from cablecast.setup import Setup
+
+_Array = NDArray[np.float64]
+
+# The choice narrows in three steps: candidates whose simulated landings are nearest (at least
+# _NEIGHBOR_COUNT, more while candidates times casts stay below _PAIR_COUNT); of these, those whose
+# expected landings are nearest, which the ensemble simulates; of these, those with the least
+# expected miss. Without an ensemble, more than the last few select for the simulator's own errors.
+_NEIGHBOR_COUNT, _PAIR_COUNT, _SIMULATED_COUNT, _SHORTLIST_COUNT = 3000, 5_000_000, 64, 16
+# Earlier casts that came this near to a target [cable lengths] are candidates, too.
+_EARLIER_COUNT, _EARLIER_REACH = 4, 0.3
+# Newton steps of a correction, and the parts of it that are tried until the arm can follow.
+_NEWTON_STEPS, _FRACTIONS = 4, (1.0, 0.5, 0.25)
+# Parts of the way from a candidate to the action that is expected on the target.
+_PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
+# Distances from the edge of a blind place at which casts at a target in it are aimed, too [m].
+_BLIND_MARGINS = (0.02, 0.06)
+
+NEAR = 0.08
+"""Miss beyond which it hardly matters how large a miss is [cable lengths]."""
+
+CAMERA_HEIGHT = 2.2
+"""Height of a camera above the middle of the table, where its place is not known [m]."""
+
+MARKER_RADIUS = 0.015
+"""Distance from the arm's outline at which a marker of usual size is half hidden [m]."""
+
+# Points that stand for a round normal distribution: shares of equal probability, each at the
+# distance from the middle that halves it.
+_RINGS, _SPOKES = 4, 8
+
+
+def propose(
+    predictor: LandingPredictor,
+    target_xy: _Array,
+    *,
+    number: int = 0,
+    try_number: int = 1,
+    within_pct: float = 3.0,
+    law: RegionLaw | None = None,
+    sight: CameraSight | None = None,
+) -> Proposal:
+    """Propose the cast with the least expected loss at a target.
+
+    Args:
+        predictor: Beliefs, conditioned on the casts so far.
+        target_xy: Target that was checked [m], shape [2].
+        number: Number of the cast in its session.
+        try_number: Number of the cast at this target. After the first, a small change of an earlier
+            action nearly always wins, so fewer other candidates are simulated.
+        within_pct: Distance from the target at which the cast has hit [% of cable length].
+        law: Law of the landing about the expected one; that before any miss where None.
+        sight: Limits of the camera's sight; unknown where None.
+
+    Raises:
+        InputError: The arm can follow no action near this target.
+    """
+    target = np.asarray(target_xy, dtype=float)
+    goals = [target]
+    if sight is not None and sight.is_blind_at(target):
+        goals += [sight.seen_near(target, margin) for margin in _BLIND_MARGINS]
+    tried = try_number > 1
+    candidates = Candidates.join([_candidates(predictor, goal, tried) for goal in goals])
+    risk, failure = _risks(predictor, candidates, target, sight)
+    if predictor.ensemble is not None:
+        # Moved actions still carry the estimate of the action that they started from.
+        few = np.argsort(risk)[:_SHORTLIST_COUNT]
+        candidates = predictor.evaluate(candidates.actions[few], candidates.side[few])
+        risk, failure = _risks(predictor, candidates, target, sight)
+    best = int(np.argmin(risk))
+    if not np.isfinite(risk[best]):
+        raise InputError("the arm can follow none of the policy's actions near this target")
+    action = mirror_actions(candidates.actions, candidates.side)[best]
+    xy, covariance, scatter = predictor.predict(action)
+    law = law or RegionLaw()
+    return Proposal(
+        setup=predictor.beliefs.policy.setup,
+        number=number,
+        try_number=try_number,
+        target_xy=target,
+        within_pct=within_pct,
+        action=Action.from_array(action),
+        expected_xy=xy[0],
+        covariance=law.scale * covariance[0],
+        law=law,
+        scatter=float(scatter[0]),
+        failure=float(failure[best]),
+        inside_coverage=bool(predictor.beliefs.policy.inside_coverage(target)),
+    )
+
+
+def _risks(
+    predictor: LandingPredictor,
+    candidates: Candidates,
+    target: _Array,
+    sight: CameraSight | None,
+) -> tuple[_Array, _Array]:
+    """Return the expected loss of candidates, and their chance of no landing, [action].
+
+    The loss of one that the arm cannot follow, or that leaves the table, is infinite.
+    """
+    setup, side = predictor.beliefs.policy.setup, candidates.side
+    places, landing_xy, variance = predictor.expected(candidates)
+    variance = variance + predictor.experience.scatter(places)
+    length = predictor.beliefs.length
+    distance = np.linalg.norm(landing_xy - mirror_xy(target, side), axis=1) / length
+    motions = mirror_actions(candidates.actions, side)
+    lost = lost_chance(
+        motions, mirror_xy(landing_xy, side), length * np.sqrt(variance), setup, sight
+    )
+    seen = (1.0 - lost) * (1.0 - candidates.leaving)
+    failure = 1.0 - seen * (1.0 - predictor.experience.failure_chance(places))
+    risk = expected_loss(distance, variance, failure)
+    margin = predictor.beliefs.model.predict_margin(candidates.actions)
+    # An action of an earlier cast may be beyond the arm's limits.
+    feasible = check_actions(candidates.actions, setup).mask
+    risk[~((margin >= _table_margin(predictor)) & feasible)] = np.inf
+    return risk, failure
+
+
+def _candidates(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
+    """Return promising actions, those that are expected on the target, and some in between.
+
+    The uncertainty grows with the change of an action, so a part of the way to the target may miss
+    by less than all of it.
+    """
+    starts = _shortlist(predictor, target, tried)
+    ends = _moved(predictor, starts, target)
+    if predictor.ensemble is not None:
+        # The estimate changes over a long step: simulate, and take another one.
+        ends = _moved(predictor, predictor.evaluate(ends.actions, ends.side), target)
+    candidates = Candidates.join([starts.towards(ends, part) for part in _PARTS])
+    return candidates.at(within_ranges(candidates.actions))
+
+
+def _moved(predictor: LandingPredictor, candidates: Candidates, target: _Array) -> Candidates:
+    """Return candidates near others that are expected to land on the target."""
+    moved, _ = refine_actions(
+        candidates.actions,
+        mirror_xy(target, candidates.side),
+        predictor.beliefs.changes,
+        model=_MovedLandings(predictor, candidates),
+        table_margin=_table_margin(predictor),
+        iterations=_NEWTON_STEPS,
+        fractions=_FRACTIONS,
+    )
+    return candidates.at(moved)
+
+
+class _MovedLandings:
+    """Landings of actions near candidates, as `refine_actions` asks for them."""
+
+    def __init__(self, predictor: LandingPredictor, candidates: Candidates):
+        self.predictor, self.candidates = predictor, candidates
+        self.setup = predictor.beliefs.policy.setup
+        # It hardly changes nearby.
+        self.sensitivity = predictor.beliefs.sensitivities(candidates.actions)
+
+    def predict(self, actions: _Array) -> _Array:
+        """Return the expected landings of the candidates' actions in turn, any number of times."""
+        rows = np.tile(np.arange(len(self.candidates)), len(actions) // len(self.candidates))
+        return self.predictor.landings(self.candidates[rows].at(actions), self.sensitivity[rows])
+
+    def landing_shifts(self, actions: _Array, changes: _Array) -> _Array:
+        """Return the shift of the landing for each change of an action, [action, 2, change]."""
+        return central_shifts(self.predict, actions, changes)
+
+    def predict_margin(self, actions: _Array) -> _Array:
+        """Return the distance that the free end keeps from the table's edges [m], [action]."""
+        return self.predictor.beliefs.model.predict_margin(actions)
+
+
+def _table_margin(predictor: LandingPredictor) -> float:
+    """Return the distance that the free end must keep within the table's edges [m]."""
+    return float(predictor.beliefs.policy.info.get("table_margin", TABLE_MARGIN))
+
+
+def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
+    """Return the most promising candidates of the policy, and earlier actions, for a target."""
+    half = -1.0 if target[0] < 0 else 1.0
+    candidates, simulated_xy, places = predictor.beliefs.policy_candidates
+    # The candidates land on the right: for a target on the left all are mirrored.
+    side = half * candidates.side
+    goals = mirror_xy(target, side)
+    distance = np.linalg.norm(simulated_xy - goals, axis=1)
+    count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(predictor.casts)))
+    near = np.argsort(distance)[:count]
+    near_places = places[near]
+    near_places.inputs[:, -1] = side[near]
+    mean = predictor.experience.residual.means(near_places)
+    expected_xy = simulated_xy[near] + predictor.beliefs.length * mean
+    distance = np.linalg.norm(expected_xy - goals[near], axis=1)
+    earlier = _earlier_actions(predictor, target)
+    few = predictor.ensemble is None or (tried and len(earlier) > 0)
+    short = near[np.argsort(distance)[: _SHORTLIST_COUNT if few else _SIMULATED_COUNT]]
+    chosen = predictor.evaluate(candidates.actions[short], side[short])
+    if len(chosen) > _SHORTLIST_COUNT:
+        chosen = _least_missing(predictor, chosen, target)
+    return Candidates.join([chosen, predictor.evaluate(*mirror_to_right(earlier))])
+
+
+def _least_missing(
+    predictor: LandingPredictor, candidates: Candidates, target: _Array
+) -> Candidates:
+    """Return the candidates with the least expected miss as they are."""
+    _, landing_xy, variance = predictor.expected(candidates)
+    offset = (landing_xy - mirror_xy(target, candidates.side)) / predictor.beliefs.length
+    square = np.sum(offset**2, axis=1) + 2.0 * variance
+    # A cast without a landing misses by as much as one that lands a cable's length away.
+    square = (1.0 - candidates.leaving) * square + candidates.leaving
+    return candidates[np.argsort(square)[:_SHORTLIST_COUNT]]
+
+
+def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
+    """Return the actions of casts that landed nearest to a target, shape [action, 4]."""
+    landed = [cast for cast in predictor.casts if cast.landed]
+    length = predictor.beliefs.length
+    miss = [float(np.linalg.norm(cast.final_xy - target)) / length for cast in landed]
+    near = [row for row in np.argsort(miss)[:_EARLIER_COUNT] if miss[row] < _EARLIER_REACH]
+    return np.array([landed[row].action for row in near]).reshape(-1, 4)
+
+
+def expected_loss(
+    distance: NDArray[np.float64], variance: NDArray[np.float64], failure: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the expected loss of casts.
+
+    The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `NEAR`, and 1 for a cast without a
+    landing. Small misses count by their square, as in a Kalman filter. A large miss that is certain
+    counts for as much as one that is only possible: it is no reason to stay.
+
+    Args:
+        distance: Distance from expected landing to target [cable lengths], shape [action].
+        variance: Variance of the landing along each axis [square cable lengths], [action].
+        failure: Chance of a cast without a landing [-], shape [action].
+
+    Returns:
+        Loss [-], shape [action].
+    """
+    width = NEAR**2 + variance
+    near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
+    return 1.0 - (1.0 - failure) * near
+
+
+def lost_chance(
+    actions: NDArray[np.float64],
+    landing_xy: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+    setup: Setup,
+    sight: CameraSight | None = None,
+) -> NDArray[np.float64]:
+    """Return the chance that a landing lies off the table, or is not seen.
+
+    What the resting arm hides is not seen, and what lies in a blind place of the camera.
+
+    Args:
+        actions: Actions on either side, shape [action, 4].
+        landing_xy: Their expected landings [m], shape [action, 2].
+        deviation: Standard deviation of the landings along each axis [m], shape [action].
+        setup: Set-up with the arm and the table.
+        sight: Limits of the camera's sight; those of a camera above the middle of the table,
+            without blind places, where None.
+
+    Returns:
+        Chance [-], shape [action]. An arm that cannot follow an action hides nothing.
+    """
+    paths = cast_grip_paths(actions, setup)
+    poses = paths.evaluate(paths.duration[:, None])[:, 0]
+    still = np.zeros_like(poses)
+    q = setup.arm.inverse_motion(poses, still, still).q
+    points = landing_xy[:, None] + deviation[:, None, None] * _unit_points()
+    count = points.shape[1]
+    ground = np.concatenate([points, np.zeros((*points.shape[:2], 1))], axis=-1)
+    table = setup.workspace
+    if sight is None:
+        middle = 0.5 * (table.y_min + table.y_max)
+        sight = CameraSight(position=(0.0, middle, CAMERA_HEIGHT))
+    shape = arm_shape(q, setup.arm)
+    each = ArmShape(ends=np.repeat(shape.ends, count, axis=0), radii=shape.radii)
+    clearance = sight_clearance(ground.reshape(-1, 3), sight.position, each).reshape(-1, count)
+    unseen = (clearance < MARKER_RADIUS) | sight.is_blind_at(points)
+    return np.mean(unseen | ~table.on_table(points), axis=1)
+
+
+def _unit_points() -> NDArray[np.float64]:
+    """Return points of a round normal distribution of deviation 1, shape [point, 2]."""
+    share = (np.arange(_RINGS) + 0.5) / _RINGS
+    radius = np.sqrt(-2.0 * np.log1p(-share))
+    # Every other ring is turned by half a spoke.
+    turn = (np.arange(_SPOKES) + 0.5 * (np.arange(_RINGS)[:, None] % 2)) * 2.0 * np.pi / _SPOKES
+    ring = radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    return ring.reshape(-1, 2)

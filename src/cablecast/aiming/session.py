@@ -1,0 +1,485 @@
+"""AimSession: targets, casts at them, and what follows from each landing, step by step."""
+
+import contextlib
+import copy
+import dataclasses
+import itertools
+import os
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.aiming.config import AimConfig
+from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
+from cablecast.aiming.propose import propose
+from cablecast.camera.settings import CameraSight
+from cablecast.cast import Cast, EndpointTrack, Proposal, RegionLaw
+from cablecast.data.dataset import Dataset
+from cablecast.data.store import CastStore
+from cablecast.errors import InputError, RigError
+from cablecast.learning.policy import ForwardSearchPolicy
+from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
+from cablecast.runs.progress import ProgressCallback, ignore
+from cablecast.setup import Setup
+from cablecast.tuning.fit import FitConfig
+from cablecast.tuning.tracks import MeasuredTracks
+from cablecast.tuning.tuned import Tuned
+
+LOCAL_COUNT = 8
+"""Casts near a target that the simulators take a step towards at most: a step takes the longer, the
+more there are."""
+
+GROWTH = 3
+"""Times as many casts as the simulator was fitted to, from which on a new fit is due."""
+
+EARLY_GROWTH = 2
+"""Times as many, if first tries land farther off than was stated."""
+
+EARLY_INNOVATION, EARLY_TRIES = 2.0, 3
+"""Mean normalised squared innovation (1 is expected) of so many first tries or more from which on
+they land farther off than was stated. With the 5-cast fits of the virtual rig, three first tries
+exceed it in 28 to 66 % of draws where a fit is poor (regions of 90 % that hold less than 75 %), and
+in 1 to 11 % elsewhere."""
+
+FIRST_COUNT = 5
+"""Casts from which on the first fit is due, where a session started without one."""
+
+ENOUGH = 40
+"""Casts from which on no fit is due: more hardly change the parameters (docs/tuning.md)."""
+
+_INNOVATION_MAX = 4.0
+# Growth of the number of casts after which the scales of the process are fitted anew.
+_SCALE_GROWTH = 1.3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SimulatorConfig:
+    """Settings of the simulators of a session.
+
+    Attributes:
+        fit: Settings of the fit; the usual ones where None.
+        segment_count: Segments of the simulated cable; those of the verbs where None.
+        dt: Time step [s]; that of the verbs where None.
+        spread_count: Casts that tell how far apart the simulators of an ensemble usually land.
+    """
+
+    fit: FitConfig | None = None
+    segment_count: int | None = None
+    dt: float | None = None
+    spread_count: int = SPREAD_COUNT
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FittedModel:
+    """A model to plan with, the fit behind it, and the casts that the fit followed.
+
+    Attributes:
+        policy: Policy of simulated casts alone.
+        tuned: Fit that they were simulated with; None where nothing is known of it.
+        fitted_count: Casts of the session, from the first on, that the simulator was fitted to.
+        fitted_to: Fingerprint of the dataset that it was fitted to; empty for none.
+        waits: Whether the simulator is the believed one, to be fitted to the first casts.
+    """
+
+    policy: ForwardSearchPolicy
+    tuned: Tuned | None = None
+    fitted_count: int = 0
+    fitted_to: str = ""
+    waits: bool = False
+
+    def has_fitted(self, number: int, cast: Cast) -> bool:
+        """Return whether the simulator was fitted to a cast of the session."""
+        if number < self.fitted_count:
+            return True
+        return bool(self.fitted_to) and cast.origin.partition("/")[0] == self.fitted_to
+
+
+class Refitting(Protocol):
+    """Makes a new model from all casts of a session, as `prepare_aim` gives it."""
+
+    def __call__(
+        self, casts: Dataset, count: int, progress: ProgressCallback = ignore
+    ) -> FittedModel:
+        """Fit the simulator to casts, and learn from it.
+
+        Args:
+            casts: Casts to fit to.
+            count: Number of casts of the session, with those that were taken back.
+            progress: Told how far each step is.
+        """
+        ...
+
+
+class AimSession:
+    """Aims at targets one after another, and corrects by every cast.
+
+    ```
+    proposal = session.propose(r=1.10, theta_deg=16.7)
+    cast = session.cast(rig, proposal)
+    ```
+
+    A robot that is driven by something else plays `proposal.trajectory` and hands what it saw to
+    `session.observe(proposal, track)`. Each cast is kept before the call returns. A session that is
+    opened again in the same folder knows all of its casts.
+
+    Args:
+        model: Model to plan with; a policy of simulated casts alone stands for one of which nothing
+            else is known.
+        casts: Casts on the rig that were made before.
+        out: Folder that keeps the casts; none where None.
+        config: Settings; `tries` and `within_pct` are used here.
+        simulators: Settings of the simulators.
+        refitting: Makes a new model from all casts; `prepare_aim` gives it.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings.
+        store: All casts, with those that were taken back.
+        predictor: Beliefs of the model, conditioned on the casts.
+        sight: Limits of the sight of the rig's camera; None while they are unknown.
+        drifted: Whether the last cast showed that the cable, its grip or the camera has changed.
+
+    Raises:
+        InputError: The policy has learned from real casts, or the folder holds something else.
+    """
+
+    def __init__(
+        self,
+        model: FittedModel | ForwardSearchPolicy,
+        *,
+        casts: Dataset | None = None,
+        out: str | os.PathLike[str] | None = None,
+        config: AimConfig | None = None,
+        simulators: SimulatorConfig | None = None,
+        refitting: Refitting | None = None,
+    ):
+        if isinstance(model, ForwardSearchPolicy):
+            model = FittedModel(policy=model)
+        self.config = config or AimConfig()
+        self.simulators = simulators or SimulatorConfig()
+        self.setup: Setup = model.policy.setup
+        self.store = CastStore(self.setup, out, self.config.within_pct)
+        if casts is not None:
+            self.store.add_dataset(casts)
+        self.sight: CameraSight | None = None
+        self.drifted = False
+        self._refitting = refitting
+        self.use(model)
+
+    def use(self, model: FittedModel) -> None:
+        """Plan with another model from now on, conditioned on all casts."""
+        self.model = model
+        beliefs = Beliefs.of(model.policy, model.tuned, count=self.simulators.spread_count)
+        self._beliefs = beliefs
+        self._condition()
+
+    def _condition(self) -> None:
+        """Condition the beliefs on all casts, in the order and the groups in which they were made.
+
+        So a session that is opened again goes on as if it had never been closed.
+        """
+        self.predictor = LandingPredictor.of(self._beliefs)
+        self._scaled_count = 0
+        self._local: tuple[tuple, LandingPredictor] | None = None
+        for is_aimed, group in itertools.groupby(
+            enumerate(self.store.casts), lambda row: row[1].proposal is not None
+        ):
+            # Casts for something else came together, aimed ones one by one.
+            rows = list(group)
+            for part in [[row] for row in rows] if is_aimed else [rows]:
+                kept = [row for row in part if row[0] not in self.store.undone]
+                self._add(kept, part[-1][0] + 1, always=not is_aimed)
+
+    def _add(self, casts: Sequence[tuple[int, Cast]], count: int, *, always: bool = False) -> None:
+        """Condition on more casts; fit the scales of the process where there are enough new ones.
+
+        Args:
+            casts: Casts that were made together, with their numbers.
+            count: Number of casts of the session with them.
+            always: Fit the scales whatever the number of casts.
+        """
+        # The scales change slowly: fitting them at each cast would be wasted.
+        fit_scales = always or count >= _SCALE_GROWTH * self._scaled_count
+        self.predictor = self.predictor.with_casts(
+            [cast for _, cast in casts],
+            fitted=[self.model.has_fitted(*row) for row in casts],
+            fit_scales=fit_scales,
+        )
+        if fit_scales:
+            self._scaled_count = count
+
+    @property
+    def casts(self) -> tuple[Cast, ...]:
+        """All casts in the order in which they were made, with those that were taken back."""
+        return tuple(self.store.casts)
+
+    @property
+    def undone(self) -> frozenset[int]:
+        """Numbers of the casts that were taken back."""
+        return self.store.undone
+
+    @property
+    def fitted_count(self) -> int:
+        """Number of casts of the session that the simulator was fitted to."""
+        return sum(self.model.has_fitted(*row) for row in enumerate(self.store.casts))
+
+    def add_casts(self, casts: Dataset) -> int:
+        """Take in casts of this cable that were made for something else.
+
+        Args:
+            casts: Casts on a rig, with the set-up of the session. Those that it knows are left out.
+
+        Returns:
+            The number of casts that are new.
+
+        Raises:
+            InputError: The casts were simulated, or made with another set-up.
+        """
+        before = len(self.store)
+        self.store.add_dataset(casts)
+        new = list(enumerate(self.store.casts))[before:]
+        self._add(new, len(self.store), always=True)
+        return len(new)
+
+    def fork(self) -> "AimSession":
+        """Return a session of the same casts that goes on by itself and keeps nothing on disk."""
+        other = copy.copy(self)
+        other.store = self.store.in_memory()
+        return other
+
+    def undo(self, number: int | None = None) -> Cast:
+        """Take a cast back: it is kept, and counts for nothing from now on.
+
+        Args:
+            number: Number of the cast in the session; the last aimed one where None.
+
+        Returns:
+            The cast.
+
+        Raises:
+            InputError: There is no such cast, or it was taken back before.
+        """
+        if number is None:
+            aimed = [row for row, cast in self._counted() if cast.proposal is not None]
+            number = aimed[-1] if aimed else -1
+        if number not in range(len(self.store)) or number in self.undone:
+            raise InputError("there is no such cast to take back")
+        self.store.undo(number)
+        self._condition()
+        return self.store.casts[number]
+
+    def casts_at(self, target_xy: ArrayLike) -> list[Cast]:
+        """Return the casts at one target [m], shape [2], without those that were taken back."""
+        target = np.asarray(target_xy, dtype=float)
+        return [cast for _, cast in self._counted() if cast.is_at(target)]
+
+    def _counted(self) -> list[tuple[int, Cast]]:
+        """Return the casts that were not taken back, with their numbers."""
+        return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
+
+    def is_done(self, target_xy: ArrayLike) -> bool:
+        """Return whether a target [m], shape [2], was hit, or all tries at it are used."""
+        casts = self.casts_at(target_xy)
+        return len(casts) >= self.config.tries or any(cast.hit for cast in casts)
+
+    def propose(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: float | None = None,
+        theta_deg: float | None = None,
+    ) -> Proposal:
+        """Propose the next cast at a target, and say what to expect of it.
+
+        Args:
+            target_xy: Target [m], shape [2]; or else r and theta_deg.
+            r: Distance from the robot's base [m].
+            theta_deg: Angle from straight ahead, positive to the robot's right [deg].
+
+        Raises:
+            TargetError: The target is not finite, out of reach, or off the table.
+        """
+        targets = self.setup.workspace.check_targets(
+            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
+        )
+        if len(targets) != 1:
+            raise InputError(f"a proposal has one target, not {len(targets)}")
+        squares = [
+            cast.proposal.law.scale * cast.square
+            for _, cast in self._counted()
+            if cast.proposal is not None
+        ]
+        return propose(
+            self.predictor_at(targets[0]),
+            targets[0],
+            number=len(self.store),
+            try_number=len(self.casts_at(targets[0])) + 1,
+            within_pct=self.config.within_pct,
+            law=RegionLaw.after(square for square in squares if np.isfinite(square)),
+            sight=self.sight,
+        )
+
+    def predictor_at(self, target_xy: NDArray[np.float64]) -> LandingPredictor:
+        """Return the predictor for one target [m], shape [2].
+
+        Its simulators have taken a step towards the casts near the target that they were not fitted
+        to. The last one is kept.
+        """
+        rows = casts_near(
+            [row for row in self._counted() if not self.model.has_fitted(*row)], target_xy
+        )
+        if not rows:
+            return self.predictor
+        key = (self.predictor, tuple(rows), tuple(target_xy))
+        if self._local is None or self._local[0] != key:
+            tracks = MeasuredTracks.from_dataset(self.store.dataset(rows))
+            self._local = key, self.predictor.near(target_xy, tracks)
+        return self._local[1]
+
+    def cast(self, rig: CheckedRig, proposal: Proposal) -> Cast:
+        """Make a proposed cast on a rig, and take it in.
+
+        Args:
+            rig: Rig that `make_rig` returned, with the set-up of the session.
+            proposal: Cast that `propose` returned.
+
+        Raises:
+            RigError: The cast failed too often.
+            InputError: The proposal is not the next cast of the session.
+        """
+        self._check_next(proposal)
+        return self.observe(proposal, self.play(rig, proposal.trajectory, proposal.number))
+
+    def play(self, rig: CheckedRig, motion: Trajectory, number: int) -> EndpointTrack:
+        """Reset a rig and play one motion; a cast that fails is repeated.
+
+        Args:
+            rig: Rig that `make_rig` returned, with the set-up of the session.
+            motion: Motion to play.
+            number: Number of the cast, which a rig that draws by chance draws from.
+
+        Raises:
+            RigError: The cast failed too often.
+        """
+        # Robot and camera of a lab file are no part of what a session knows.
+        if rig.setup.to_settings() != self.setup.to_settings():
+            raise InputError("the rig has another set-up than the session")
+        try:
+            track, _ = attempt_trial(rig, motion, index=number, purpose="aim")
+        except TrialFailedError as error:
+            raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
+        # A cast that was made is not lost because the camera fails afterwards.
+        with contextlib.suppress(RigError):
+            self.look(rig)
+        return track
+
+    def look(self, rig: CheckedRig) -> None:
+        """Ask a rig what its camera cannot see, and aim past it; `play` does so after each cast."""
+        if hasattr(rig, "sight"):
+            self.sight = rig.sight()
+
+    def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
+        """Take in a proposed cast that was made.
+
+        Args:
+            proposal: Cast that `propose` returned.
+            track: What the rig saw of it.
+
+        Raises:
+            InputError: The proposal is not the next cast of the session.
+        """
+        self._check_next(proposal)
+        cast = Cast.of_motion(proposal.trajectory, track, "aim", proposal)
+        self.store.add(cast)
+        drift_count = len(self.predictor.experience.drifts)
+        self._add([(proposal.number, cast)], len(self.store))
+        self.drifted = len(self.predictor.experience.drifts) > drift_count
+        return cast
+
+    def _check_next(self, proposal: Proposal) -> None:
+        if proposal.number != len(self.store):
+            raise InputError(
+                f"the proposal is cast {proposal.number} of the session, whose next cast is "
+                f"{len(self.store)}: propose again, since other casts were made meanwhile"
+            )
+
+    @property
+    def refit_reason(self) -> str:
+        """Why the simulator should be fitted to all casts now; empty where it need not be."""
+        if self._refitting is None:
+            return ""
+        return refit_reason(self.casts, self.fitted_count, waits=self.model.waits)
+
+    def fit(self, progress: ProgressCallback = ignore) -> FittedModel:
+        """Return the model of a fit to all casts that were not taken back, for `use`.
+
+        Takes as long as the first fit; the session stays as it is. A fit that was stopped goes on
+        where it was when this is called again before the next cast.
+
+        Args:
+            progress: Told how far each step is.
+
+        Raises:
+            InputError: The session was not prepared by `prepare_aim`, or has too few casts.
+        """
+        if self._refitting is None:
+            raise InputError("only a session that prepare_aim returned can be fitted anew")
+        return self._refitting(self.store.dataset(), len(self.store), progress)
+
+    def refit(self, progress: ProgressCallback = ignore) -> None:
+        """Fit the simulator to all casts, and plan with it from now on; see `fit`."""
+        self.use(self.fit(progress))
+
+
+def casts_near(casts: Sequence[tuple[int, Cast]], target_xy: NDArray[np.float64]) -> list[int]:
+    """Return the numbers of the casts that tell most of a target, in ascending order.
+
+    Those that were aimed at it come first, the latest before earlier ones, then those that landed
+    nearest to it.
+
+    Args:
+        casts: Casts to choose from, with their numbers.
+        target_xy: Target [m], shape [2].
+    """
+    aimed, landed = [], []
+    for number, cast in casts:
+        if cast.is_at(target_xy):
+            aimed.append(number)
+        elif cast.landed:
+            landed.append((float(np.linalg.norm(cast.final_xy - target_xy)), number))
+    chosen = [*reversed(aimed), *(number for _, number in sorted(landed))]
+    return sorted(chosen[:LOCAL_COUNT])
+
+
+def refit_reason(casts: Sequence[Cast], fitted_count: int, *, waits: bool = False) -> str:
+    """Return why the simulator should be fitted anew, in words; empty where it need not be.
+
+    Args:
+        casts: All casts of a session, in the order in which they were made.
+        fitted_count: Number of them that the simulator was fitted to; 0 for one that was fitted to
+            none of the session's, which needs no other fit.
+        waits: Whether the simulator waits for the first casts of the session.
+    """
+    count = len(casts)
+    if waits and count >= FIRST_COUNT:
+        return f"{count} casts are known, and the simulator is fitted to none"
+    if not 0 < fitted_count < ENOUGH:
+        return ""
+    counts = f"{count} casts are known, and the simulator is fitted to {fitted_count}"
+    if count >= GROWTH * fitted_count:
+        return counts
+    if count < EARLY_GROWTH * fitted_count:
+        return ""
+    innovations = [
+        0.5 * cast.square
+        for cast in casts[fitted_count:]
+        if cast.try_number == 1 and np.isfinite(cast.square)
+    ]
+    if len(innovations) < EARLY_TRIES:
+        return ""
+    mean = float(np.mean(np.minimum(innovations, _INNOVATION_MAX)))
+    if mean <= EARLY_INNOVATION:
+        return ""
+    return f"{counts}; first tries land {np.sqrt(mean):.1f} times as far off as was stated"

@@ -1,0 +1,75 @@
+"""Words about casts: why one is proposed, and what follows from its landing."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.aiming.session import AimSession
+from cablecast.cast import Cast, Proposal
+
+DRIFT_NOTE = (
+    "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
+    "changed, or changes. Earlier casts count less from now on"
+)
+BLIND_NOTE = (
+    "; the camera cannot tell the marker at the target from something else of its colour, so that "
+    "casts land beside it"
+)
+
+# Steps of this many degrees or centimetres, together, lead to another action.
+_OTHER_ACTION = 12.0
+
+
+def reason_text(proposal: Proposal, session: AimSession) -> str:
+    """Return why an action is proposed.
+
+    Args:
+        proposal: Next cast of the session.
+        session: Session that proposed it.
+    """
+    action, earlier = proposal.action.to_array(), session.casts_at(proposal.target_xy)
+    reason = _reason(action, [cast for cast in earlier if cast.number < proposal.number], proposal)
+    if session.sight is not None and session.sight.is_blind_at(proposal.target_xy):
+        reason += BLIND_NOTE
+    return reason
+
+
+def _reason(action: NDArray[np.float64], earlier: list[Cast], proposal: Proposal) -> str:
+    landed = [cast for cast in earlier if cast.landed]
+    if not earlier:
+        return f"first cast at this target, after {proposal.number} casts of this cable"
+    if not landed:
+        return "another action, since the last one had no landing"
+    units = np.array([57.3, 57.3, 100.0, 57.3])
+    step = [float(np.linalg.norm((action - cast.action) * units)) for cast in landed]
+    nearest = landed[int(np.argmin(step))]
+    if min(step) > _OTHER_ACTION:
+        return "another action, which is expected to land nearer than a correction of the last"
+    theta1, theta2, r2, psi = action - nearest.action
+    return (
+        f"try {nearest.try_number} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
+        f"{math.degrees(theta2):+.1f} deg, r2 {100 * r2:+.1f} cm, psi {math.degrees(psi):+.1f} deg"
+    )
+
+
+def change_text(cast: Cast, session: AimSession) -> str:
+    """Return what follows from the last cast of a session.
+
+    Args:
+        cast: Aimed cast, the last of the session.
+        session: Session that took it in.
+    """
+    if not cast.landed:
+        return "no landing: actions like this one are avoided from now on"
+    # The simulators take a step only for a cast that follows.
+    done = session.is_done(cast.target_xy)
+    predictor = session.predictor if done else session.predictor_at(cast.target_xy)
+    xy, _, scatter = predictor.predict(cast.action)
+    moved = 100.0 * (xy[0] - cast.expected_xy)
+    scatter_pct = 100.0 * scatter[0] / session.setup.cable.length
+    text = (
+        f"the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
+        f"{moved[1]:+.1f} cm in y; its scatter is {scatter_pct:.1f} % of the cable's length"
+    )
+    return f"{text}. {DRIFT_NOTE}" if session.drifted else text
