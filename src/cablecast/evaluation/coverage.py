@@ -10,6 +10,7 @@ combinations. With the paper's own figures, the rule makes the paper's choice.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, MissingExtraError, check_number
 from cablecast.motion.feasibility import feasible_of_grid
 from cablecast.motion.polar import PolarReach
-from cablecast.setup import MotionConfig, Setup
+from cablecast.setup import Setup
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -33,8 +34,7 @@ R0_CHOICES = (0.6, 1.0, 2.0)
 """Distances of the polar origin that the paper compares [m] (section V-E)."""
 V_MAX_CHOICES = (1.2, 1.5, 1.8)
 """Speeds that the paper compares [m/s] (section V-E)."""
-GRID_COUNTS = (15, 15, 15)
-"""Number of values of theta1, theta2 and r2 of the action set A1 (section V-E)."""
+
 HULL_RATIO = 0.1
 """Concavity of the hull, as defined by shapely: edges longer than this share of the longest edge of
 the endpoints' Delaunay triangulation are removed. 0 is the tightest hull, 1 the convex hull. The
@@ -44,59 +44,9 @@ HULL_RATIO_NEIGHBOURS = (0.05, 0.2)
 _DISC_SEGMENTS = 180  # Sides of the polygon that approximates the half disc to 0.01 % of its area.
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Coverage:
-    """Coverage of a grid of actions with one combination of system parameters.
-
-    Attributes:
-        motion: Combination of system parameters: r0 and v_max.
-        counts: Number of values of each action variable in the grid; four with psi.
-        feasible_count: Number of actions of the grid that the arm can follow.
-        off_table_share: Share of feasible actions whose free end ends beyond the table's edge [-].
-        endpoint_xy: Resting points of the free end for these actions [m], shape [action, 2].
-        hulls_xy: Closed outlines of the concave hull's parts within the half disc [m], each of
-            shape [vertex, 2].
-        share: Area of the hull as a share of the half disc [-].
-        share_by_ratio: Share at other hull ratios [-].
-    """
-
-    motion: MotionConfig
-    counts: tuple[int, ...]
-    feasible_count: int
-    off_table_share: float
-    endpoint_xy: NDArray[np.float64]
-    hulls_xy: tuple[NDArray[np.float64], ...]
-    share: float
-    share_by_ratio: dict[float, float]
-
-    @property
-    def with_psi(self) -> bool:
-        """True if the wrist turns (action set A2)."""
-        return len(self.counts) == 4
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for a JSON file; the endpoints are left out."""
-        return {
-            "r0": self.motion.r0,
-            "v_max": self.motion.v_max,
-            "with_psi": self.with_psi,
-            "grid_counts": list(self.counts),
-            "action_count": int(np.prod(self.counts)),
-            "feasible_count": self.feasible_count,
-            "off_table_share": self.off_table_share,
-            "hull_ratio": HULL_RATIO,
-            "share": self.share,
-            "share_by_ratio": {f"{ratio:g}": share for ratio, share in self.share_by_ratio.items()},
-            "hulls_xy": [np.round(hull, 4).tolist() for hull in self.hulls_xy],
-        }
-
-
 def measure_coverage(
-    setup: Setup,
-    dynamics: Dynamics | CableParams,
-    engine: Engine,
-    counts: Sequence[int] = GRID_COUNTS,
-) -> Coverage:
+    setup: Setup, dynamics: Dynamics | CableParams, engine: Engine, counts: Sequence[int]
+) -> dict[str, Any]:
     """Simulate a grid of actions in one batch, and measure its coverage.
 
     Args:
@@ -105,6 +55,12 @@ def measure_coverage(
         engine: Simulator.
         counts: Number of values of theta1, theta2, r2 and, for the action set A2, of the wrist
             turn.
+
+    Returns:
+        Plain values for metrics.json: r0 [m], v_max [m/s] and whether the wrist turns; the number
+        of actions in the grid and of those that the arm can follow; the share of these whose free
+        end leaves the table [-]; the area of the concave hull as a share of the half disc [-], also
+        at other hull ratios; and the closed outlines of the hull's parts within the half disc [m].
 
     Raises:
         InputError: No action of the grid is feasible, or the grid is too large.
@@ -117,19 +73,23 @@ def measure_coverage(
     endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
     radius = setup.workspace.reach(setup.cable.length)
     hull = concave_hull(endpoint_xy, radius)
-    return Coverage(
-        motion=setup.motion,
-        counts=tuple(counts),
-        feasible_count=len(actions),
-        off_table_share=float(np.mean(np.array(columns["status"]) == TrialStatus.OFF_TABLE.code)),
-        endpoint_xy=endpoint_xy,
-        hulls_xy=outlines(hull),
-        share=covered_share(hull, radius),
-        share_by_ratio={
-            ratio: covered_share(concave_hull(endpoint_xy, radius, ratio), radius)
+    off_table = np.array(columns["status"]) == TrialStatus.OFF_TABLE.code
+    return {
+        "r0": setup.motion.r0,
+        "v_max": setup.motion.v_max,
+        "with_psi": len(counts) == 4,
+        "grid_counts": list(counts),
+        "action_count": math.prod(counts),
+        "feasible_count": len(actions),
+        "off_table_share": float(np.mean(off_table)),
+        "hull_ratio": HULL_RATIO,
+        "share": covered_share(hull, radius),
+        "share_by_ratio": {
+            f"{ratio:g}": covered_share(concave_hull(endpoint_xy, radius, ratio), radius)
             for ratio in HULL_RATIO_NEIGHBOURS
         },
-    )
+        "hulls_xy": [np.round(outline, 4).tolist() for outline in outlines(hull)],
+    }
 
 
 def concave_hull(endpoint_xy: ArrayLike, radius: float, ratio: float = HULL_RATIO) -> "Polygon":

@@ -158,7 +158,7 @@ def _survey(
             )
             moved = setup.with_motion(r0=r0, v_max=v_max)
             dynamics = tuned.dynamics.without_curl()
-            return measure_coverage(moved, dynamics, engine, counts).to_dict()
+            return measure_coverage(moved, dynamics, engine, counts)
 
         name = f"r0_{r0:g}-v_max_{v_max:g}" + "-psi" * with_psi
         results.append(run.parts(COVERAGE_FOLDER).get_or_make(name, coverage))

@@ -298,7 +298,7 @@ def coverage_figure(
     """Draw the hulls of all speeds, a panel for each r0 and action set, after the paper's figure 6.
 
     Args:
-        results: Result of `Coverage.to_dict` for every combination.
+        results: Result of `measure_coverage` for every combination.
         polar_casting_xy: Outline of what polar casting reaches [m], shape [vertex, 2].
         workspace: Table and reach.
         cable_length: Cable length r_c [m].
