@@ -5,6 +5,7 @@ answer it.
 """
 
 import atexit
+import contextlib
 import json
 import multiprocessing
 import multiprocessing.connection
@@ -101,10 +102,12 @@ class TwinClient:
                 f"no twin answers at {address}:{ADMIN_PORT} ({error.strerror}): "
                 "start `cablecast twin`"
             ) from None
-        self._buffer = b""
+        self._stream = self._socket.makefile("rw", encoding="utf-8")
 
     def close(self) -> None:
         """Close the connection; it may be called twice."""
+        with contextlib.suppress(OSError):
+            self._stream.close()
         self._socket.close()
 
     def fault(self, name: str, phase: str = "now", after: float = 0.0) -> None:
@@ -134,15 +137,13 @@ class TwinClient:
 
     def _ask(self, do: str, **values: Any) -> dict[str, Any]:
         try:
-            self._socket.sendall(json.dumps({"do": do, **values}).encode() + b"\n")
-            while b"\n" not in self._buffer:
-                data = self._socket.recv(1 << 16)
-                if not data:
-                    raise OSError("it closed the connection")
-                self._buffer += data
+            self._stream.write(json.dumps({"do": do, **values}) + "\n")
+            self._stream.flush()
+            line = self._stream.readline()
+            if not line:
+                raise OSError("it closed the connection")
         except OSError as error:
             raise RigError(f"the twin does not answer: {error}") from None
-        line, self._buffer = self._buffer.split(b"\n", 1)
         answer = json.loads(line)
         if "error" in answer:
             raise InputError(f"the twin refuses {do}: {answer['error']}")
