@@ -6,7 +6,7 @@ The same casts are made by the real arm's code on a twin, whose camera is a netw
 the virtual rig in this process. Printed is the offset that `cablecast camera sync` finds between
 two clocks that are one; how far the landings that the camera reports are from where the twin has
 the cable's end; and how far simulated casts are from others of either rig, with parameters fitted
-to the casts of the one and of the other: both fits are judged by the same casts. Intervals hold
+to the casts of the one and of the other: both fits are compared on the same casts. Intervals hold
 90 % of bootstrap draws. Casts are kept in --out, so that the command goes on where it was stopped.
 """
 
@@ -116,7 +116,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--casts", type=int, default=10, help="casts to fit to")
     parser.add_argument("--held-out", type=int, default=6, help="casts to validate with")
-    parser.add_argument("--others", type=int, default=60, help="virtual casts to judge fits by")
+    parser.add_argument("--others", type=int, default=60, help="virtual casts to compare fits on")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--address", default="127.9.0.2", help="loopback address of the twin")
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("build/compare-twin"))

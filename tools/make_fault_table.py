@@ -7,8 +7,8 @@ What was tried is kept in a file, so that the command goes on where it was stopp
 
 Each session runs the real arm's code (`RigUR`) against a twin through its sockets. Its reset only
 lifts the cable and sets it down: with the paper's reset, which takes 17 s, the table would take
-hours. For the same reason the arm holds a stick, but where the cable is at fault. Where the camera
-is at fault, its stream is filmed and tracked as in any session; else a camera is told the truth.
+hours. For the same reason the arm holds a stick, except where the cable fails. Where the camera
+fails, its stream is filmed and tracked as in any session; otherwise the twin reports the truth.
 """
 
 import argparse
@@ -41,7 +41,7 @@ from cablecast.vision.trials import CameraOfTrials, TrialCamera
 ROOT = pathlib.Path(__file__).parents[1]
 PHASES = ("reset", "approach", "cast", "settle", "readout")
 AFTER = {"reset": 1.0, "approach": 0.1, "cast": 0.4, "settle": 0.5, "readout": 0.0}
-"""Time from the begin of a phase to the fault [s]: in the middle of its motion, if it has one."""
+"""Time from the start of a phase to the fault [s]: in the middle of its motion, if it has one."""
 REST_SPEED = 0.01
 STOPPING = {
     "protective_stop",
@@ -140,7 +140,7 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
     # What is wrong with camera or cable may be noticed only before the next cast.
     actions = ACTIONS[:1] if part_of(fault) == "robot" else ACTIONS
     twin.admin.clear()
-    session_begin = twin.admin.state()["time"]
+    session_start = twin.admin.state()["time"]
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "data"
 
@@ -158,11 +158,9 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
         except CablecastError as error:
             message = str(error)
         events = twin.admin.events()
-        begin = [e["time"] for e in events if e["what"] == "fault" and e["time"] >= session_begin][
-            -1:
-        ]
-        rest = rest_time(twin, begin[0]) if begin and fault in STOPPING else None
-        if not begin:
+        faults = [e["time"] for e in events if e["what"] == "fault" and e["time"] >= session_start]
+        rest = rest_time(twin, faults[-1]) if faults and fault in STOPPING else None
+        if not faults:
             message = "the phase did not come"
         twin.admin.clear()
         resumed = False
@@ -175,19 +173,19 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
     return Outcome(message, rest, resumed)
 
 
-def rest_time(twin: TwinProcess, begin: float) -> float:
+def rest_time(twin: TwinProcess, start: float) -> float:
     """Return how long the arm moved on after a fault [s]."""
-    while twin.admin.state()["time"] < begin + REST_TIME:
+    while twin.admin.state()["time"] < start + REST_TIME:
         time.sleep(0.05)
-    truth = twin.admin.truth(begin, begin + REST_TIME)
+    truth = twin.admin.truth(start, start + REST_TIME)
     moving = [
-        at - begin
+        at - start
         for at, speed in zip(truth["times"], truth["joint_speed"], strict=True)
         if speed > REST_SPEED
     ]
     if not moving:
         return 0.0
-    # A motion that begins anew after the arm has rested is the next attempt.
+    # A motion that starts after the arm has rested is the next attempt.
     gaps = np.flatnonzero(np.diff(moving) > 0.05)
     return moving[gaps[0]] if len(gaps) else moving[-1]
 
@@ -255,13 +253,13 @@ def main() -> None:
     args.out.write_text(
         f"""# Faults of the robot, in every phase
 
-Each cell is one session with the real arm's code against the twin, through its sockets: one cast,
-or two where camera or cable are at fault, the fault in the first of them, and at most two attempts
-at each; then a person clears it, and the same command is given again. "Resumed" means that it
-finished, and that the dataset is whole. "At rest" is by the twin's clock, for faults after which
-the arm must stop; a fault of camera or cable lets the arm carry out a motion that was checked. The
-reset only lifts the cable and sets it down. The arm holds a stick, but where the cable is at fault;
-the camera is told the truth by the twin, but where the camera is at fault.{unfinished}
+Each cell is one session of the real arm's code against the twin, through its sockets: one cast, or
+two where camera or cable fail, with the fault in the first and at most two attempts at each; then a
+person clears the fault, and the same command is given again. "Resumed" means that it finished, and
+that the dataset is whole. "At rest" is by the twin's clock, for faults after which the arm must
+stop; after a fault of camera or cable the arm finishes its motion, which was checked. The reset
+only lifts the cable and sets it down. The arm holds a stick except where the cable fails, and the
+twin reports the true landing except where the camera fails.{unfinished}
 Written by `{command}`.
 
 {text}

@@ -1,0 +1,161 @@
+"""Nothing moves on a controller that is not ready, and a motion that goes wrong is stopped."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cablecast.arm.robot import RobotConfig
+from cablecast.errors import RigError
+from cablecast.rigs.ur.agent import NUMBER_REGISTER
+from cablecast.rigs.ur.link import Report, check_ready
+from cablecast.rigs.ur.player import CastAbortedError, Player
+from cablecast.rigs.ur.program import ProgramState, SetPoints
+
+ROBOT = RobotConfig(
+    address="127.0.0.1",
+    payload_mass=0.95,
+    payload_cog=(0.0, 0.0, 0.06),
+    box_low=(-2.0, -2.0, -2.0),
+    box_high=(2.0, 2.0, 2.0),
+)
+DT = 0.008
+TICK_COUNT = 60
+FAULT_TICK = 30
+
+
+def report(time=0.0, **changes):
+    values = {
+        "time": time,
+        "host_time": time,
+        "q": np.zeros(6),
+        "qd": np.zeros(6),
+        "target_q": np.zeros(6),
+        "speed_scaling": 1.0,
+        "safety_bits": 1,
+        "robot_mode": 7,
+        "is_playing": True,
+        "payload": 0.95,
+        "payload_cog": np.array([0.0, 0.0, 0.06]),
+        "state": ProgramState.MOVING,
+        "tick": 0,
+        "number": 0,
+    }
+    return Report(**(values | changes))
+
+
+def ready(version="3.15.8", remote="True", **changes):
+    answers = {"polyscopeVersion": version, "isInRemoteControl": remote}
+    link = SimpleNamespace(wait_for_report=lambda: report(**changes), ask=answers.__getitem__)
+    return check_ready(link, ROBOT)
+
+
+def test_a_controller_that_is_ready_is_taken():
+    ready()
+    ready(version="5.12.6")
+    # A CB3 knows no remote control.
+    ready(remote="could not understand")
+    ready(payload_cog=None)
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ({"safety_bits": 1 << 2 | 1 << 10}, "protective stop: look what the arm touched"),
+        ({"safety_bits": 1 << 4 | 1 << 10}, "safeguard stop: step out of the guarded space"),
+        ({"safety_bits": 1 << 6 | 1 << 7 | 1 << 10}, "emergency stop: find out why"),
+        ({"safety_bits": 1 << 9}, "fault: read the pendant's log"),
+        ({"safety_bits": 1 << 1}, "not in its normal mode"),
+        ({"robot_mode": 3}, "in mode 3, not running"),
+        ({"version": "5.12.6", "remote": "False"}, "in local control"),
+        ({"speed_scaling": 0.5}, "at 50 %: set it to 100 %"),
+        ({"payload": 0.89}, "payload on the controller is 0.89 kg"),
+        ({"payload_cog": np.array([0.0, 0.03, 0.06])}, r"payload's centre on the controller"),
+    ],
+)
+def test_nothing_moves_on_a_controller_that_is_not_ready(state, words):
+    with pytest.raises(RigError, match=words):
+        ready(**state)
+
+
+class ScriptedLink:
+    """Reports a motion tick by tick, with a fault from one of them on, and notes commands."""
+
+    is_alive = True
+
+    def __init__(self, fault):
+        self.fault = fault
+        self.number = 0
+        self.reports = [report(is_playing=False, state=ProgramState.NONE)]
+        self.commands = []
+
+    def send_program(self, text):
+        self.number = int(re.search(rf"register\({NUMBER_REGISTER}, (\d+)\)", text)[1])
+
+    def latest(self):
+        if self.number:
+            tick = min(len(self.reports), TICK_COUNT)
+            state = ProgramState.DONE if tick == TICK_COUNT else ProgramState.MOVING
+            changes = {"tick": tick, "state": state, "number": self.number}
+            if tick >= FAULT_TICK:
+                changes |= self.fault(tick)
+            self.reports.append(report(len(self.reports) * DT, **changes))
+        return self.reports[-1]
+
+    def since(self, when):
+        return [report for report in self.reports if report.time > when]
+
+    def keep_alive(self):
+        pass
+
+    def rest(self):
+        self.commands.append("rest")
+
+    def ask_to_stop(self, number):
+        self.commands.append(("stop", number))
+        self.reports.append(report(1e3, is_playing=False))
+
+
+def play(link):
+    return Player(link, ROBOT).play("cast", SetPoints(np.zeros((TICK_COUNT + 1, 6)), DT))
+
+
+def test_a_motion_that_is_as_it_should_be_is_kept_from_its_start():
+    record = play(ScriptedLink(lambda tick: {}))
+    assert record.start_time == pytest.approx(0.0)
+    assert [r.tick for r in record.reports] == list(range(1, TICK_COUNT + 1))
+
+
+def interrupt(tick):
+    raise KeyboardInterrupt
+
+
+def stuck(tick):
+    return {"tick": FAULT_TICK, "state": ProgramState.MOVING}
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "words"),
+    [
+        (lambda tick: {"q": np.full(6, 0.7)}, CastAbortedError, "a joint lags 0.70 rad behind"),
+        (stuck, CastAbortedError, "behind the controller's clock"),
+        (lambda tick: {"speed_scaling": 0.9}, CastAbortedError, "the speed fell to 90 %"),
+        (
+            lambda tick: {"is_playing": False},
+            CastAbortedError,
+            "stopped the program",
+        ),
+        (lambda tick: {"state": ProgramState.SILENCE}, CastAbortedError, "heard nothing of this"),
+        (lambda tick: {"state": ProgramState.STOPPED}, CastAbortedError, "motion was stopped"),
+        (lambda tick: {"safety_bits": 1 << 2}, RigError, "protective stop"),
+        (interrupt, KeyboardInterrupt, None),
+    ],
+)
+def test_a_motion_that_is_not_as_it_should_be_is_stopped(fault, error, words):
+    link = ScriptedLink(fault)
+    with pytest.raises(error, match=words):
+        play(link)
+    assert ("stop", link.number) in link.commands
+    # The heart stops first: the program ends even if it does not hear of the stop.
+    assert link.commands[0] == "rest"
