@@ -61,11 +61,11 @@ def test_each_piece_is_where_its_frame_is(tmp_path, model, turned):
     base = {"name": "base", "pos": "1 -2 0.3", "quat": " ".join(map(str, quat))}
     text = description(arm, base if turned else NO_BASE, prefix="left_")
     meshes = ArmMeshes(written(tmp_path, text), arm)
-    assert [piece.name for piece in meshes.pieces] == [name[:-6] for name in JOINT_NAMES]
+    assert list(meshes.pieces) == [name[:-6] for name in JOINT_NAMES]
     for q in np.random.default_rng(1).uniform(-3.0, 3.0, (5, 6)):
         quats, positions = meshes.poses(q)
         frames = arm.frames(q[None])
-        for index, piece in enumerate(meshes.pieces):
+        for index, piece in enumerate(meshes.pieces.values()):
             # Each body turns with its joint: DH frame `index`, turned about its z.
             turn = frames[index][0, :3, :3] @ Rotation.from_euler("z", q[index]).as_matrix()
             corners = np.sort(piece.vertices @ turn.T + frames[index][0, :3, 3], axis=0)
@@ -76,13 +76,13 @@ def test_each_piece_is_where_its_frame_is(tmp_path, model, turned):
 
 def test_a_piece_has_the_file_s_vertices_and_colour(tmp_path):
     arm = ArmUR()
-    piece = ArmMeshes(written(tmp_path, description(arm)), arm).pieces[0]
+    piece = ArmMeshes(written(tmp_path, description(arm)), arm).pieces["shoulder_pan"]
     expected = np.array(TETRAHEDRON.split(), dtype=float).reshape(-1, 3)
     order = np.lexsort(piece.vertices.T.round(6))
     assert np.allclose(
         piece.vertices[order], expected[np.lexsort(expected.T.round(6))], atol=DIGITS
     )
-    assert np.all(piece.colors == [255, 128, 0, 255])
+    assert np.all(piece.visual.face_colors == [255, 128, 0, 255])
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path, drawn):
         )
         for time, pose in zip(cast.times, q, strict=True):
             figure.show(cast, time)
-            piece = drawn(server)[f"/solid/meshes/{meshes.pieces[3].name}"]
+            piece = drawn(server)[f"/solid/meshes/{list(meshes.pieces)[3]}"]
             assert np.allclose(piece.position, meshes.poses(pose)[1][3])
         assert len(drawn(server)["/solid/arm/rods"].batched_positions) == 2
         figure.visible = False

@@ -1,9 +1,8 @@
 """The arm as its maker drew it: the meshes of an MJCF or URDF file, placed by the arm's joints."""
 
-import dataclasses
 import os
 import pathlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,9 @@ from numpy.typing import NDArray
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.view.shapes import Array
+
+if TYPE_CHECKING:
+    import trimesh
 
 JOINT_NAMES = (
     "shoulder_pan_joint",
@@ -30,23 +32,6 @@ _POSE_COUNT = 24  # Poses at which the two arms are compared.
 _WRISTS = (4, 5)  # DH frames whose origins are the places of the last two joints.
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Piece:
-    """One body of the arm.
-
-    Attributes:
-        name: Name of the body in the file.
-        vertices: Vertices in the frame of the body [m], shape [vertex, 3].
-        faces: Vertex numbers, shape [face, 3].
-        colors: Red, green, blue and opacity of each face, shape [face, 4].
-    """
-
-    name: str
-    vertices: Array
-    faces: NDArray[np.int32]
-    colors: NDArray[np.uint8]
-
-
 class ArmMeshes:
     """Meshes of an arm and where they are at given joint angles.
 
@@ -55,6 +40,9 @@ class ArmMeshes:
     Args:
         path: MJCF or URDF file with the six joints of a UR arm.
         arm: Arm of the set-up. Its wrists must be where those of the file are.
+
+    Attributes:
+        pieces: Coloured mesh of each body in the frame of the body [m], by the name of the body.
 
     Raises:
         InputError: The file cannot be read, has no such joints or no mesh, or is another arm.
@@ -66,7 +54,9 @@ class ArmMeshes:
         self._mujoco, self._model = _compile(path)
         self._data = self._mujoco.MjData(self._model)
         self._joints = [_joint(self._mujoco, self._model, name, path) for name in JOINT_NAMES]
-        self._bodies, self.pieces = self._read_pieces(path)
+        self.pieces: dict[str, trimesh.Trimesh] = {}
+        self._bodies: list[int] = []
+        self._read_pieces(path)
         # From the world of the file to the base frame of the set-up.
         self._turn, self._shift = np.eye(3), np.zeros(3)
         self._align(path, arm)
@@ -89,8 +79,8 @@ class ArmMeshes:
         self._data.qpos[self._model.jnt_qposadr[self._joints]] = q
         self._mujoco.mj_kinematics(self._model, self._data)
 
-    def _read_pieces(self, path: pathlib.Path) -> tuple[list[int], list[Piece]]:
-        """Return the bodies that have meshes, and their meshes."""
+    def _read_pieces(self, path: pathlib.Path) -> None:
+        """Read the bodies that have meshes, and their meshes."""
         model, is_mesh = self._model, self._mujoco.mjtGeom.mjGEOM_MESH
         geoms = np.flatnonzero(model.geom_type == is_mesh)
         # Where some meshes only show and others only collide, those that show are drawn.
@@ -101,11 +91,10 @@ class ArmMeshes:
         count = int(np.sum(model.mesh_facenum[model.geom_dataid[geoms]]))
         if count > _FACE_COUNT_MAX:
             raise InputError(f"{path} has {count} faces: at most {_FACE_COUNT_MAX} are drawn")
-        bodies = sorted({int(model.geom_bodyid[geom]) for geom in geoms})
-        return bodies, [
-            _piece(self._mujoco, model, body, geoms[model.geom_bodyid[geoms] == body])
-            for body in bodies
-        ]
+        for body in np.unique(model.geom_bodyid[geoms]).tolist():
+            own = geoms[model.geom_bodyid[geoms] == body]
+            self._bodies.append(body)
+            self.pieces[model.body(body).name or f"body_{body}"] = _piece(model, own)
 
     def _align(self, path: pathlib.Path, arm: ArmUR) -> None:
         """Find how the file stands to the base frame, and refuse the file of another arm."""
@@ -159,25 +148,25 @@ def _joint(mujoco: Any, model: Any, name: str, path: pathlib.Path) -> int:
     return found[0]
 
 
-def _piece(mujoco: Any, model: Any, body: int, geoms: NDArray[np.int64]) -> Piece:
+def _piece(model: Any, geoms: NDArray[np.int64]) -> "trimesh.Trimesh":
     """Return the meshes of a body as one, in the body's frame."""
-    vertices, faces, colors, count = [], [], [], 0
+    import trimesh
+    from scipy.spatial.transform import Rotation
+
+    parts = []
     for geom in geoms:
-        mesh = model.mesh(model.geom_dataid[geom])
-        first, number = mesh.vertadr[0], mesh.vertnum[0]
-        turn = np.empty(9)
-        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-        own = model.mesh_vert[first : first + number] @ turn.reshape(3, 3).T + model.geom_pos[geom]
-        first_face, face_number = mesh.faceadr[0], mesh.facenum[0]
-        vertices.append(own)
-        faces.append(model.mesh_face[first_face : first_face + face_number] + count)
-        material = model.geom_matid[geom]
+        mesh, material = model.mesh(model.geom_dataid[geom]), model.geom_matid[geom]
+        vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
+        faces = model.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]]
+        turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
         rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-        colors.append(np.tile(np.round(255 * rgba).astype(np.uint8), (face_number, 1)))
-        count += number
-    return Piece(
-        name=model.body(body).name or f"body_{body}",
-        vertices=np.concatenate(vertices),
-        faces=np.concatenate(faces),
-        colors=np.concatenate(colors),
-    )
+        color = np.round(255 * rgba).astype(np.uint8)
+        parts.append(
+            trimesh.Trimesh(
+                turn.apply(vertices) + model.geom_pos[geom],
+                faces,
+                face_colors=np.tile(color, (len(faces), 1)),
+                process=False,
+            )
+        )
+    return trimesh.util.concatenate(parts)

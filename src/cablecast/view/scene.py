@@ -118,19 +118,13 @@ class MeshesDrawing:
     """Meshes of an arm in the browser."""
 
     def __init__(self, server: "viser.ViserServer", name: str, meshes: ArmMeshes):
-        import trimesh
-        from trimesh.visual import ColorVisuals
-
         self._meshes = meshes
-        self._handles: list[Any] = []
-        for piece in meshes.pieces:
-            mesh = trimesh.Trimesh(piece.vertices, piece.faces, process=False)
-            mesh.visual = ColorVisuals(mesh, face_colors=piece.colors)
-            self._handles.append(
-                server.scene.add_mesh_trimesh(
-                    f"{name}/{piece.name}", mesh, cast_shadow=False, receive_shadow=False
-                )
+        self._handles = [
+            server.scene.add_mesh_trimesh(
+                f"{name}/{piece}", mesh, cast_shadow=False, receive_shadow=False
             )
+            for piece, mesh in meshes.pieces.items()
+        ]
 
     def move(self, q: Array) -> None:
         """Draw the arm at joint angles [rad], shape [6]."""
