@@ -10,6 +10,7 @@ from cablecast.errors import InputError, RigError, TargetError
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.view.desk import Desk, Phase
+from cablecast.view.look import ShownCast
 
 TARGET = np.array([0.3, 1.15])
 LENGTH = Setup().cable.length
@@ -53,7 +54,7 @@ def test_a_cast_is_kept_with_its_landing_and_its_miss(desk, own):
     assert [trial.number for trial in desk.tries] == [one.number]
     miss = one.miss_pct / 100 * LENGTH
     assert miss == pytest.approx(np.linalg.norm(own.offset), abs=ON_AIM)
-    assert np.allclose(desk.shown(one).endpoint_xy[-1], one.final_xy)
+    assert np.allclose(ShownCast.of_cast(one).endpoint_xy[-1], one.final_xy)
 
 
 def test_nothing_is_cast_before_it_is_planned(desk, own):
@@ -171,7 +172,7 @@ def test_a_session_goes_on_where_it_was(rig, engine, policy, tmp_path):
     assert [again.is_undone(one) for one in again.tries] == [False, True]
     for before, after in zip(desk.tries, again.tries, strict=True):
         assert np.array_equal(before.action, after.action)
-        assert np.array_equal(desk.shown(before).nodes, again.shown(after).nodes)
+        assert np.array_equal(ShownCast.of_cast(before).nodes, ShownCast.of_cast(after).nodes)
     expected = [one.aim(TARGET).proposal.expected_xy for one in (desk, again)]
     # The scales of the process are fitted anew in both, by a search with a tolerance.
     assert np.allclose(*expected, atol=ON_AIM)
@@ -181,7 +182,7 @@ def test_a_cable_that_nobody_saw_is_shown_by_its_free_end(desk, own):
     own.sees_cable = False
     desk.aim(TARGET)
     one = desk.cast()
-    shown = desk.shown(one)
+    shown = ShownCast.of_cast(one)
     assert shown.nodes is None
     assert np.allclose(shown.endpoint_xy[-1], one.final_xy, atol=1e-6)
     assert shown.joint_path is not None

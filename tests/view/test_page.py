@@ -10,6 +10,7 @@ from cablecast.camera.settings import CameraSight
 from cablecast.errors import InputError
 from cablecast.runs.progress import Progress
 from cablecast.view.desk import Desk, Phase
+from cablecast.view.look import ShownCast
 from cablecast.view.page import Page, shrunk
 from cablecast.view.scene import LIFT
 from cablecast.view.shapes import DARK, LIGHT
@@ -67,7 +68,7 @@ def test_point_cast_correct_replay_undo(page):
     page.worker.drain()
     assert [one.try_number for one in desk.tries] == [1, 2]
     page.replay(desk.tries[0].number)
-    assert page.stage.player.duration == pytest.approx(desk.shown(desk.tries[0]).duration)
+    assert page.stage.player.duration == pytest.approx(ShownCast.of_cast(desk.tries[0]).duration)
     page.undo()
     assert "taken back" in desk.message
     page.aim_polar(1.2, -20.0)

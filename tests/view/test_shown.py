@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.view.look import FRAME_DT, ShownCast
 
 
@@ -11,8 +11,13 @@ def track(endpoint_xy, nodes=None):
     return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=TrialStatus.OK, nodes=nodes)
 
 
+def shown(seen):
+    cast = Cast(action=np.zeros(4), duration=1.0, joint_path=None, track=seen, purpose="aim")
+    return ShownCast.of_cast(cast)
+
+
 def test_between_samples_the_path_does_not_overshoot_and_rests_where_they_rest():
-    cast = ShownCast.of_track(track([[0, 1], [0.2, 1], [0.4, 1], [0.4, 1]]))
+    cast = shown(track([[0, 1], [0.2, 1], [0.4, 1], [0.4, 1]]))
     assert cast.times[1] == pytest.approx(FRAME_DT)
     assert cast.endpoint_xy[:, 0].max() <= 0.4 + 1e-12
     assert np.all(np.diff(cast.endpoint_xy[:, 0]) >= -1e-12)
@@ -20,7 +25,7 @@ def test_between_samples_the_path_does_not_overshoot_and_rests_where_they_rest()
 
 
 def test_what_was_not_seen_is_not_drawn():
-    cast = ShownCast.of_track(track([[0, 1], [np.nan, np.nan], [0.4, 1], [0.5, 1]]))
+    cast = shown(track([[0, 1], [np.nan, np.nan], [0.4, 1], [0.5, 1]]))
     assert np.isnan(cast.endpoint_at(0.1)).all()
     assert np.isnan(cast.endpoint_at(0.06)).all()
     assert np.allclose(cast.endpoint_at(0.3), [0.5, 1])
@@ -30,7 +35,7 @@ def test_what_was_not_seen_is_not_drawn():
 def test_the_cable_keeps_its_place_before_and_after_the_cast():
     nodes = np.zeros((3, 2, 3))
     nodes[:, 1, 0] = [0.0, 0.1, 0.3]
-    cast = ShownCast.of_track(track([[0, 1]] * 3, nodes))
+    cast = shown(track([[0, 1]] * 3, nodes))
     assert np.allclose(cast.nodes_at(-1.0), nodes[0])
     assert np.allclose(cast.nodes_at(9.0), nodes[-1])
     assert np.allclose(cast.nodes_at(0.1), nodes[1])

@@ -272,10 +272,6 @@ class Desk:
             self.message = f"Try {last.number} is taken back: no plan uses it from now on."
             return last
 
-    def shown(self, trial: Cast) -> ShownCast:
-        """Return a try as it was seen."""
-        return ShownCast.of_track(trial.track, trial.joint_path)
-
     def simulate(self, trajectory: Trajectory, params: CableParams | None = None) -> ShownCast:
         """Return a motion as the simulator sees it, with other parameters if they are given."""
         dynamics = self._dynamics.with_params(params)

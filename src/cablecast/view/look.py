@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import Cast, TrialStatus
 from cablecast.conventions import xy_to_polar
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.schema import INFO_PATH, read_info
-from cablecast.data.store import CastStore
+from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError, check_count
@@ -50,19 +50,15 @@ class ShownCast:
     joint_path: JointPath | None = None
 
     @classmethod
-    def of_track(cls, track: EndpointTrack, commanded: JointPath | None = None) -> "ShownCast":
-        """Return a cast on a rig.
-
-        Args:
-            track: Answer of the rig.
-            commanded: Joints that are shown where the rig reported none.
-        """
+    def of_cast(cls, cast: Cast) -> "ShownCast":
+        """Return a cast on a rig, with the commanded joints where the rig reported none."""
+        track = cast.track
         times = np.arange(0.0, float(track.times[-1]) + 1e-9, FRAME_DT)
         return cls(
             times=times,
             endpoint_xy=_smooth(track.times, track.endpoint_xy, times),
             nodes=None if track.nodes is None else _smooth(track.times, track.nodes, times),
-            joint_path=track.joint_path or commanded,
+            joint_path=track.joint_path or cast.joint_path,
         )
 
     @classmethod
@@ -212,8 +208,7 @@ class Collection:
         check_count("cast", index, 0, len(self) - 1)
         if self.dataset.extra.get("times") is None:
             return None
-        commanded = self.dataset.commanded_joints(index)
-        return ShownCast.of_track(self.dataset.track(index), commanded)
+        return ShownCast.of_cast(dataset_cast(self.dataset, index))
 
     def simulated(self, index: int, engine: Engine, dynamics: Dynamics | None = None) -> ShownCast:
         """Return a cast as a simulated cable would have moved.

@@ -206,7 +206,7 @@ class Page:
             if one.number == number:
                 self.stage.table.target(one.target_xy)
                 self.stage.table.landings(self.desk.tries_at(one.target_xy))
-                self.stage.play({"measured": self.desk.shown(one)})
+                self.stage.play({"measured": ShownCast.of_cast(one)})
 
     def set_dark(self, dark: bool) -> None:
         """Make the page dark or light."""
@@ -264,7 +264,7 @@ class Page:
         if last is not None:
             self.stage.table.target(last.target_xy)
             self.stage.table.landings(self.desk.tries_at(last.target_xy))
-            shown = self.desk.shown(last)
+            shown = ShownCast.of_cast(last)
             self.stage.show({"measured": shown}, shown.duration)
         elif preview is not None:
             self.stage.show({"measured": preview.cast}, 0.0)
@@ -293,7 +293,7 @@ class Page:
     def _cast(self) -> None:
         self.refresh()
         one = self.desk.cast()
-        casts = {"measured": self.desk.shown(one)}
+        casts = {"measured": ShownCast.of_cast(one)}
         if self.desk.preview is not None:
             casts["plan"] = self.desk.preview.cast
         tries = self.desk.tries_at(one.target_xy)
@@ -474,7 +474,7 @@ class Page:
                     end = one.status.value
                 shots.append(
                     Shot(
-                        cast=desk.shown(one),
+                        cast=ShownCast.of_cast(one),
                         target_xy=one.target_xy,
                         caption=f"try {one.try_number}",
                         result=f"try {one.try_number}: {end}",
