@@ -142,3 +142,10 @@ def test_a_film_that_fills_the_disk_is_an_error_of_the_system_and_leaves_nothing
 def test_a_time_before_the_first_frame_is_refused():
     with pytest.raises(InputError, match="time of a picture = -1"):
         JpegMuxer(io.BytesIO(), "nut", 64, 48, 60.0).write(b"", -1.0)
+
+
+def test_frames_of_odd_size_keep_it(tmp_path):
+    frames = (np.full((51, 37, 3), 10 * index, np.uint8) for index in range(5))
+    assert write_video(tmp_path / "a.mp4", frames, RATE) == 5
+    info, read = read_video(tmp_path / "a.mp4")
+    assert (info.width, info.height, len(list(read))) == (37, 51, 5)

@@ -179,7 +179,7 @@ def write_tables(
                 "video.height": video["height"],
                 "video.width": video["width"],
                 "video.channels": 3,
-                "video.codec": "mpeg4",
+                "video.codec": "h264",
                 "video.pix_fmt": "yuv420p",
                 "video.is_depth_map": False,
                 "has_audio": False,

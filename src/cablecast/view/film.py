@@ -36,6 +36,7 @@ from cablecast.view.shapes import (
     target_marks,
     viewpoint,
 )
+from cablecast.vision.video import encode_mp4
 
 try:
     from PIL import Image, ImageChops, ImageDraw, ImageFont
@@ -410,18 +411,8 @@ def mp4_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
     Raises:
         MissingExtraError: PyAV is not installed.
     """
-    try:
-        import av
-    except ImportError:
-        raise MissingExtraError("av", "view", "an MP4 film") from None
     buffer = io.BytesIO()
-    with av.open(buffer, "w", format="mp4") as container:
-        stream: Any = container.add_stream("libx264", rate=config.frames_per_second)
-        stream.width, stream.height, stream.pix_fmt = config.width, config.height, "yuv420p"
-        stream.options = {"crf": "21", "preset": "veryfast"}
-        for frame in frames:
-            container.mux(stream.encode(av.VideoFrame.from_image(frame)))
-        container.mux(stream.encode())
+    encode_mp4(buffer, (np.array(frame)[..., ::-1] for frame in frames), config.frames_per_second)
     return buffer.getvalue()
 
 

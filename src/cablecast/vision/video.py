@@ -1,4 +1,4 @@
-"""Films: reading and writing videos, and containers in which JPEG pictures have their own times."""
+"""Films: OpenCV reads them, PyAV writes them, as MP4 or as JPEG pictures with their own times."""
 
 import dataclasses
 import os
@@ -6,7 +6,7 @@ import pathlib
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +118,7 @@ def read_pictures(folder: pathlib.Path) -> list[Image]:
 
 
 def write_video(path: pathlib.Path, frames: Iterable[Image], rate: float) -> int:
-    """Write frames to an MP4 file.
+    """Write frames to an MP4 file; see `encode_mp4`.
 
     Args:
         path: Video file; its folder is created.
@@ -129,33 +129,53 @@ def write_video(path: pathlib.Path, frames: Iterable[Image], rate: float) -> int
         Number of frames written.
 
     Raises:
-        InputError: There are no frames, or the file cannot be written.
+        InputError: There are no frames.
+        MissingExtraError: PyAV is not installed.
     """
-    cv2 = load_cv2()
     path.parent.mkdir(parents=True, exist_ok=True)
     # Not complete until renamed, like every file that cablecast writes.
     part = path.with_name(f".{path.stem}.part{path.suffix or '.mp4'}")
-    writer, count = None, 0
     try:
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = cv2.VideoWriter(
-                    str(part), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), rate, size
-                )
-                if not writer.isOpened():
-                    raise InputError(f"{path} cannot be written")
-            writer.write(frame)
-            count += 1
-        if writer is None:
+        with part.open("wb") as file:
+            count = encode_mp4(file, frames, rate)
+        if not count:
             raise InputError(f"there are no frames to write to {path}")
-        writer.release()
         os.replace(part, path)
     finally:
-        if writer is not None:
-            writer.release()
         part.unlink(missing_ok=True)
     return count
+
+
+def encode_mp4(sink: BinaryIO, frames: Iterable[Image], rate: float) -> int:
+    """Write frames as MP4 (H.264), which every browser plays, and return their number."""
+    av = _load_av()
+    count, stream = 0, None
+    with av.open(sink, "w", format="mp4") as container:
+        for frame in frames:
+            if stream is None:
+                stream = container.add_stream("libx264", rate=_fraction(rate))
+                stream.height, stream.width = frame.shape[:2]
+                even = stream.height % 2 == stream.width % 2 == 0
+                stream.pix_fmt = "yuv420p" if even else "yuv444p"
+                stream.options = {"crf": "21", "preset": "veryfast"}
+            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="bgr24")
+            container.mux(stream.encode(picture))
+            count += 1
+        if stream is not None:
+            container.mux(stream.encode())
+    return count
+
+
+def _load_av() -> Any:
+    try:
+        import av
+    except ModuleNotFoundError:
+        raise MissingExtraError("PyAV", "camera", "writing a film") from None
+    return av
+
+
+def _fraction(rate: float) -> Fraction:
+    return Fraction(rate).limit_denominator(1001)
 
 
 def encode_jpeg(image: Image) -> bytes:
@@ -181,10 +201,7 @@ class JpegMuxer:
     """
 
     def __init__(self, sink: Any, container: str, width: int, height: int, rate: float):
-        try:
-            import av
-        except ModuleNotFoundError:
-            raise MissingExtraError("PyAV", "camera", "a film with the times of a camera") from None
+        av = _load_av()
         options = {"flush_packets": "1"}
         if container == "matroska":
             # Nothing that is written at the end, and no picture waits for more than the next one:
@@ -192,9 +209,7 @@ class JpegMuxer:
             options |= {"live": "1", "cluster_time_limit": "0"}
         self._packet = av.Packet
         self._container = av.open(sink, "w", format=container, container_options=options)
-        self._stream: Any = self._container.add_stream(
-            "mjpeg", rate=Fraction(rate).limit_denominator(1001)
-        )
+        self._stream = self._container.add_stream("mjpeg", rate=_fraction(rate))
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt, self._stream.time_base = "yuvj420p", _MICROSECOND
 
