@@ -2,8 +2,8 @@
 
 The physics of a cable is one record, `CableParams`: the ten parameters that the paper tunes
 (section IV-C), then the material parameters, which do nothing unless they are given. `PARAMS` holds
-what is true of each number: its unit, bounds, default, the range that a fit searches, and how
-surely it is known before any cast.
+what is true of each number: its unit, bounds, default, the range that a fit searches, and its
+uncertainty before any cast.
 """
 
 import dataclasses

@@ -18,7 +18,7 @@ class Tune:
     Finds the parameters that bring the simulated endpoints nearest to the measured ones, and
     identifies from the same casts how the arm lags behind its set points. The default is a
     least-squares fit that starts from what the cable's file states: it takes seconds, two casts are
-    enough, and it says how surely each parameter is known. `--method de` is the paper's
+    enough, and it states the uncertainty of each parameter. `--method de` is the paper's
     Differential Evolution, which takes about three minutes for 80 casts on two cores and can be
     interrupted. From 20 casts on, a quarter is held out to measure the result. Give the resulting
     params.json to `cablecast simulate --params`.

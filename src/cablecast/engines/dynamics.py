@@ -103,7 +103,7 @@ class Dynamics:
         Args:
             engine: Simulator.
             setup: Cable, workspace, arm and motion settings.
-            commanded: Paths that the gripper is told to take.
+            commanded: Paths that the gripper is commanded to take.
             **options: Arguments of `Engine.rollout` after the path.
 
         Raises:

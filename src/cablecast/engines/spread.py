@@ -81,7 +81,7 @@ class EngineSpread:
             for number, worlds in enumerate(parts)
         ]
         shared = (self._remade, options)
-        done = dict(run_tasks(_play, tasks, self._workers, shared))
+        done = dict(run_tasks(_simulate, tasks, self._workers, shared))
         return merge([(worlds, done[number]) for number, worlds in enumerate(parts)])
 
 
@@ -106,7 +106,7 @@ def remade(engine: Engine) -> tuple[type, dict[str, Any]]:
     return make()
 
 
-def _play(
+def _simulate(
     cable: Cable | Sequence[Cable],
     grip_path: GripPath,
     state: CableState | None,

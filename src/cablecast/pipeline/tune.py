@@ -34,7 +34,7 @@ TRACKS_FILE = "tracks.png"
 
 HELD_OUT_FROM = 20
 """Number of casts from which on the least-squares fit holds out a quarter of them. With fewer,
-every cast teaches, and the result is measured on the casts that it was fitted to."""
+all are fitted to, and the result is measured on the same casts."""
 
 PathSource = typing.Literal["auto", "commanded", "measured"]
 

@@ -1,15 +1,13 @@
-"""Ensemble: simulators with other physics that follow the same casts.
+"""Ensemble: simulators with other physics that follow the same casts, and their updates.
 
 A handful of casts is followed as well by a cable that is dragged by the air, curled, or rubs
 differently along and across itself, once the ten parameters are fitted with each. Where these
 simulators land a cast far apart, none of them can be trusted there. What the posterior of one
 simulator says of its parameters does not tell that: it takes its physics for granted.
 
-Update of fitted parameters by a few more casts, without those that they were fitted to.
-
-What the earlier casts taught stands as a Gaussian, the posterior of the fit. One damped
-Gauss-Newton step leads from there towards the new tracks, as in an iterated Kalman filter: its cost
-depends on the new casts only, however many came before.
+`ParamUpdate` updates fitted parameters by a few more casts, without those that they were fitted to:
+these enter as a Gaussian, the posterior of the fit. One damped Gauss-Newton step leads from there
+towards the new tracks, as in an iterated Kalman filter, so its cost depends on the new casts only.
 """
 
 import dataclasses
@@ -23,12 +21,7 @@ from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import check_count, check_number
 from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit
-from cablecast.tuning.space import (
-    Gaussian,
-    ParamPosterior,
-    ParamPrior,
-    SearchSpace,
-)
+from cablecast.tuning.space import Gaussian, ParamPosterior, ParamPrior, SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
 # Differences from the fitted material: air drags on a smooth cylinder with 1 to 1.2, ropes lose

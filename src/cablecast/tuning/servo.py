@@ -32,7 +32,7 @@ _LAG_MAX = 0.5
 _START_COUNT = 10
 """Trials that the starting values come from: those in which the joint moves most."""
 _ACCELERATIONS, _SPEEDS = (5.0, 10.0, 20.0, 50.0, 100.0, 300.0), (1.0, 1.3, 2.0, 4.0)
-"""Limits of a motor that a search for them begins with: accelerations [rad/s²], and speeds over
+"""Limits of a motor that a search for them starts with: accelerations [rad/s²], and speeds over
 the fastest reported one [-]."""
 _FASTEST, _LIMIT_STARTS = 0.99, 2
 """Share of the reported speeds that count as slower than the fastest one, and number of the best
@@ -223,7 +223,7 @@ def _fit_limits(
         motions: Set points and reported angles.
         joint: Number of the joint.
         values: Delay [s], frequency [rad/s] and damping [-] that fit it best without limits.
-        usual: Those of the other joints, from which the search begins: without limits, a lag makes
+        usual: Those of the other joints, from which the search starts: without limits, a lag makes
             up for a weak motor.
 
     Returns:

@@ -1,7 +1,4 @@
-"""Measured tracks of D_tune, as arrays for comparison with a batch of simulations.
-
-TrackObjective: distance between simulated and measured tracks (paper, equation 4).
-"""
+"""Measured tracks of D_tune, and their distance to simulated ones (paper, equation 4)."""
 
 import dataclasses
 

@@ -113,7 +113,7 @@ class TuneResult:
         coarse_simulation_count: Number of those at the coarse resolution.
         seconds: Duration of the search, summed over interrupted runs [s].
         history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
-        posterior: What is known of the parameters; None for a search, which does not tell.
+        posterior: Uncertainty of the parameters; None for a search.
         ensemble: Simulators with other physics that follow the same tracks; None for a search.
     """
 
@@ -295,7 +295,7 @@ def fit_params(
     *,
     progress: ProgressCallback = ignore,
 ) -> TuneResult:
-    """Find the parameters by Levenberg-Marquardt with a prior, and how surely they are known.
+    """Find the parameters by Levenberg-Marquardt with a prior, and their uncertainty.
 
     Args:
         cable: Cable that was cast, with what is believed of it.

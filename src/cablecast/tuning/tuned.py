@@ -34,7 +34,7 @@ class Tuned:
             the latter is None where no joints were reported.
         ensemble: Simulators with other physics that follow the casts as well, without servo; None
             for a search, which makes none.
-        posterior: What is known of the parameters; None for a search, which does not tell.
+        posterior: Uncertainty of the parameters; None for a search.
         metrics: Distances before and after, search history and the like, as metrics.json holds
             them; nothing but the fingerprint of the casts where a folder was read, and empty where
             nothing was searched.

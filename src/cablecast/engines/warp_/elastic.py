@@ -274,11 +274,9 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         Args:
             state: Holds twist and binormal of the node, which are updated.
             scratch: Receives the lead.
-            node: Index of the node.
             spin_difference: Spin of the segment after the node minus that before it [rad/s].
             edge_rates: Sum of the rates of both edges [m/s].
             new_binormal: Curvature binormal at the start of this step [-].
-            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
         """
         # The binormal halfway through the step is the mean of those at its ends.
         twists = state.twist[group]
@@ -298,7 +296,6 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
 
         Args:
             state: Holds the curvature binormal of the node.
-            node: Index of the node.
             twist: Torque of the node at the end of the step, over GJ / l [rad].
         """
         bounded = f.smaller(f.larger(twist, lane(real(-most_twist))), lane(real(most_twist)))
@@ -395,11 +392,9 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         Args:
             state: Holds twist and binormal of the node, which are brought up to now.
             scratch: Receives the lead of the twist.
-            node: Index of the node.
             before: Segment before the node.
             after: Segment after the node.
             sine_squared: sin^2 of half the angle between them [-].
-            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
         """
         turned = twist.turn_twist(
             model,
@@ -453,12 +448,8 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         """Measure bending moments and twist; eliminate the torsion system from the far end on.
 
         Args:
-            path: Direction and spin of the gripper.
-            far_path: Direction and spin of the gripper at the far end, where there is one.
             state: State at the start of the step; receives twist and binormals.
             scratch: Receives bending moments, and the right side of the torsion system.
-            previous_dt: Duration of the previous step [s]; 0 before the first step and for worlds
-                at rest.
         """
         last = model.node_count - 1
         bending = model.bending[group]
@@ -538,9 +529,6 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         """Find the spins after torsion and damping, and the elastic force on each node.
 
         Args:
-            path: Spin of the gripper.
-            far_path: Spin of the gripper at the far end, where there is one.
-            state: State at the start of the step.
             scratch: Bending moments and the right side of the torsion system; receives spins and
                 forces, halfway through the filter.
             force_dt: Time for which torques act in this step [s].

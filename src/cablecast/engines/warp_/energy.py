@@ -130,7 +130,6 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         """Return the power of a gripper through bending moment and torque at its end [W].
 
         Args:
-            path: Motion of the gripper.
             state: State at the start of the step, with velocities and spins before it.
             scratch: Holds the bending moments.
             node: Node that the gripper holds.
@@ -155,10 +154,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         """Return `active`, but 0 for worlds whose energy has grown; those lose their endpoint.
 
         Args:
-            path: Motion of the gripper.
-            far_path: Motion of the gripper at the far end, where there is one.
             state: State at the end of the step; what it remembers of the energy is updated.
-            active: 1, or 0 for worlds at rest.
         """
         last = model.node_count - 1
         end = model.endpoint

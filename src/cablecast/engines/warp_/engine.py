@@ -124,7 +124,7 @@ class EngineWarp:
         self._lane_count, self._interleaved = lane_count, interleaved
 
     def _layout(self, features: Features) -> Layout:
-        """Return the memory layout, with the kernel that plays some features."""
+        """Return the memory layout, with the kernel of some features."""
         return Layout(
             build=rollout_kernel(self.precision, self._lane_count, features),
             device=self.device,
@@ -178,10 +178,10 @@ class EngineWarp:
         ends = np.broadcast_to(ends, plan.world_count)
         kinds = cables.kinds(plan.world_count)
 
-        def play(part: NDArray[np.int_]) -> tuple[NDArray[np.int_], Rollout]:
+        def run_part(part: NDArray[np.int_]) -> tuple[NDArray[np.int_], Rollout]:
             kind, count, has = part.tolist()
             worlds = np.flatnonzero((kinds == kind) & (counts == count) & (ends == has))
-            played = self._play(
+            rollout = self._run(
                 features,
                 cables.cable(worlds),
                 rows_of(grip_path, worlds),
@@ -196,17 +196,17 @@ class EngineWarp:
                 record_nodes,
                 bool(has),
             )
-            return worlds, played
+            return worlds, rollout
 
         parts = np.unique(np.stack([kinds, counts, ends], axis=1), axis=0)[::-1]
         if len(cables.cables) == 1 or self.device.is_cuda:
-            return merge([play(part) for part in parts])
+            return merge([run_part(part) for part in parts])
         # Cables that differ are small parts, which share the cores once the kernel is loaded.
-        first = play(parts[0])
+        first = run_part(parts[0])
         with concurrent.futures.ThreadPoolExecutor(self.thread_count) as pool:
-            return merge([first, *pool.map(play, parts[1:])])
+            return merge([first, *pool.map(run_part, parts[1:])])
 
-    def _play(
+    def _run(
         self,
         features: Features,
         cable: Cable,

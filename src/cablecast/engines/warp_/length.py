@@ -61,7 +61,6 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Args:
             state: Positions at the start of the step; velocities and tensions, which are updated.
             scratch: Holds the eliminated system.
-            active: 1, or 0 for worlds at rest.
         """
         unsolved = active
         error = lane()

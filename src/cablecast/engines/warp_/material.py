@@ -132,11 +132,9 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         Args:
             state: Memories, which are updated.
             scratch: Bending moments, to which that of the memories is added.
-            node: Index of the node.
             before: Segment before the node.
             after: Segment after the node.
             cells: 1, and 2 at a gripper, where half a cell lies.
-            previous_dt: Duration of the previous step [s]; 0 for worlds at rest.
         """
         one = lane(real(1.0))
         half = previous_dt * real(0.5)
@@ -189,12 +187,8 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         """Bring all memories up to now, and add their moments and torques to those of the cable.
 
         Args:
-            path: Direction and spin of the gripper.
-            far_path: Direction and spin of the gripper at the far end, where there is one.
             state: State at the start of the step, whose memories are updated.
             scratch: Bending moments and the eliminated torsion system, which are added to.
-            previous_dt: Duration of the previous step [s]; 0 before the first step and for worlds
-                at rest.
         """
         last = model.node_count - 1
         pivots = model.spin_pivot[group]
@@ -236,7 +230,6 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
 
         Args:
             state: Memories of the node.
-            node: Index of the node.
             bend: Edge after the node minus the edge before it [m].
         """
         lagging = bend - state.lag_bend[group][node]

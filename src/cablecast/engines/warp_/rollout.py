@@ -89,7 +89,7 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
         scratch: Scratch,
         samples: Samples,
     ):
-        """Play the rollout of one group of worlds.
+        """Simulate the rollout of one group of worlds.
 
         Args:
             first_group: Group of the first thread of this launch.
@@ -184,14 +184,14 @@ load(rollout_kernel("single", LANE_COUNT_CPU["single"], wanted).kernel)
 
 
 def compile_ahead(features: Features) -> subprocess.Popen[bytes] | None:
-    """Begin to compile the kernel of the CPU in single precision, and return at once.
+    """Start to compile the kernel of the CPU in single precision, and return at once.
 
     Whoever needs it meanwhile waits until it is done, as for any process that compiles the same
     kernel. Where it is compiled already this takes another core two seconds. Where it fails,
     whoever needs the kernel compiles it.
 
     Args:
-        features: Features that the kernel plays.
+        features: Features of the kernel.
 
     Returns:
         The process; None on a single core, which would only be slower, or where none can start.

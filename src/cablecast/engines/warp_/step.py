@@ -45,9 +45,7 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         end to the grip. Damping is centred in the step.
 
         Args:
-            state: State at the start of the step.
             scratch: Holds `force`; receives `velocity` in its place.
-            force_dt: Time for which forces act in this step [s].
         """
         last = model.node_count - 1
         velocity = state.velocity[group]
@@ -104,7 +102,6 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Args:
             state: Receives positions, velocities and spins at the end of the step.
             scratch: Holds the new spins.
-            active: 1, or 0 for worlds at rest.
 
         Returns:
             The largest squared horizontal speed of any node [m²/s²]. A free end in the air counts
@@ -164,9 +161,7 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
         """Take from predicted velocities what the air takes in this step.
 
         Args:
-            state: State at the start of the step.
             scratch: Predicted velocities, which are updated.
-            force_dt: Time for which forces act in this step [s].
         """
         last = model.node_count - 1
         one = lane(real(1.0))
@@ -237,15 +232,18 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
         """Advance by dt: leapfrog with a filter for stiff elasticity and exact lengths.
 
         Velocities belong to the middle of a step, but the initial ones to its start. So forces act
-        for half a step in the first.
+        for half a step in the first. The stages take these arguments, too.
 
         Args:
+            model: Constants of the batch.
             path: Motion of the gripper, at the end of this step.
             far_path: Motion of the gripper at the far end, where there is one.
             state: State at the start of the step; becomes that at the end.
             scratch: Memory within the step.
+            group: Group of worlds.
             force_dt: Time for which forces act in this step [s]: dt, and dt / 2 in the first.
-            previous_dt: Duration of the previous step [s]: dt, and 0 in the first.
+            previous_dt: Duration of the previous step [s]: dt, and 0 in the first; the stages get 0
+                for worlds at rest.
             active: 1, or 0 for worlds at rest.
 
         Returns:

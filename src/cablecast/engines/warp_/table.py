@@ -228,7 +228,6 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         Args:
             state: Spins, axial impulses and lateral losses of the previous step.
             scratch: Loads; spins that the axial impulses of the previous step lead to.
-            segment: Index of the segment.
             near_ratio: Mass of the node before it that lies on it, over half a segment's mass [-].
         """
         response = model.spin_response[group][segment]

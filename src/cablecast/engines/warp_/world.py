@@ -271,7 +271,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
 class Features:
     """Choices that are made when a kernel is compiled, so that what is off costs nothing.
 
-    A kernel takes ten seconds to compile, so there are few: one that remembers bends plays the
+    A kernel takes ten seconds to compile, so there are few: one that remembers bends has the
     surface, too, which costs it 2 %.
 
     Attributes:
