@@ -24,6 +24,7 @@ from cablecast.aiming.session import AimSession
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.rigs.make import make_rig
 from cablecast.view.desk import Desk
+from cablecast.view.look import ShownCast
 from cablecast.view.page import SLIDERS, Page, slid_params
 from cablecast.view.worker import Worker
 
@@ -77,8 +78,9 @@ def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> None:
     exponents = rng.uniform(-0.5, 0.5, (args.count, len(SLIDERS)))
 
     def slide(k: int) -> None:
-        params = slid_params(desk.params, dict(zip(SLIDERS, exponents[k], strict=True)))
-        desk.simulate(preview.proposal.trajectory, params)
+        params = slid_params(desk.dynamics.params, dict(zip(SLIDERS, exponents[k], strict=True)))
+        slid = desk.dynamics.with_params(params)
+        ShownCast.simulated(preview.proposal.trajectory, desk.setup, desk.engine, slid)
 
     report("slider to simulated cast", slide, args)
     report("map of expected misses", lambda k: page.show_map(True), args, 3)

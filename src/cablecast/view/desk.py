@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.session import AimSession
-from cablecast.cable import CableParams
 from cablecast.cast import Cast, Proposal
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
@@ -59,11 +58,6 @@ class Preview:
     limit_shares: NDArray[np.float64]
     margin: float
 
-    @property
-    def target_xy(self) -> NDArray[np.float64]:
-        """Target [m], shape [2]."""
-        return self.proposal.target_xy
-
 
 class Desk:
     """State of the table and of the tries at it.
@@ -76,6 +70,7 @@ class Desk:
     Attributes:
         setup: Set-up of the rig.
         session: Session that plans; None until one was prepared.
+        dynamics: Simulated cable: that of the model's training casts.
         preview: Plan for the current target; None before the first.
         message: Latest news in one sentence; empty if there are none.
     """
@@ -93,16 +88,11 @@ class Desk:
         self.session: AimSession | None = None
         self.preview: Preview | None = None
         self.message = ""
-        self._dynamics = Dynamics.of(None, self.setup)
+        self.dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
         self._casting = False
         if session is not None:
             self.set_session(session)
-
-    @property
-    def params(self) -> CableParams:
-        """Parameters of the simulated cable: those that the model was trained with."""
-        return self._dynamics.params
 
     @property
     def phase(self) -> Phase:
@@ -138,11 +128,6 @@ class Desk:
             return []
         return self.session.casts_at(target_xy)
 
-    @property
-    def refit_reason(self) -> str:
-        """Why the simulator should be fitted to all casts now; empty where it need not be."""
-        return "" if self.session is None else self.session.refit_reason
-
     def set_session(self, session: AimSession) -> None:
         """Plan with a session from now on, and simulate with the cable of its model.
 
@@ -156,7 +141,7 @@ class Desk:
             self._refuse_casting()
             self.session, self.preview = session, None
             if settings.is_simulated:
-                self._dynamics = settings.dynamics
+                self.dynamics = settings.dynamics
 
     def open_session(self, session: AimSession, report: ProgressCallback = ignore) -> None:
         """Plan with a session from now on, once its first plan will be as quick as the others.
@@ -243,7 +228,7 @@ class Desk:
                 raise InputError("nothing is planned: choose a target first")
             session = self._need_session()
             if self.phase is Phase.LANDED:
-                self.aim(self.preview.target_xy)
+                self.aim(self.preview.proposal.target_xy)
             preview, self._casting = self.preview, True
         try:
             proposal = preview.proposal
@@ -272,10 +257,9 @@ class Desk:
             self.message = f"Try {last.number} is taken back: no plan uses it from now on."
             return last
 
-    def simulate(self, trajectory: Trajectory, params: CableParams | None = None) -> ShownCast:
-        """Return a motion as the simulator sees it, with other parameters if they are given."""
-        dynamics = self._dynamics.with_params(params)
-        return ShownCast.simulated(trajectory, self.setup, self.engine, dynamics)
+    def simulate(self, trajectory: Trajectory) -> ShownCast:
+        """Return a motion as the simulator sees it."""
+        return ShownCast.simulated(trajectory, self.setup, self.engine, self.dynamics)
 
     def _plan(self, session: AimSession, target: NDArray[np.float64]) -> Preview:
         proposal = session.propose(target)

@@ -204,8 +204,7 @@ class Page:
         """Show a cast of the session again, by its number."""
         for one in self.desk.tries:
             if one.number == number:
-                self.stage.table.target(one.target_xy)
-                self.stage.table.landings(self.desk.tries_at(one.target_xy))
+                self._mark(one.target_xy)
                 self.stage.play({"measured": ShownCast.of_cast(one)})
 
     def set_dark(self, dark: bool) -> None:
@@ -262,14 +261,18 @@ class Page:
         """Show the arm and the cable as they are before a cast."""
         last, preview = self.desk.last, self.desk.preview
         if last is not None:
-            self.stage.table.target(last.target_xy)
-            self.stage.table.landings(self.desk.tries_at(last.target_xy))
+            self._mark(last.target_xy)
             shown = ShownCast.of_cast(last)
             self.stage.show({"measured": shown}, shown.duration)
         elif preview is not None:
             self.stage.show({"measured": preview.cast}, 0.0)
         elif (rest := self._resting()) is not None:
             self.stage.show({"measured": rest}, 0.0)
+
+    def _mark(self, target_xy: NDArray[np.float64]) -> None:
+        """Draw a target and the landings of the tries at it."""
+        self.stage.table.target(target_xy)
+        self.stage.table.landings(self.desk.tries_at(target_xy))
 
     def _resting(self) -> ShownCast | None:
         """Return the arm and the cable after a reset."""
@@ -282,10 +285,8 @@ class Page:
         return self._rest
 
     def _show_plan(self, preview: Preview) -> None:
-        table = self.stage.table
-        table.target(preview.target_xy)
-        table.expectation(preview.proposal)
-        table.landings(self.desk.tries_at(preview.target_xy))
+        self._mark(preview.proposal.target_xy)
+        self.stage.table.expectation(preview.proposal)
         casts = {"plan": preview.cast, "measured": preview.cast.start}
         self.stage.play(casts, rounds=_ROUNDS)
         self.refresh()
@@ -388,7 +389,7 @@ class Page:
             if tuple(chosen.options) != names:
                 chosen.options, chosen.value = names, names[-1]
             update(undo, disabled=busy or desk.last is None)
-            reason = desk.refit_reason
+            reason = "" if desk.session is None else desk.session.refit_reason
             update(due, visible=bool(reason), content=f"A new fit is worth it: {reason}.")
             update(refit, color="blue" if reason else "gray", disabled=busy)
 

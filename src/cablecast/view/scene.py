@@ -157,30 +157,26 @@ class RodsDrawing:
         cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=sides)
         ball = trimesh.creation.uv_sphere(radius=1.0, count=[sides // 2, sides])
         centers, radii = rods.joints
-        common: dict[str, Any] = {"opacity": opacity, "lod": "off", "receive_shadow": False}
-        if opacity is not None:
-            common["cast_shadow"] = False
-        add = server.scene.add_batched_meshes_simple
-        self._rods = add(
-            f"{name}/rods",
-            np.asarray(cylinder.vertices, dtype=np.float32),
-            np.asarray(cylinder.faces, dtype=np.uint32),
-            rods.quats_wxyz,
-            rods.centers,
-            batched_scales=rods.scales,
-            batched_colors=_linear(color),
-            **common,
-        )
-        self._balls = add(
-            f"{name}/balls",
-            np.asarray(ball.vertices, dtype=np.float32),
-            np.asarray(ball.faces, dtype=np.uint32),
-            np.tile([1.0, 0.0, 0.0, 0.0], (len(radii), 1)),
-            centers,
-            batched_scales=np.repeat(radii[:, None], 3, axis=1),
-            batched_colors=_linear(joint_color or color),
-            **common,
-        )
+
+        def add(part: str, mesh: Any, quats: Array, places: Array, scales: Array, paint: Color):
+            return server.scene.add_batched_meshes_simple(
+                f"{name}/{part}",
+                np.asarray(mesh.vertices, dtype=np.float32),
+                np.asarray(mesh.faces, dtype=np.uint32),
+                quats,
+                places,
+                batched_scales=scales,
+                batched_colors=_linear(paint),
+                opacity=opacity,
+                lod="off",
+                cast_shadow=opacity is None,
+                receive_shadow=False,
+            )
+
+        upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(radii), 1))
+        sizes = np.repeat(radii[:, None], 3, axis=1)
+        self._rods = add("rods", cylinder, rods.quats_wxyz, rods.centers, rods.scales, color)
+        self._balls = add("balls", ball, upright, centers, sizes, joint_color or color)
 
     def move(self, rods: Rods) -> None:
         """Move as many rods of the same radii."""
@@ -386,22 +382,17 @@ class Table:
         paint, scene, table = self._paint, self._server.scene, self._setup.workspace
         width, depth = 2 * table.half_width, table.y_max - table.y_min
         middle = (table.y_min + table.y_max) / 2
-        scene.add_box(
-            "/room/top",
-            paint.table,
-            (width, depth, _THICKNESS),
-            position=(0.0, middle, -_THICKNESS / 2),
-            cast_shadow=False,
-            receive_shadow=True,
-        )
-        scene.add_box(
-            "/room/frame",
-            paint.side,
-            (width + 0.03, depth + 0.03, 0.03),
-            position=(0.0, middle, -_THICKNESS - 0.004),
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        for name, color, margin, thickness, z in (
+            ("top", paint.table, 0.0, _THICKNESS, -_THICKNESS / 2),
+            ("frame", paint.side, 0.03, 0.03, -_THICKNESS - 0.004),
+        ):
+            scene.add_box(
+                f"/room/{name}",
+                color,
+                (width + margin, depth + margin, thickness),
+                position=(0.0, middle, z),
+                cast_shadow=False,
+            )
         self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), paint.line, 1.0)
         self._lines("/room/reach", reach_arc(self._setup, LIFT), paint.reach, 2.0)
         edge = table.y_min - 0.07
