@@ -133,10 +133,10 @@ BEFORE_THE_RIG = [
         ("--out", ("foreign",), "thesis.tex"),
     ),
     *rows(
-        "demo",
+        "aim",
         ("--seed", ("-1",), "seed = "),
-        ("--tune-count", ("1", *HUGE), "tune_count = "),
-        ("--count", ("1", *HUGE), "count = "),
+        ("--calibration-count", ("1", *HUGE), "calibration_count"),
+        ("--simulated-count", ("1", *HUGE), "simulated_count = "),
         ("--epochs", ("0", *HUGE), "epochs = "),
         ("--candidate-count", ("0", *HUGE), "candidate_count = "),
         ("--device", ("cuda",), "cuda"),
@@ -156,6 +156,8 @@ def test_what_can_be_known_is_refused_before_the_rig_is_connected(
     arguments = [*words, *lab.rig]
     if words[0] == "evaluate":
         arguments += ["--model", str(model_folder)]
+    if words[0] == "aim":
+        arguments += ["--paper-targets"]
     assert word in refused(arguments, capsys)
     assert lab.events == []
     assert not (lab.path / "runs").exists()
@@ -174,9 +176,9 @@ def _has_cuda() -> bool:
         ("repeat", "matplotlib", "report"),
         ("evaluate", "matplotlib", "report"),
         ("evaluate", "jinja2", "report"),
-        ("demo", "torch", "learn"),
-        ("demo", "safetensors", "learn"),
-        ("demo", "jinja2", "report"),
+        ("aim", "torch", "learn"),
+        ("aim", "safetensors", "learn"),
+        ("aim", "jinja2", "report"),
         ("tune", "matplotlib", "report"),
         ("select", "shapely", "report"),
         ("train", "torch", "learn"),
@@ -194,6 +196,7 @@ def test_a_missing_extra_is_named_before_the_rig_is_connected(
         "tune": ["--dataset", casts_folder],
         "track": ["file"],
         "select": [],
+        "aim": ["--paper-targets", *lab.rig],
     }.get(verb, lab.rig)
     assert f"cablecast[{extra}]" in refused([verb, *arguments], capsys)
     assert lab.events == []
@@ -221,14 +224,14 @@ def test_a_device_that_is_not_here_is_refused_before_any_work(
 SMALL_TABLES = [
     ("reproduce", "{table_depth: 1.26}", "y = 0.6 to 1.27 m"),
     ("reproduce", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
-    ("demo", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
+    ("aim --paper-targets", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
 ]
 
 
 @pytest.mark.parametrize(("verb", "table", "words"), SMALL_TABLES)
 def test_what_the_last_step_cannot_do_is_refused_before_the_first(verb, table, words, lab, capsys):
     (lab.path / "lab.yaml").write_text(f"workspace: {table}")
-    assert words in refused([verb, *lab.rig, "--setup", "lab.yaml"], capsys)
+    assert words in refused([*verb.split(), *lab.rig, "--setup", "lab.yaml"], capsys)
     assert lab.events == []
     assert not (lab.path / "runs").exists()
 
@@ -242,8 +245,8 @@ def test_simulated_casts_are_not_taken_for_real_ones(lab, capsys, dataset_folder
 def test_a_cable_longer_than_the_table_is_refused_before_the_rig_is_connected(lab, capsys):
     values = load_cable("cable_1").to_dict() | {"name": "long", "length": 0.95}
     (lab.path / "long.yaml").write_text(yaml.safe_dump(values))
-    for verb in ("collect", "repeat", "demo"):
-        line = refused([verb, *lab.rig, "--cable", "long.yaml"], capsys)
+    for verb in ("collect", "repeat", "aim --paper-targets"):
+        line = refused([*verb.split(), *lab.rig, "--cable", "long.yaml"], capsys)
         assert "at most 0.9 m long" in line
     assert lab.events == []
 
