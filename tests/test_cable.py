@@ -161,3 +161,30 @@ def test_a_cable_is_keyword_only_and_frozen():
         Cable("mine", 0.5, 0.01)  # pyright: ignore[reportCallIssue]
     with pytest.raises(dataclasses.FrozenInstanceError):
         load_cable("cable_1").length = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_cable_with_other_physics_keeps_its_geometry_and_the_values_that_are_not_named():
+    cable = load_cable("cable_1")
+    damped = cable.with_params(damping_time=0.02)
+    assert damped.length == cable.length
+    assert damped.params == params(damping_time=0.02)
+    assert damped.with_params(cable.params) == cable
+    assert damped.params.without_material() == cable.params
+
+
+@pytest.mark.parametrize("name", [n for n in CableParams.names()[10:] if n != "yield_time"])
+def test_a_material_parameter_is_there_unless_it_has_its_default(name):
+    assert not params().has_material
+    changed = params(**{name: PARAMS[name].default + 0.1})
+    assert changed.has_material
+    assert changed.to_dict() == {**params().to_dict(), name: PARAMS[name].default + 0.1}
+
+
+def test_parameters_of_several_cables_are_stacked_one_world_each():
+    both = CableParams.stack([params(), params(mass=0.08, damping_time=0.01)])
+    assert both.world_count == 2
+    assert both.bend_stiffness == params().bend_stiffness
+    np.testing.assert_array_equal(both.damping_time, [0.0, 0.01])
+    assert CableParams.from_array(both.to_array()[1]) == params(mass=0.08, damping_time=0.01)
+    with pytest.raises(InputError, match="parameters for each world"):
+        CableParams.stack([both, params()])

@@ -109,7 +109,9 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
         if stored is not None:
             check_name(stored, "cable")
         params = CableParams.from_dict(values["params"])
-        servo, ensemble, posterior = (values.get(k) for k in ("servo", "ensemble", "posterior"))
+        servo, ensemble, posterior, fingerprint = (
+            values.get(name) for name in ("servo", "ensemble", "posterior", "dataset_fingerprint")
+        )
         tuned = Tuned(
             setup=setup,
             dynamics=Dynamics(
@@ -119,9 +121,7 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
             posterior=None
             if posterior is None
             else ParamPosterior.from_dict(posterior, values["search_range"], params),
-            metrics={
-                name: str(values[name]) for name in ("dataset_fingerprint",) if name in values
-            },
+            metrics={"dataset_fingerprint": str(fingerprint)} if fingerprint else {},
             path=pathlib.Path(path),
         )
     except (InputError, KeyError, AttributeError, OverflowError) as error:
