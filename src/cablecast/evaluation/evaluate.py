@@ -495,7 +495,7 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
 
     Args:
         evaluation: Casts of a policy that planned with a model.
-        engine_rig: Engine that the model learned from, as a rig; it is not closed.
+        engine_rig: Engine that the model was trained on, as a rig; it is not closed.
 
     Returns:
         The split; None if no cast came to rest on the table.
@@ -508,9 +508,9 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
         raise InputError("only casts that a model planned can be split")
     targets = sorted({trial.target_index for trial in trials})
     first = {target: next(t for t in trials if t.target_index == target) for target in targets}
-    played = run_trials(engine_rig, [first[target].trajectory for target in targets])
+    simulated = run_trials(engine_rig, [first[target].trajectory for target in targets])
     # The engine's table has no edge: a cast that leaves the table still has a landing.
-    engine_xy = dict(zip(targets, (track.endpoint_xy[-1] for track in played), strict=True))
+    engine_xy = dict(zip(targets, (track.endpoint_xy[-1] for track in simulated), strict=True))
 
     landed = [
         trial

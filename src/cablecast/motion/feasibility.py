@@ -37,7 +37,7 @@ _CHUNK = 256
 ACTION_COUNT_MAX = 1_000_000
 """Largest number of actions per search; their grid has to fit into memory."""
 
-# Actions per draw. Fixed, so that a larger count begins with the actions of a smaller one.
+# Actions per draw. Fixed, so that a larger count starts with the actions of a smaller one.
 _UNIFORM_DRAWS = 256
 # Number of draws without a feasible action after which the search gives up.
 _UNIFORM_EMPTY_MAX = 40
@@ -261,7 +261,7 @@ def feasible_uniform(
     """Return feasible actions drawn uniformly from the ranges (section V-C).
 
     theta1, theta2, r2 and the wrist turn are drawn uniformly; actions that violate a limit are
-    redrawn. A larger count begins with the actions of a smaller one.
+    redrawn. A larger count starts with the actions of a smaller one.
 
     Args:
         count: Number of actions.

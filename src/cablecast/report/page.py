@@ -124,7 +124,7 @@ def report_page(
         settings=[
             ("Evaluation", flatten_settings(config["settings"])),
             ("Rig", flatten_settings(evaluation.rig)),
-            ("Dataset that the model learned from", flatten_settings(dataset_settings)),
+            ("Dataset that the model was trained on", flatten_settings(dataset_settings)),
             *run_settings(config),
         ],
         pct=pct,
@@ -132,7 +132,7 @@ def report_page(
 
 
 def _sources(model: Mapping[str, Any]) -> str:
-    """Return how many casts of which kind a model learned from."""
+    """Return how many casts of which kind a model was trained on."""
     simulated = model.get("training_count", 0) + model.get("held_out_count", 0)
     counts = {"simulated casts": simulated, "casts on a rig": model.get("real_used_count", 0)}
     return " and ".join(f"{count:,} {kind}" for kind, count in counts.items() if count)
