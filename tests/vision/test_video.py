@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from cablecast.errors import InputError
+from cablecast.errors import InputError, MissingExtraError
 from cablecast.vision.video import FilmWriter, JpegMuxer, read_video, write_video
 
 RATE = 60.0
@@ -136,6 +136,16 @@ def test_a_film_that_fills_the_disk_is_an_error_of_the_system_and_leaves_nothing
             film()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_film_without_its_library_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with (
+        pytest.raises(MissingExtraError, match="needs PyAV"),
+        FilmWriter(tmp_path / "a.mkv", 60.0) as film,
+    ):
+        film.write(np.zeros((48, 64, 3), np.uint8), 0.0)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -282,13 +282,13 @@ class FilmWriter:
 
     def close(self, whole: bool = True) -> None:
         """Finish the file, or remove it unless it is whole."""
-        muxer, self._muxer = self._muxer, None
-        if muxer is None:
+        muxer, self._muxer, file, self._file = self._muxer, None, self._file, None
+        if file is None:
             return
-        if whole:
+        if muxer is not None and whole:
             muxer.close()
-        self._file.close()
-        if whole:
+        file.close()
+        if muxer is not None and whole:
             self._part.replace(self.path)
         else:
             self._part.unlink(missing_ok=True)
