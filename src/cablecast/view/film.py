@@ -218,9 +218,9 @@ class Painter:
         if shot.other is not None:
             ghost = shot.other.nodes_at(time)
             if ghost is not None:
-                self._cable(pen, ghost, PURPLE, 0.6)
+                self._cable(pen, ghost, PURPLE, thin=True)
         if nodes is not None:
-            self._cable(pen, nodes, self._paint.cable, 1.0)
+            self._cable(pen, nodes, self._paint.cable)
         tip = nodes[-1] if nodes is not None else np.append(shot.cast.endpoint_at(time), 0.01)
         if np.all(np.isfinite(tip)):
             self._dot(pen, tip, 0.016, self._paint.cable)
@@ -268,12 +268,12 @@ class Painter:
                     if radius > 0.03:
                         self._disc(pen, end, share * radius, (*color, 255))
 
-    def _cable(self, pen: Any, nodes: Array, color: Color, share: float) -> None:
-        radius = share * max(self.setup.cable.radius, CABLE_RADIUS_MIN)
+    def _cable(self, pen: Any, nodes: Array, color: Color, *, thin: bool = False) -> None:
+        radius = max(self.setup.cable.radius, CABLE_RADIUS_MIN)
         dark = tuple(round(0.65 * value) for value in color)
-        for scale, paint in ((1.0, dark), (0.6, color)):
+        for share, paint in ((0.6, color),) if thin else ((1.0, dark), (0.6, color)):
             for segment in np.stack([nodes[:-1], nodes[1:]], axis=1):
-                self._capsule(pen, segment, scale * radius, (*paint, round(255 * share)))
+                self._capsule(pen, segment, share * radius, (*paint, 255))
 
     def _cast_shadow(self, image: Image.Image, nodes: Array | None, q: Array | None) -> None:
         """Darken the table below the arm and the cable, once where shadows overlap."""
