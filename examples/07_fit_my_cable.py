@@ -1,6 +1,6 @@
 """Fit a cable from films of a hand that swings it: no robot, two colored markers, a phone.
 
-`python tools/film_by_hand.py films` makes such films; with them, run
+`python tools/film.py hand films` makes such films; with them, run
 `python examples/07_fit_my_cable.py films`.
 """
 

@@ -7,7 +7,7 @@ import io
 import pathlib
 
 import pytest
-from tools.film_by_hand import main as film_by_hand
+from tools.film import main as make_films
 
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tune import TuneConfig
@@ -76,7 +76,7 @@ def run_example(name, out):
         if hasattr(module, "main"):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
-                film_by_hand([str(out / "films"), "--count", "2", "--rate", "20"])
+                make_films(["hand", str(out / "films"), "--count", "2", "--rate", "20"])
                 search = TuneConfig(
                     population_size=6,
                     fine_population_size=6,

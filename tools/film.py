@@ -1,21 +1,33 @@
-"""Make a video of a trial on the virtual rig, for trying `cablecast track` without a camera.
+"""Make films with the virtual camera, for trying `cablecast track` and `tune` without a camera.
 
-    python tools/film.py film --action -40 35 0.65 60
+    python tools/film.py trial film --action -40 35 0.65 60
+    python tools/film.py hand films --count 4
 
-Beside the video lie the tags' layout, pictures of a calibration board, and the truth (truth.csv),
-which no camera tells.
+A film of a trial shows a cast on the virtual rig. Beside it lie the tags' layout, pictures of a
+calibration board, and the truth (truth.csv), which no camera tells.
+
+In films by hand, somebody without an arm swings the cable over the table: a blue marker shows where
+the hand holds it, a green one its free end. The cable is simulated with other parameters than those
+of its file, and drawn without blur. Beside the films lie the tags' layout and the parameters that a
+fit should come near to (truth.json).
 """
 
 import argparse
 import dataclasses
+import json
 import pathlib
 import sys
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cablecast.cable import Cable, CableParams
+from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import CablecastError
 from cablecast.files import write_bytes, write_text
 from cablecast.motion.action import Action
+from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.camera import Film, VirtualCamera, board_pictures
@@ -23,7 +35,14 @@ from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup, load_setup
 from cablecast.vision.tags import load_cv2
-from cablecast.vision.video import write_video
+from cablecast.vision.tracker import MarkerConfig
+from cablecast.vision.video import Image, write_video
+from cablecast.workspace import Workspace
+
+GREEN, BLUE, CABLE = (62, 178, 58), (188, 62, 58), (58, 84, 176)
+# The hand waits, moves from point to point, and waits until the cable rests [s].
+_WAIT, _MOVE, _REST = 0.3, 0.45, 1.2
+_FRACTION_BITS = 4
 
 
 def film_trial(
@@ -93,14 +112,124 @@ def write_film(trial: FilmedTrial, film: Film, seed: int, out: pathlib.Path) -> 
     return video
 
 
-def main(arguments: list[str] | None = None) -> None:
+def true_params(cable: Cable) -> CableParams:
+    """Return the parameters of the cable in the films: stiffer and smoother than its file says."""
+    return dataclasses.replace(
+        cable.params,
+        bend_stiffness=3.0 * np.asarray(cable.params.bend_stiffness),
+        lateral_friction=0.6 * np.asarray(cable.params.lateral_friction),
+    )
+
+
+def hand_motion(workspace: Workspace, rng: np.random.Generator) -> GripPath:
+    """Return a swing of the hand: to one side, to the other, and half back, without a turn."""
+    side = rng.choice([-1.0, 1.0])
+    reach = rng.uniform([0.2, 0.2, 0.0], [0.35, 0.4, 0.15])
+    x = side * np.array([0.0, -reach[0], reach[1], reach[2]])
+    y = workspace.reset_y + np.array([0.0, *rng.uniform(-0.1, 0.1, size=3)])
+    knots = np.concatenate([[0.0], _WAIT + _MOVE * np.arange(4)])
+    poses = np.zeros((1, 5, 5))
+    poses[0, :, 0], poses[0, :, 1] = np.r_[x[0], x], np.r_[y[0], y]
+    poses[0, :, 2] = workspace.grip_height
+    still = np.zeros_like(poses)
+    return GripPath.from_hermite(knots[None], poses, still, still)
+
+
+def film_hand(setup: Setup, path: GripPath, camera: VirtualCamera, rate: float) -> Iterator[Image]:
+    """Yield the frames of one swing.
+
+    Args:
+        setup: Gives the cable.
+        path: Motion of the hand.
+        camera: Camera over the table.
+        rate: Frames per second [1/s].
+    """
+    duration = float(path.duration[0]) + _REST
+    rollout = EngineWarp().rollout(
+        setup.cable.with_params(true_params(setup.cable)),
+        path,
+        duration=duration,
+        sample_dt=0.005,
+        record_nodes=True,
+    )
+    if rollout.nodes is None:
+        raise RuntimeError("the engine records nodes")
+    nodes, background = rollout.nodes[0], camera.empty_frame()
+    for time in np.arange(0.0, duration, 1.0 / rate):
+        index = np.searchsorted(rollout.times, time, side="right") - 1
+        after = min(index + 1, len(nodes) - 1)
+        share = (time - rollout.times[index]) / 0.005
+        yield draw(background, nodes[index] + share * (nodes[after] - nodes[index]), setup, camera)
+
+
+def draw(
+    background: Image, nodes: NDArray[np.float64], setup: Setup, camera: VirtualCamera
+) -> Image:
+    """Return a frame with the cable and both markers.
+
+    Args:
+        background: Picture of the table.
+        nodes: Cable from the hand to the free end [m], shape [node, 3].
+        setup: Gives the cable.
+        camera: Camera over the table.
+    """
+    cv2 = load_cv2()
+    image, view, marker = background.copy(), camera.view, MarkerConfig()
+
+    def line(points: NDArray[np.float64], color: tuple[int, int, int], width: float) -> None:
+        pixels = np.round(view.to_image(points) * 2**_FRACTION_BITS).astype(np.int32)
+        centre = points.mean(axis=0)
+        thickness = max(1, round(width * view.pixels_per_metre(centre[:2], centre[2])))
+        cv2.polylines(image, [pixels], False, color, thickness, cv2.LINE_AA, _FRACTION_BITS)
+
+    line(nodes, CABLE, setup.cable.diameter)
+    for end, before, color in ((nodes[-1], nodes[-2], GREEN), (nodes[0], nodes[1], BLUE)):
+        along = (end - before) / np.linalg.norm(end - before)
+        half = (marker.length - marker.width) / 2 * along
+        line(np.stack([end - half, end + half]), color, marker.width)
+    return image
+
+
+def film_one_trial(args: argparse.Namespace) -> None:
     """Film a cast on the virtual rig."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("out", type=pathlib.Path, help="folder to write to")
-    parser.add_argument("--cable", help="preset or YAML file; that of --setup, or cable_1")
-    parser.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
-    parser.add_argument("--seed", type=int, default=0, help="seed of all that is left to chance")
-    parser.add_argument(
+    theta1, theta2, r2, psi = args.action
+    setup = Setup() if args.setup is None else load_setup(args.setup)
+    if args.cable is not None:
+        setup = dataclasses.replace(setup, cable=args.cable)
+    action = Action(np.radians(theta1), np.radians(theta2), r2, np.radians(psi))
+    trial, film = film_trial(setup, action, args.seed)
+    video = write_film(trial, film, args.seed, args.out)
+    print(f"{film.frame_count} frames are in {video}; track them with")
+    words = [f"cablecast track {video} --tags {args.out / 'tags.yaml'}"]
+    words += [f"--board {args.out / 'board'} --start {-film.start:.4f}"]
+    words += [f"--{name} {getattr(args, name)}" for name in ("setup", "cable") if vars(args)[name]]
+    print("  " + " ".join(words))
+
+
+def film_by_hand(args: argparse.Namespace) -> None:
+    """Film swings of a hand."""
+    setup = Setup(cable=args.cable)
+    camera, rng = VirtualCamera(workspace=setup.workspace), np.random.default_rng(args.seed)
+    camera.layout.save(args.out / "tags.yaml")
+    for number in range(args.count):
+        path = hand_motion(setup.workspace, rng)
+        count = write_video(
+            args.out / f"{number:06d}.mp4", film_hand(setup, path, camera, args.rate), args.rate
+        )
+        print(f"film {number + 1} of {args.count}: {count} frames")
+    truth = true_params(setup.cable).to_dict()
+    write_text(args.out / "truth.json", json.dumps(truth, indent=2) + "\n")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Make films."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    kinds = parser.add_subparsers(required=True)
+    trial = kinds.add_parser("trial", help=film_one_trial.__doc__)
+    trial.set_defaults(make=film_one_trial)
+    trial.add_argument("--cable", help="preset or YAML file; that of --setup, or cable_1")
+    trial.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
+    trial.add_argument(
         "--action",
         type=float,
         nargs=4,
@@ -108,23 +237,20 @@ def main(arguments: list[str] | None = None) -> None:
         metavar=("THETA1", "THETA2", "R2", "PSI"),
         help="casting motion, in degrees and metres",
     )
+    hand = kinds.add_parser("hand", help=film_by_hand.__doc__)
+    hand.set_defaults(make=film_by_hand)
+    hand.add_argument("--count", type=int, default=4, help="number of films")
+    hand.add_argument("--cable", default="cable_1", help="preset or YAML file")
+    hand.add_argument("--rate", type=float, default=60.0, help="frames per second")
+    for kind in (trial, hand):
+        kind.add_argument("out", type=pathlib.Path, help="folder to write to")
+        kind.add_argument("--seed", type=int, default=0, help="seed of all random numbers")
     args = parser.parse_args(arguments)
-    theta1, theta2, r2, psi = args.action
     try:
-        setup = Setup() if args.setup is None else load_setup(args.setup)
-        if args.cable is not None:
-            setup = dataclasses.replace(setup, cable=args.cable)
-        action = Action(np.radians(theta1), np.radians(theta2), r2, np.radians(psi))
-        trial, film = film_trial(setup, action, args.seed)
-        video = write_film(trial, film, args.seed, args.out)
+        args.make(args)
     except CablecastError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    print(f"{film.frame_count} frames are in {video}; track them with")
-    words = [f"cablecast track {video} --tags {args.out / 'tags.yaml'}"]
-    words += [f"--board {args.out / 'board'} --start {-film.start:.4f}"]
-    words += [f"--{name} {getattr(args, name)}" for name in ("setup", "cable") if vars(args)[name]]
-    print("  " + " ".join(words))
 
 
 if __name__ == "__main__":
