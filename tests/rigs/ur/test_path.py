@@ -59,7 +59,7 @@ def sent(points, setup):
 
 
 def assert_within(q, setup):
-    """Judge set points by the twin's limits and by the lab file, not by check_path."""
+    """Check set points against the twin's limits and the lab file, not by check_path."""
     limits = TwinLimits(setup, DT)
     for row in q:
         assert limits.violation(row) is None

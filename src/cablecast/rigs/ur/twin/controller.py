@@ -126,12 +126,9 @@ class Controller:
         setup: Arm, table and robot section.
         q: Joint angles at the start [rad], shape [6].
         is_e_series: True for 500 Hz and PolyScope 5, False for 125 Hz and PolyScope 3.
-        lab_seed: Seed of the laboratory.
     """
 
-    def __init__(
-        self, setup: Setup, q: NDArray[np.float64], is_e_series: bool = False, lab_seed: int = 0
-    ):
+    def __init__(self, setup: Setup, q: NDArray[np.float64], is_e_series: bool = False):
         robot = setup.robot
         if robot is None:
             raise InputError("a twin needs a lab file with a robot section")
@@ -140,7 +137,7 @@ class Controller:
         self.is_e_series = is_e_series
         self.dt = 0.002 if is_e_series else 0.008
         self.version = _E_SERIES_VERSION if is_e_series else _CB3_VERSION
-        self.arm = LiveArm(setup, q, lab_seed=lab_seed)
+        self.arm = LiveArm(setup, q)
         self.limits = TwinLimits(setup, self.dt)
         self.inputs: dict[str, Any] = collections.defaultdict(int)
         self.events: collections.deque[dict[str, Any]] = collections.deque(maxlen=_EVENT_COUNT)

@@ -73,7 +73,6 @@ class TwinConfig:
             [s], so that the watchdog does not bark at a busy computer. A real controller waits for
             nobody.
         seed: Seed of what differs from trial to trial.
-        lab_seed: Seed of the laboratory.
         segment_count: Segments of the simulated cable.
         has_cable: False for an arm that holds a stick as long as the cable, which is quicker.
     """
@@ -83,7 +82,6 @@ class TwinConfig:
     rate: float = 1.0
     patience: float = 0.0
     seed: int = 0
-    lab_seed: int = 0
     segment_count: int = 30
     has_cable: bool = True
 
@@ -92,7 +90,6 @@ class TwinConfig:
         check_number("twin rate", self.rate, 0.01, 100.0)
         check_number("twin patience", self.patience, 0.0, 60.0)
         check_seed(self.seed)
-        check_seed(self.lab_seed)
         check_count("twin segment_count", self.segment_count, 4, 200)
 
 
@@ -159,16 +156,11 @@ class TwinLaboratory:
         self.setup = setup
         self.config = config
         home = np.asarray(reset_pose(setup.workspace), dtype=float)
-        self.controller = Controller(
-            setup, setup.arm.inverse(home), setup.arm.model.endswith("e"), config.lab_seed
-        )
+        self.controller = Controller(setup, setup.arm.inverse(home), setup.arm.model.endswith("e"))
         self.cable: LiveCable | None = None
         if config.has_cable:
-            self.cable = LiveCable(
-                setup,
-                VirtualConfig(lab_seed=config.lab_seed, segment_count=config.segment_count),
-                config.seed,
-            )
+            lab = VirtualConfig(segment_count=config.segment_count)
+            self.cable = LiveCable(setup, lab, config.seed)
         # Phases that were said since the last tick: a slow tick may miss a short one.
         self._said: set[str] = set()
         self.rtde = RtdeServer(
@@ -422,9 +414,7 @@ class TwinLaboratory:
             exposure=settings.exposure,
             row_time=settings.row_time,
         )
-        return CameraStream(
-            self.setup, config, seed=self.config.lab_seed, port=self.config.camera_port
-        )
+        return CameraStream(self.setup, config, port=self.config.camera_port)
 
     def _show_camera(self) -> None:
         """Let the camera see this instant; it waits where the camera draws more slowly."""
