@@ -1,11 +1,17 @@
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
-from synthetic_casts import network
+from synthetic_casts import network, random_actions
 
-from cablecast.errors import CheckpointError
+from cablecast.errors import CheckpointError, MissingExtraError
+from cablecast.learning.checkpoint import import_torch, one_thread
+from cablecast.learning.gaussian_process import GaussianProcessModel
 from cablecast.learning.network import ForwardModel
+from cablecast.learning.policy import load_model
 
 pytest.importorskip("safetensors")
 
@@ -70,3 +76,78 @@ def test_a_failed_save_leaves_the_old_model(tmp_path):
     with pytest.raises(ValueError, match="JSON"):
         broken.save(tmp_path)
     assert ForwardModel.load(tmp_path).fingerprint == old.fingerprint
+
+
+def process():
+    shared = vars(network([4, 2])).copy()
+    del shared["weights"]
+    return GaussianProcessModel(
+        **shared,
+        inputs=np.ones((3, 4), dtype=np.float32),
+        length_scales=np.ones(4),
+        coefficients=np.ones((3, 2)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "kind"), [(network([4, 8, 2]), ForwardModel), (process(), GaussianProcessModel)]
+)
+def test_a_model_is_loaded_as_the_kind_that_was_saved(model, kind, tmp_path):
+    model.save(tmp_path)
+    loaded = load_model(tmp_path)
+    assert type(loaded) is kind
+    assert loaded.fingerprint == model.fingerprint
+    actions = random_actions(20, seed=0)
+    np.testing.assert_array_equal(loaded.predict(actions), model.predict(actions))
+
+
+def test_a_model_is_not_loaded_as_another_kind(tmp_path):
+    process().save(tmp_path)
+    with pytest.raises(
+        CheckpointError, match=r"gaussian_process .* must be cablecast.forward_model"
+    ):
+        ForwardModel.load(tmp_path)
+
+
+def test_a_file_that_holds_no_model_is_refused_with_the_kinds_that_there_are(tmp_path):
+    from safetensors.numpy import save_file
+
+    save_file({"weight": np.ones(3)}, tmp_path / "model.safetensors")
+    kinds = "must be cablecast.forward_model or cablecast.gaussian_process"
+    with pytest.raises(CheckpointError, match=f"holds something: it {kinds}"):
+        load_model(tmp_path)
+
+
+torch = pytest.importorskip("torch")
+
+
+def test_threads_that_wait_leave_the_processor_to_others():
+    # libgomp prints, when loaded, what it has read.
+    code = "from cablecast.learning.checkpoint import check_device; check_device('cpu')"
+    environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"}
+    done = subprocess.run(
+        [sys.executable, "-c", code + "; import os; assert 'OMP_WAIT_POLICY' not in os.environ"],
+        env=environment | {"OMP_DISPLAY_ENV": "TRUE"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    if "OMP_WAIT_POLICY" not in done.stderr:
+        pytest.skip("torch uses no OpenMP here")
+    assert "OMP_WAIT_POLICY = 'PASSIVE'" in done.stderr
+
+
+def test_torch_has_one_thread_inside_the_block_and_its_own_number_after_it():
+    before = torch.get_num_threads()
+    with one_thread():
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == before
+    with pytest.raises(RuntimeError, match="inside"), one_thread():
+        raise RuntimeError("inside")
+    assert torch.get_num_threads() == before
+
+
+def test_a_missing_torch_is_named_with_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(MissingExtraError, match=r"the Gaussian process needs torch.*\[learn\]"):
+        import_torch("the Gaussian process")
