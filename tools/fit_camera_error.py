@@ -20,11 +20,7 @@ from cablecast.cable import load_cable
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import Film, VirtualCamera, calibrate_virtual_camera, track_film
 from cablecast.rigs.virtual.drawing import FilmedTrial
-from cablecast.rigs.virtual.sensing import (
-    MODEL_PATH,
-    CameraErrorModel,
-    bias_terms,
-)
+from cablecast.rigs.virtual.sensing import MODEL_PATH, CameraErrorModel, bias_terms
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.tracker import sight_of
 

@@ -398,12 +398,9 @@ class Drawing:
         self.magnet = trial.cable.attachment is Attachment.MAGNET
 
     def paint(self, canvas: Image, corner: tuple[int, int], on_table: NDArray[np.bool_]) -> None:
-        """Draw into a piece of the background.
+        """Draw into a piece of the background whose left and top are a corner [px].
 
-        Args:
-            canvas: Piece of the background, changed in place, shape [v, u, 3].
-            corner: Left and top of the piece [px].
-            on_table: Whether each of its pixels shows the table's surface, shape [v, u].
+        The pixels that show the table's surface are on_table, shape [v, u].
         """
         cv2 = load_cv2()
         height, width = canvas.shape[:2]

@@ -183,13 +183,7 @@ class Cables:
         return self._batch.warning[active].reshape(len(active), -1).any(axis=1)
 
     def rest(self, active: NDArray[np.intp], tips: Array, before: Array) -> NDArray[np.bool_]:
-        """Return which of some worlds' cables are at rest, shape [active].
-
-        Args:
-            active: Indices of the worlds.
-            tips: Endpoints now [m], shape [active, 3].
-            before: Endpoints _REST_TIME ago [m], same shape.
-        """
+        """Return which cables are at rest, from endpoints now and _REST_TIME ago [m], [active]."""
         speed = np.abs(self._qvel[active, self._lab.scene.vertex_slice]).max(axis=1)
         move = np.abs(tips - before).max(axis=1)
         return (speed < self._lab.config.rest_speed) & (move < _REST_MOVE)

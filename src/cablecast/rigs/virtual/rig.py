@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack
-from cablecast.errors import RigError, check_count, check_seed
+from cablecast.errors import check_count, check_seed
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual.config import VirtualConfig
@@ -62,7 +62,7 @@ class RigVirtual(RigLifecycle):
             self._sensor = SensorCamera(setup, sample_dt, recorded.lab_seed)
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
-        self._lab: Laboratory | None = Laboratory(setup, recorded)
+        self._lab = Laboratory(setup, recorded)
         # The last trial as it really was, and the picture of its end once somebody asked for it.
         self._last: EndpointTrack | None = None
         self._camera: VirtualCamera | None = None
@@ -138,15 +138,13 @@ class RigVirtual(RigLifecycle):
         return None if self._sensor is None else self._sensor.sight
 
     def close(self) -> None:
-        """Forget the laboratory."""
+        """Forget the last trial."""
         super().close()
-        self._lab = self._camera = self._picture = self._last = None
+        self._picture = self._last = None
 
     def _run(
         self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None
     ) -> list[EndpointTrack]:
-        if self._lab is None:
-            raise RigError("the rig is closed: make a new one")
         first, seed = self._trial_count, self._draw_seed
         trials = [
             Trial.draw(self.config.noise, seed, first + index) for index in range(len(trajectories))

@@ -258,7 +258,7 @@ def reset_shape(
 
     Args:
         cable: Geometry of the cable.
-        pose: Pose of the grip at the start: x, y, z [m], yaw, pitch [rad], shape [5].
+        pose: Pose of the grip: x, y, z [m], yaw, pitch [rad], shape [5].
         trial: Draw of this trial.
         arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
         end_height: Height of the lying endpoint [m].
