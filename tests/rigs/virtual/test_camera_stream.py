@@ -121,8 +121,7 @@ def test_each_fault_looks_like_itself_and_ends(stream, scene):
         stream.fault("unplugged")
         # A picture or two may still be on their way.
         with pytest.raises(CameraError, match="still plugged in"):
-            for _ in range(4):
-                camera.read()
+            _ = [camera.read() for _ in range(4)]
     with pytest.raises(CameraError, match="cannot be opened"):
         scene.connect()
     stream.fault(None)
