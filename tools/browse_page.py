@@ -22,7 +22,7 @@ from PIL import Image
 
 from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
-from cablecast.view.film import Camera
+from cablecast.view.film import camera_behind_robot
 from cablecast.view.page import WIDE
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -113,8 +113,7 @@ class TablePage:
         box = self.tab.locator("canvas").first.bounding_box()
         aspect = min(box["width"] / box["height"], WIDE)
         size = round(box["width"]), round(box["height"])
-        camera = Camera.behind_robot(self._setup, *size, aspect)
-        (x, y), _ = camera.project(np.append(xy, 0.0))
+        x, y = camera_behind_robot(self._setup, *size, aspect).to_image(np.append(xy, 0.0))
         return box["x"] + float(x), box["y"] + float(y)
 
     def target(self) -> np.ndarray:

@@ -8,9 +8,9 @@ from cablecast.errors import InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
-from cablecast.view.film import Camera, FilmConfig, Painter, frame_times, write_film
+from cablecast.view.film import FilmConfig, Painter, camera_behind_robot, frame_times, write_film
 from cablecast.view.look import Shot, ShownCast
-from cablecast.view.shapes import LIGHT
+from cablecast.view.shapes import LIGHT, viewpoint
 
 SETUP = Setup()
 TARGET = np.array([-0.6, 1.2])
@@ -32,33 +32,26 @@ def shot():
 
 
 def test_a_camera_sees_what_it_looks_at_in_the_middle_and_far_things_small():
-    camera = Camera(
-        position=np.array([0.0, -2.0, 2.0]),
-        look_at=np.array([0.0, 1.0, 0.0]),
-        fov=0.8,
-        width=200,
-        height=100,
-    )
-    middle, _ = camera.project(np.array([0.0, 1.0, 0.0]))
-    assert np.allclose(middle, [100.0, 50.0])
-    ends, depths = camera.project(np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]]))
-    assert ends[0, 0] > ends[1, 0] > 100.0
-    assert ends[0, 1] > ends[1, 1]
-    assert depths[1] > depths[0]
+    view = camera_behind_robot(SETUP, 200, 100)
+    look_at = viewpoint(SETUP)[1]
+    assert np.allclose(view.to_image(look_at), [100.0, 50.0])
+    near, far = view.to_image(look_at + [[0.5, 0.0, 0.0], [0.5, 0.5, 0.0]])
+    assert near[0] > far[0] > 100.0
+    assert near[1] > far[1]
 
 
 def test_the_table_is_painted_with_the_cable_where_it_is(shot):
     painter = Painter(SETUP, 320, 180)
     before, after = (np.asarray(painter.frame(shot, time), dtype=int) for time in (0.0, 1.0))
-    camera = Camera.behind_robot(SETUP, 320, 180)
-    (x, y), _ = camera.project(shot.cast.nodes[-1, 6])
+    camera = camera_behind_robot(SETUP, 320, 180)
+    x, y = camera.to_image(shot.cast.nodes[-1, 6])
     column, row = round(float(x)), round(float(y))
     # The cable is blue and a pixel or two wide, on a table that is nearly red.
     patch = np.s_[row - 2 : row + 3, column - 2 : column + 3]
     blueness = [(image[patch][..., 2] - image[patch][..., 0]).max() for image in (before, after)]
     assert blueness[0] < 0
     assert blueness[1] > 60
-    (x, y), _ = camera.project(np.array([1.1, 0.2, 0.0]))
+    x, y = camera.to_image(np.array([1.1, 0.2, 0.0]))
     assert np.allclose(after[round(float(y)), round(float(x))], LIGHT.table, atol=12)
 
 

@@ -5,7 +5,6 @@ above a table with a cable on it, and needs no graphics driver.
 """
 
 import dataclasses
-import functools
 import io
 import pathlib
 from collections.abc import Iterator, Sequence
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cablecast.camera.lens import CameraView, Lens
 from cablecast.errors import InputError, MissingExtraError, check_count, check_number
 from cablecast.files import write_bytes, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
@@ -55,7 +55,6 @@ _CAST_COUNT_MAX = 200
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
 _SHADOW = 60  # Darkness of shadows, of 255.
 _SHADOW_SLOPE = np.array([0.12, 0.05, -1.0])  # Shift per height of what casts a shadow.
-_NEAR = 0.05  # Nothing nearer to the camera is drawn [m].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -124,61 +123,25 @@ def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
     return np.arange(0.0, end + 1e-9, step)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Camera:
-    """Pinhole camera.
+def camera_behind_robot(
+    setup: Setup, width: int, height: int, aspect: float = 16 / 9
+) -> CameraView:
+    """Return the camera of a picture from the place that `viewpoint` gives.
 
-    Attributes:
-        position: Place [m], shape [3].
-        look_at: Point in the middle of the picture [m], shape [3].
-        fov: Vertical field of view [rad].
+    Args:
+        setup: Set-up with the table.
         width: Width of the picture [pixel].
         height: Height of the picture [pixel].
+        aspect: Aspect that the place is chosen for [-].
     """
-
-    position: Array
-    look_at: Array
-    fov: float
-    width: int
-    height: int
-
-    @classmethod
-    def behind_robot(
-        cls, setup: Setup, width: int, height: int, aspect: float = 16 / 9
-    ) -> "Camera":
-        """Return the camera of a picture at the place that `viewpoint` gives for an aspect [-]."""
-        position, look_at, fov = viewpoint(setup, aspect)
-        return cls(position=position, look_at=look_at, fov=fov, width=width, height=height)
-
-    @property
-    def focal_length(self) -> float:
-        """Focal length [pixel]."""
-        return self.height / 2 / float(np.tan(self.fov / 2))
-
-    def project(self, points: Array) -> tuple[Array, Array]:
-        """Return where points are seen.
-
-        Args:
-            points: Points [m], shape [..., 3].
-
-        Returns:
-            Columns and rows [pixel], shape [..., 2], and depths [m], shape [...].
-        """
-        offset = np.asarray(points, dtype=float) - self.position
-        right, down, forward = self._axes
-        depth = np.maximum(offset @ forward, _NEAR)
-        scale = self.focal_length / depth
-        column = self.width / 2 + scale * (offset @ right)
-        row = self.height / 2 + scale * (offset @ down)
-        return np.stack([column, row], axis=-1), depth
-
-    @functools.cached_property
-    def _axes(self) -> tuple[Array, Array, Array]:
-        forward = self.look_at - self.position
-        forward = forward / np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right = right / np.linalg.norm(right)
-        return right, np.cross(forward, right), forward
+    position, look_at, fov = viewpoint(setup, aspect)
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    x, y, z = np.stack([right, np.cross(forward, right), forward]).tolist()
+    focal = height / 2 / float(np.tan(fov / 2))
+    lens = Lens(width=width, height=height, focal=(focal, focal), centre=(width / 2, height / 2))
+    return CameraView(lens=lens, rotation=(x, y, z), position=tuple(position.tolist()))
 
 
 class Painter:
@@ -194,7 +157,7 @@ class Painter:
     def __init__(self, setup: Setup, width: int, height: int, *, dark: bool = False):
         self.setup = setup
         self.size = (width, height)
-        self._camera = Camera.behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
+        self._view = camera_behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
         self._paint = DARK if dark else LIGHT
         self._backdrop = self._painted_backdrop()
 
@@ -233,7 +196,7 @@ class Painter:
 
     def _painted_backdrop(self) -> Image.Image:
         paint, table = self._paint, self.setup.workspace
-        image = Image.new("RGB", (self._camera.width, self._camera.height), paint.page)
+        image = Image.new("RGB", (self._view.lens.width, self._view.lens.height), paint.page)
         pen = ImageDraw.Draw(image, "RGBA")
         x, y0 = table.half_width, table.y_min
         top = self._table_top()
@@ -253,9 +216,7 @@ class Painter:
 
     def _arm(self, pen: Any, q: Array) -> None:
         rods = arm_rods(q, self.setup.arm)
-        starts, ends = self._camera.project(rods.starts), self._camera.project(rods.ends)
-        order = np.argsort(-(starts[1] + ends[1]))
-        for rod in order:
+        for rod in np.argsort(-(self._depth(rods.starts) + self._depth(rods.ends))):
             segment = np.stack([rods.starts[rod], rods.ends[rod]])
             radius = float(rods.radii[rod])
             # From the rim to the light: a rod looks round.
@@ -296,7 +257,7 @@ class Painter:
 
     def _trail(self, pen: Any, points: Array, color: Color) -> None:
         if len(points) > 1:
-            path, _ = self._camera.project(level(points, 0.002))
+            path = self._view.to_image(level(points, 0.002))
             pen.line([tuple(p) for p in path], fill=(*color, 110), width=round(1.2 * _SAMPLES))
 
     def _mark_target(self, pen: Any, xy: Array) -> None:
@@ -313,33 +274,37 @@ class Painter:
 
     def _write(self, pen: Any, text: str) -> None:
         if text:
-            place = (self._camera.width / 2, self._camera.height * 0.94)
+            place = (self._view.lens.width / 2, self._view.lens.height * 0.94)
             font = ImageFont.load_default(size=_SAMPLES * max(12, self.size[1] // 30))
             pen.text(place, text, fill=self._paint.text, font=font, anchor="mm")
+
+    def _depth(self, points: Array) -> Array:
+        """Return the distances of points along the view [m], shape [...]."""
+        return (points - np.array(self._view.position)) @ np.array(self._view.rotation[2])
 
     def _dot(self, pen: Any, point: Array, radius: float, color: Color) -> None:
         self._disc(pen, point, radius, (*(round(0.6 * value) for value in color), 255))
         self._disc(pen, point, 0.7 * radius, (*color, 255))
 
     def _disc(self, pen: Any, point: Array, radius: float, fill: tuple[int, ...]) -> None:
-        (x, y), depth = self._camera.project(point)
-        size = self._camera.focal_length * radius / float(depth)
+        x, y = self._view.to_image(point)
+        size = self._view.lens.focal[0] * radius / float(self._depth(point))
         pen.ellipse([x - size, y - size, x + size, y + size], fill=fill)
 
     def _capsule(self, pen: Any, segment: Array, radius: float, fill: Any) -> None:
-        path, depths = self._camera.project(segment)
-        sizes = self._camera.focal_length * radius / depths
+        path = self._view.to_image(segment)
+        sizes = self._view.lens.focal[0] * radius / self._depth(segment)
         pen.line([tuple(p) for p in path], fill=fill, width=max(1, round(2 * float(sizes.mean()))))
         if isinstance(fill, int) or fill[3] == 255:
             for (x, y), size in zip(path, sizes, strict=True):
                 pen.ellipse([x - size, y - size, x + size, y + size], fill=fill)
 
     def _line(self, pen: Any, segment: Array, color: Color, width: float) -> None:
-        path, _ = self._camera.project(segment)
+        path = self._view.to_image(segment)
         pen.line([tuple(p) for p in path], fill=color, width=max(1, round(width * _SAMPLES)))
 
     def _polygon(self, pen: Any, points: Array, color: Any) -> None:
-        path, _ = self._camera.project(points)
+        path = self._view.to_image(points)
         pen.polygon([tuple(p) for p in path], fill=color)
 
 
