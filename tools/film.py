@@ -222,8 +222,8 @@ def film_by_hand(args: argparse.Namespace) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Make films."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    """Make films with the virtual camera."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
     kinds = parser.add_subparsers(required=True)
     trial = kinds.add_parser("trial", help=film_one_trial.__doc__)
     trial.set_defaults(make=film_one_trial)

@@ -169,4 +169,5 @@ def _piece(model: Any, geoms: NDArray[np.int64]) -> "trimesh.Trimesh":
                 process=False,
             )
         )
-    return trimesh.util.concatenate(parts)
+    joined: Any = trimesh.util.concatenate(parts)
+    return joined

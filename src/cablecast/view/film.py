@@ -36,7 +36,7 @@ from cablecast.view.shapes import (
     target_marks,
     viewpoint,
 )
-from cablecast.vision.video import encode_mp4
+from cablecast.vision.video import write_video
 
 try:
     from PIL import Image, ImageChops, ImageDraw, ImageFont
@@ -112,8 +112,12 @@ def write_film(
         write_text(path, film_html(setup, shots, config, progress))
         return
     frames = film_frames(setup, shots, config, progress)
-    encode = mp4_bytes if kind == ".mp4" else gif_bytes
-    write_bytes(path, encode(frames, config))
+    if kind == ".gif":
+        write_bytes(path, gif_bytes(frames, config))
+    else:
+        # OpenCV's order of colours.
+        pictures = (np.asarray(frame)[..., ::-1] for frame in frames)
+        write_video(path, pictures, config.frames_per_second)
 
 
 def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
@@ -367,17 +371,6 @@ def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
         optimize=True,
         disposal=1,
     )
-    return buffer.getvalue()
-
-
-def mp4_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
-    """Return pictures as one MP4 (H.264), which every browser plays.
-
-    Raises:
-        MissingExtraError: PyAV is not installed.
-    """
-    buffer = io.BytesIO()
-    encode_mp4(buffer, (np.array(frame)[..., ::-1] for frame in frames), config.frames_per_second)
     return buffer.getvalue()
 
 
