@@ -162,10 +162,8 @@ def hidden_cable(cable: Cable, lab_seed: int) -> HiddenCable:
         return dataclasses.replace(
             truth, **{name: getattr(truth, name) * float(f) for name, f in factors.items()}
         )
-    params = cable.params
-    believed = {name: float(getattr(params, name)) for name in _BELIEF_SPREAD}
     drawn = {
-        name: believed[name] * float(np.exp(spread * rng.normal()))
+        name: float(getattr(cable.params, name)) * float(np.exp(spread * rng.normal()))
         for name, spread in _BELIEF_SPREAD.items()
     }
     hook = cable.attachment is Attachment.HOOK

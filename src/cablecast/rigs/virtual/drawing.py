@@ -82,14 +82,7 @@ _MARKER = MarkerConfig()
 def draw_background(
     view: CameraView, config: CameraConfig, workspace: Workspace, layout: TagLayout, seed: int
 ) -> tuple[Image, NDArray[np.bool_], NDArray[np.float32]]:
-    """Draw the empty scene under even light.
-
-    Args:
-        view: True camera.
-        config: Settings of the camera.
-        workspace: Gives the table's size and place.
-        layout: Places of the tags on the table.
-        seed: Seed of tints, scuffs and the places of the clutter.
+    """Draw the empty scene under even light; the seed is that of tints, scuffs and clutter.
 
     Returns:
         The picture, BGR, shape [v, u, 3]; which pixels show the table's surface, shape [v, u]; and
@@ -346,12 +339,8 @@ class FilmedTrial:
 class Drawing:
     """Everything that moves in one frame, projected for each instant of its exposure.
 
-    Args:
-        config: Settings of the camera.
-        view: True camera.
-        shade: Share of the light that reaches each pixel [-], shape [v, u].
-        trial: Motion of cable and arm.
-        time: Middle of the exposure [s].
+    The middle of the exposure is a time [s]; the shade is the share of the light that reaches each
+    pixel [-], shape [v, u].
     """
 
     def __init__(

@@ -392,7 +392,7 @@ class CableForces:
             elapsed: Time since the last evaluation [s], in which the cable yields.
 
         Returns:
-            Forces [N], shape [world, vertex - 2, 3]; the next evaluation overwrites them.
+            Forces [N], shape [active, vertex - 2, 3]; the next evaluation overwrites them.
         """
         count = len(active)
         self._world_view[:count] = active

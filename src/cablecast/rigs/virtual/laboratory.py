@@ -292,9 +292,7 @@ class LiveCable:
 
     Attributes:
         nodes: Cable from grip to endpoint [m], shape [vertex, 3].
-        time: Time since the start [s].
         trial_count: Cables that were laid down.
-        was_away: Whether the grip was away from the reset pose since the last of them.
         is_simulated: Whether the cable may move.
         lies_aside: Angle to the right by which the next reset leaves the cable aside [rad].
     """
@@ -309,8 +307,8 @@ class LiveCable:
         self._settle_until = 0.0
         self._slipped = False
         self.trial_count = 0
-        self.time = 0.0
-        self.was_away = True
+        self._time = 0.0
+        self._was_away = True
         self.is_simulated = False
         self.lies_aside = 0.0
         # Straight ahead until the arm first rests in the reset pose.
@@ -331,18 +329,18 @@ class LiveCable:
             Draw of the trial that starts, where a cable was laid down; otherwise None.
         """
         pose = poses[-1]
-        self.time += len(poses) * self._lab.config.dt
+        self._time += len(poses) * self._lab.config.dt
         off = np.abs(pose - self._home)
         if off[:3].max() > _AWAY:
-            self.was_away = True
-        if self.was_away and at_rest and off.max() < _RESET_REACH:
+            self._was_away = True
+        if self._was_away and at_rest and off.max() < _RESET_REACH:
             return self._lay_down(pose)
         moved = np.abs(pose - self._poses[-1]).max() > 1e-6
         if is_reset and moved and off.max() >= _RESET_REACH:
-            self.was_away, self.is_simulated = True, False
+            self._was_away, self.is_simulated = True, False
             self._carry(pose)
-        elif not self.was_away or self.is_simulated:
-            if moved or self.is_simulated or self.time < self._settle_until:
+        elif not self._was_away or self.is_simulated:
+            if moved or self.is_simulated or self._time < self._settle_until:
                 self._simulate(poses)
                 self._look_for_rest(moved)
         elif moved:
@@ -362,7 +360,7 @@ class LiveCable:
     def grip_anew(self) -> None:
         """Let a cable that slipped be gripped at its end again, and laid down."""
         if self._slipped:
-            self._slipped, self.was_away = False, True
+            self._slipped, self._was_away = False, True
 
     def _free_part(self, nodes: Array) -> Array:
         """Return the nodes of what is free of a cable that may have slipped."""
@@ -383,10 +381,10 @@ class LiveCable:
         with quiet():
             self._cables = Cables(self._lab, [trial], pose[None], [shape])
         self._poses = np.repeat(pose[None], 2, axis=0)
-        self._settle_until = self.time + config.reset_time
-        self.was_away, self.is_simulated = False, True
+        self._settle_until = self._time + config.reset_time
+        self._was_away, self.is_simulated = False, True
         self.nodes = self._free_part(shape)
-        self._rest_check = (self.time, shape[-1].copy())
+        self._rest_check = (self._time, shape[-1].copy())
         return trial
 
     def _simulate(self, poses: Array) -> None:
@@ -411,12 +409,12 @@ class LiveCable:
     def _look_for_rest(self, moved: bool) -> None:
         """Stop simulating once arm and cable have come to rest."""
         since, before = self._rest_check
-        if self.time - since < _REST_TIME or self._cables is None:
+        if self._time - since < _REST_TIME or self._cables is None:
             return
         tip = self.nodes[-1].copy()
         still = self._cables.rest(np.zeros(1, dtype=int), tip[None], before[None])[0]
-        self._rest_check = (self.time, tip)
-        if still and not moved and self.time >= self._settle_until:
+        self._rest_check = (self._time, tip)
+        if still and not moved and self._time >= self._settle_until:
             self.is_simulated = False
 
 

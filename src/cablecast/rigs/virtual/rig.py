@@ -84,10 +84,6 @@ class RigVirtual(RigLifecycle):
         Trials of two purposes have nothing in common; those of an equal index and purpose are
         equal, so that a collection that goes on after a stop draws what it would have drawn.
 
-        Args:
-            index: Number of the trial, from 0.
-            purpose: One of `PURPOSES`, or none.
-
         Raises:
             InputError: The index is negative, or there is no such purpose.
         """
