@@ -146,10 +146,6 @@ class Desk:
     def open_session(self, session: AimSession, report: ProgressCallback = ignore) -> None:
         """Plan with a session from now on, once its first plan will be as quick as the others.
 
-        Args:
-            session: Session that `prepare_aim` returned.
-            report: Told what is done.
-
         Raises:
             InputError: It was made for another set-up, or a cast is under way.
         """
@@ -161,9 +157,6 @@ class Desk:
         """Fit the simulator to all casts that were not undone, and plan with its model.
 
         Targets can be planned meanwhile, with the model of before.
-
-        Args:
-            report: Told how far each step is.
 
         Raises:
             InputError: There is no session, or it has too few casts.

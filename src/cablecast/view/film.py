@@ -130,14 +130,7 @@ def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
 def camera_behind_robot(
     setup: Setup, width: int, height: int, aspect: float = 16 / 9
 ) -> CameraView:
-    """Return the camera of a picture from the place that `viewpoint` gives.
-
-    Args:
-        setup: Set-up with the table.
-        width: Width of the picture [pixel].
-        height: Height of the picture [pixel].
-        aspect: Aspect that the place is chosen for [-].
-    """
+    """Return the camera of a picture [pixel] from the `viewpoint` for an aspect [-]."""
     position, look_at, fov = viewpoint(setup, aspect)
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -149,14 +142,7 @@ def camera_behind_robot(
 
 
 class Painter:
-    """Paints frames of casts at one table.
-
-    Args:
-        setup: Set-up with table, arm and cable.
-        width: Width of the pictures [pixel].
-        height: Height of the pictures [pixel].
-        dark: True for dark colours.
-    """
+    """Paints pictures [pixel] of casts at one table."""
 
     def __init__(self, setup: Setup, width: int, height: int, *, dark: bool = False):
         self.setup = setup

@@ -65,14 +65,7 @@ class ShownCast:
     def simulated(
         cls, trajectory: Trajectory, setup: Setup, engine: Engine, dynamics: Dynamics
     ) -> "ShownCast":
-        """Return a motion as a simulated cable makes of it.
-
-        Args:
-            trajectory: Motion.
-            setup: Set-up with cable and arm.
-            engine: Simulator.
-            dynamics: Cable and servo of the arm.
-        """
+        """Return a motion as it is simulated, with the dynamics of a cable and the arm's servo."""
         rollout = dynamics.rollout(
             engine, setup, trajectory.grip_path, sample_dt=FRAME_DT, record_nodes=True
         )
@@ -134,12 +127,7 @@ def _smooth(times: Array, values: Array, at: Array) -> Array:
     """Return samples at other times, by curves that do not overshoot.
 
     Rigs sample every 0.1 s; straight lines between such shapes would let the cable shrink. A value
-    between a seen and an unseen sample is NaN.
-
-    Args:
-        times: Times of the samples [s], shape [step].
-        values: Samples, shape [step, ...]; NaN where not seen.
-        at: Times asked for [s], shape [time].
+    between a seen and an unseen sample, which is NaN, is NaN.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -211,12 +199,7 @@ class Collection:
         return ShownCast.of_cast(dataset_cast(self.dataset, index))
 
     def simulated(self, index: int, engine: Engine, dynamics: Dynamics | None = None) -> ShownCast:
-        """Return a cast as a simulated cable would have moved.
-
-        Args:
-            index: Index of the cast.
-            engine: Simulator.
-            dynamics: Cable and servo; see `believed` where None.
+        """Return a cast as it is simulated, with the `believed` dynamics where None are given.
 
         Raises:
             InputError: There is no such cast, or no action describes its motion.

@@ -581,11 +581,7 @@ def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np
 
 
 def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
-    """Return parameters multiplied by powers of ten, within their bounds.
-
-    Args:
-        base: Parameters where all sliders are at zero.
-        exponents: Powers of ten by the name of the parameter, from -1 to 1.
+    """Return parameters multiplied by powers of ten from -1 to 1, within their bounds.
 
     Raises:
         InputError: A name or a power is out of bounds: nothing from a browser is trusted.
@@ -602,11 +598,6 @@ def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
 
 class LookTab:
     """Casts of a folder, measured and simulated side by side, with sliders of the parameters.
-
-    Args:
-        page: Page with the desk and the stage.
-        gui: Controls of the page.
-        folder: Folder that is suggested.
 
     Attributes:
         shown: Motions of the chosen cast that are shown, by the names of their figures.

@@ -79,11 +79,7 @@ _FLAT = (0.0, 1.0, 0.0, 0.0)
 
 
 def start_server(host: str, port: int) -> "viser.ViserServer":
-    """Start a server of the page.
-
-    Args:
-        host: Address to listen on.
-        port: Port to listen on; the next free one if it is taken.
+    """Start a server of the page at an address, on a port or the next free one.
 
     Raises:
         MissingExtraError: viser is not installed.
@@ -346,13 +342,7 @@ class Figure:
 
 
 class Table:
-    """What lies on the table: scale, base frame, target, expectation, landings, and the map.
-
-    Args:
-        server: Server of the page.
-        setup: Set-up with table and cable.
-        paint: Colours.
-    """
+    """What lies on the table: scale, base frame, target, expectation, landings, and the map."""
 
     def __init__(self, server: "viser.ViserServer", setup: Setup, paint: Paint = LIGHT):
         self._server, self._setup, self._paint = server, setup, paint
@@ -660,13 +650,6 @@ class Player:
 
 class Stage:
     """The table and the figures of `FIGURE_COLORS`, of which those that play are seen.
-
-    Args:
-        server: Server of the page.
-        setup: Set-up with table, arm and cable.
-        on_frame: Called with the time [s] at every frame.
-        rate: Frames a second [1/s].
-        meshes: Meshes of the arm of the cast; drawn as rods where None.
 
     Attributes:
         table: What lies on the table.

@@ -180,9 +180,7 @@ def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
 def thinned(points: Array, whole_count: int) -> Array:
     """Return at most `TRAIL_COUNT` points of a path that grows, always with the last.
 
-    Args:
-        points: Points so far, shape [point, 2].
-        whole_count: Number of points of the whole path: a point that was left out stays out.
+    A point that was left out stays out, so the number of points of the whole path is given.
     """
     step = max(1, -(-whole_count // (TRAIL_COUNT - 1)))
     return points if len(points) < 2 else np.concatenate([points[:-1:step], points[-1:]])
@@ -320,11 +318,9 @@ def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
 
 
 def map_image(miss: Array, length: float) -> NDArray[np.uint8]:
-    """Return a map as an image whose first row is the far edge, shape [row, column, 4].
+    """Return misses of `miss_map` [m], for a cable's length [m], as an image, far edge first.
 
-    Args:
-        miss: Expected misses of `miss_map` [m], shape [row, column].
-        length: Length of the cable [m].
+    Its shape is [row, column, 4].
     """
     share = np.clip(miss / (MAP_FULL_SHARE * length), 0.0, 1.0)
     at = 2.0 * np.nan_to_num(share)
@@ -337,13 +333,7 @@ def map_image(miss: Array, length: float) -> NDArray[np.uint8]:
 
 
 def text_image(text: str, color: Color, plate: Color | None = None) -> NDArray[np.uint8]:
-    """Return a line of text, cut to its width, RGBA, shape [v, u, 4].
-
-    Args:
-        text: Text.
-        color: Colour of the letters.
-        plate: Colour behind the letters; nothing is behind them where None.
-    """
+    """Return a line of text, on a plate if it has a colour, RGBA, shape [v, u, 4]."""
     from PIL import Image, ImageDraw, ImageFont
 
     font = ImageFont.load_default(size=0.8 * _PIXELS)
