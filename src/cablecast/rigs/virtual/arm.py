@@ -79,16 +79,17 @@ def move_arm(
         rows = [i for i, t in enumerate(trajectories) if (t.joint_path is not None) is jointed]
         if not rows:
             continue
-        commands = [_command(trajectories[i], trials[i], servos, dt, step_count) for i in rows]
+        cases = [(trajectories[i], trials[i]) for i in rows]
+        commands = [_command(*case, servos, dt, step_count) for case in cases]
         set_points, set_rates = (np.stack(values) for values in zip(*commands, strict=True))
         joints = _JOINTS if jointed else _CARRIERS
         followed = _follow(
             servos,
             joints,
-            np.stack([trials[i].servo_factor(len(joints)) for i in rows]),
+            np.stack([trial.servo_factor(len(joints)) for _, trial in cases]),
             np.stack([set_points[:, 0], np.zeros_like(set_points[:, 0])]),
             (set_points[:, 1:], set_rates[:, 1:]),
-            _strength(trajectories, trials, rows, servos, dt, step_count) if jointed else None,
+            _strength(cases, servos, dt, step_count) if jointed else None,
             dt,
         )
         for row, q, qd in zip(rows, *followed, strict=True):
@@ -128,20 +129,15 @@ def _command(
 
 
 def _strength(
-    trajectories: Sequence[Trajectory],
-    trials: Sequence[Trial],
-    rows: Sequence[int],
-    servos: HiddenArm,
-    dt: float,
-    step_count: int,
+    cases: Sequence[tuple[Trajectory, Trial]], servos: HiddenArm, dt: float, step_count: int
 ) -> Array:
     """Return the acceleration that the standing base joint can give [rad/s²], [row, step]."""
     now = np.arange(step_count) * dt
-    strength = np.empty((len(rows), step_count))
-    for row, index in enumerate(rows):
-        poses = trajectories[index].grip_path.evaluate(now)[0]
+    strength = np.empty((len(cases), step_count))
+    for row, (trajectory, trial) in enumerate(cases):
+        poses = trajectory.grip_path.evaluate(now)[0]
         inertia = servos.inertia + servos.stretch_mass * (poses[:, 0] ** 2 + poses[:, 1] ** 2)
-        strength[row] = servos.torque * trials[index].torque_factor / inertia
+        strength[row] = servos.torque * trial.torque_factor / inertia
     return strength
 
 
