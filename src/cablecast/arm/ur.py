@@ -146,10 +146,6 @@ class JointLimits:
     def from_dict(cls, values: Mapping[str, Any], model: str = "ur5") -> "JointLimits":
         """Make limits from plain values; missing keys take the defaults of the model.
 
-        Args:
-            values: Limits by name.
-            model: Name of the arm.
-
         Raises:
             InputError: A key is unknown, or a value is not six positive numbers.
         """

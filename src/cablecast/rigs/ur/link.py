@@ -342,10 +342,6 @@ def check_safe(report: Report) -> None:
 def check_ready(link: UrLink, robot: RobotConfig) -> Report:
     """Refuse to move unless the controller is ready for it, and return its newest report.
 
-    Args:
-        link: Connection to the controller.
-        robot: Payload that must be set.
-
     Raises:
         RigError: It is not; says what a person has to do.
     """

@@ -327,10 +327,6 @@ def _controller_log(reports: list[Report]) -> ControllerLog:
 def check_reports(record: MotionRecord, points: SetPoints) -> None:
     """Refuse a cast of which too little was reported: nobody knows how the arm moved there.
 
-    Args:
-        record: Cast that was carried out.
-        points: Its set points.
-
     Raises:
         CastAbortedError: No report came for longer than `REPORT_GAP_MAX`.
     """

@@ -367,13 +367,7 @@ class RtdeServer:
         client.state.update(reader=FrameReader(), outputs=None, inputs={}, started=False, every=1)
 
     def receive(self, client: Client, data: bytes, others: list[Client]) -> None:
-        """Answer what a client sent.
-
-        Args:
-            client: Client.
-            data: Bytes from it.
-            others: All clients of this server.
-        """
+        """Answer what a client sent; `others` are all clients of this server."""
         try:
             for kind, payload in client.state["reader"].feed(data):
                 self._answer(client, kind, payload, others)
@@ -501,12 +495,7 @@ _SAFETY_WORDS = {
 
 
 def dashboard_answer(controller: Controller, line: str) -> str:
-    """Return the dashboard's answer to one command.
-
-    Args:
-        controller: Controller that is asked.
-        line: Command, without its line break.
-    """
+    """Return the dashboard's answer to one command, without line breaks."""
     command = line.strip().lower()
     major, minor, bugfix, build = controller.version
     running = controller.is_running_program
