@@ -2,43 +2,56 @@
 
 import importlib
 import sys
+import typing
+from collections.abc import Callable
+from typing import Any
 
-NAMES = {
-    "convergence": "error of the landing by segments and step",
-    "order": "order of EngineWarp in time",
-    "engines": "rollouts per second of every engine, with the accuracy reached",
-    "peers": "EngineWarp beside other simulators: stable step, error, rate",
-    "swing": "energy that an undamped swing loses, by the step",
-    "stability": "worlds over the search space: none may gain energy and go unmarked",
-    "sensitivity": "error of the landing beside the cast's own sensitivity",
-    "validation": "closed forms; writes docs/validation.md",
-    "figures": "the figure of docs/engine.md",
-    "material": "fits with and without damping and curl, on casts",
-    "mocap": "motion capture of cables held at both ends, beside published figures",
-    "casts": "error at targets against the number of real casts and corrections",
-    "preparation": "time from five casts to the first aimed one",
-    "scatter": "scatter of equal casts, and what tells it and the error beforehand",
-    "uneven": "share of a miss that one correction leaves on uneven friction",
-    "sessions": "first tries of a session with and without new fits to all its casts",
-    "sampler": "posterior of a fit beside draws of a sampler",
-    "page": "latencies, memory and frames of the page of `cablecast view`",
-    "cluster": "throughput of a Ray cluster on this machine beside one thread",
-    "laboratory": "the virtual laboratory's scatter and difficulty beside the paper's",
+COMMANDS = {
+    "convergence": ("accuracy:convergence", "error of the landing by segments and step"),
+    "order": ("accuracy:order", "order of EngineWarp in time"),
+    "sensitivity": ("accuracy:sensitivity", "error of the landing by the cast's own sensitivity"),
+    "stability": (
+        "energy:stability",
+        "worlds over the search space: none may gain energy",
+    ),
+    "swing": ("energy:swing", "energy that an undamped swing loses, by the step"),
+    "validation": ("validation:main", "closed forms; writes docs/validation.md"),
+    "engines": ("engines:main", "rollouts per second and accuracy of every engine"),
+    "peers": ("peers:main", "EngineWarp and other simulators: stable step, error, rate"),
+    "mocap": ("mocap:main", "motion capture of cables held at both ends, with published figures"),
+    "material": ("fits:material", "fits with and without damping and curl, on casts"),
+    "sampler": ("fits:sampler", "posterior of a fit and draws of a sampler"),
+    "casts": ("casts:casts", "error at targets by the number of real casts and corrections"),
+    "sessions": ("casts:sessions", "first tries of a session with and without new fits"),
+    "scatter": ("scatter:scatter", "scatter of equal casts, and what predicts it and the error"),
+    "uneven": ("scatter:uneven", "share of a miss that one correction leaves on uneven friction"),
+    "preparation": ("times:preparation", "time from five casts to the first aimed one"),
+    "cluster": ("times:cluster", "throughput of a Ray cluster on this machine and of one thread"),
+    "page": ("page:main", "latencies, memory and frames of the page of `cablecast view`"),
+    "laboratory": ("laboratory:main", "scatter and difficulty of the virtual rig and of the paper"),
 }
+"""Module and function of each command, and what it measures."""
+
+
+def parse(name: str, words: list[str]) -> tuple[Callable[[Any], int | None], Any]:
+    """Return the function of a command, and its arguments from the words of a command line."""
+    import tyro
+
+    module, function = COMMANDS[name][0].split(":")
+    run = getattr(importlib.import_module(f"benchmarks.{module}"), function)
+    kind = typing.get_type_hints(run)["args"]
+    return run, tyro.cli(kind, prog=f"python -m benchmarks {name}", args=words)
 
 
 def main() -> int:
     name = sys.argv[1] if len(sys.argv) > 1 else "--help"
-    if name not in NAMES:
+    if name not in COMMANDS:
         print("usage: python -m benchmarks NAME [options]\n")
-        for known, what in NAMES.items():
-            print(f"  {known:16}{what}")
+        for command, (_, what) in COMMANDS.items():
+            print(f"  {command:13}{what}")
         return 0 if name in ("-h", "--help") else 2
-    import tyro
-
-    module = importlib.import_module(f"benchmarks.{name}")
-    args = tyro.cli(module.Args, prog=f"python -m benchmarks {name}", args=sys.argv[2:])
-    return module.main(args) or 0
+    run, args = parse(name, sys.argv[2:])
+    return run(args) or 0
 
 
 if __name__ == "__main__":

@@ -1,34 +1,44 @@
-"""Error at targets against the number of real casts, for every way to use them.
+"""Error at targets, after casts before the first target and within a session.
 
-For each rig, laboratory, cable and number of casts, the simulator is fitted to the casts, a model
-learns from simulated ones, and each target is cast at some times in turn. Every target begins anew
-with the same casts, so that a first try after five casts is a first try after five casts. A cast
-without a landing counts as a miss of 100 %.
+casts: for each rig, laboratory, cable and number of casts, `prepare_aim` fits the simulator and
+learns a model, and each target is cast at several times in turn. Every target starts anew with the
+same casts, so that a first try after five casts is a first try after five casts. Medians come with
+the interval that holds 90 % of 2,000 bootstrap draws.
 
-Each piece of work is kept in --out: the same command goes on where it was stopped, and adds what a
-larger one asks for. Medians come with the interval that holds 90 % of 2,000 bootstrap draws.
+sessions: a session aims at targets in turn, as `cablecast aim` does, and every cast counts for
+later targets; once with new fits to all casts of the session where it says that they are due, and
+once without. Both are the same up to the first new fit, so only the targets after it are compared.
+
+A cast without a landing counts as a miss of 100 %. Each target is kept in --out: the same command
+resumes where it was stopped, and adds what a larger one asks for.
 """
 
 import dataclasses
+import itertools
 import pathlib
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+import cablecast as cc
 from benchmarks.common import Table
 from benchmarks.places import (
     FINE_TUNING_MIN,
     METHODS,
     MISSED_PCT,
     Found,
+    ModelArgs,
     Place,
-    PlaceArgs,
-    some_targets,
+    RigArgs,
+    random_targets,
     try_count,
 )
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import difference_interval, median_interval
+from cablecast.files import write_bytes
+from cablecast.report import style
 from cablecast.rigs.virtual.sensing import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
 
@@ -37,7 +47,7 @@ REGION_COLUMNS = ("rig", "cable", "casts", "method", "try", "landings", "in 50 %
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args(PlaceArgs):
+class CastsArgs(ModelArgs):
     """Error at targets against the number of real casts."""
 
     rigs: tuple[str, ...] = ("virtual", "strange")
@@ -50,6 +60,10 @@ class Args(PlaceArgs):
     """Methods, some of aim, full gain, one simulator, simulated, fine-tuning, paper."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
+    counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
+    """Numbers of real casts before the first target."""
+    tries: int = 4
+    """Casts at each target."""
     quick: bool = False
     """Use the strange rig, one laboratory, one cable, 8 targets, and small models only."""
     figure: pathlib.Path | None = None
@@ -76,18 +90,18 @@ QUICK: dict[str, Any] = {
 }
 
 
-def run(args: Args, report: ProgressCallback) -> Found:
+def run(args: CastsArgs, report: ProgressCallback) -> Found:
     """Return the results by rig, cable, number of casts and method."""
     found: Found = {}
     for name in args.rigs:
         for cable in args.cables:
             for lab, own in zip(args.labs, args.shares, strict=True):
-                here = Place(args, name, lab, cable, report)
+                here = Place(args, name, lab, cable, max(args.counts), report)
                 for count in args.counts:
                     for method in args.methods:
                         if count < {"fine-tuning": FINE_TUNING_MIN, "paper": 2}.get(method, 0):
                             continue
-                        rows = here.results(method, count, own)
+                        rows = here.results(method, count, own, args.tries)
                         found.setdefault((name, cable, count, method), []).extend(rows)
     return found
 
@@ -144,10 +158,10 @@ def print_differences(found: Found) -> None:
         print(Table(title=title, columns=columns, rows=rows))
 
 
-def print_blind(found: Found, args: Args) -> None:
+def print_blind(found: Found, args: CastsArgs) -> None:
     """Print how many targets the camera of the virtual rig is blind at, and misses without them."""
     xy = np.concatenate(
-        [some_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
+        [random_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
     )
     blind = CameraErrorModel.load().sight.is_blind_at(xy)
     print(f"The virtual rig's camera is blind at {blind.sum()} of these {len(xy)} targets.\n")
@@ -161,7 +175,7 @@ def print_blind(found: Found, args: Args) -> None:
     print_misses(seen, args.tries, ", at the others")
 
 
-def main(args: Args) -> int:
+def casts(args: CastsArgs) -> int:
     """Run the benchmark and print its tables."""
     args = dataclasses.replace(args, **QUICK) if args.quick else args
     if unknown := sorted(set(args.methods) - set(METHODS)):
@@ -174,7 +188,196 @@ def main(args: Args) -> int:
         print_blind(found, args)
     print_differences(found)
     if args.figure is not None:
-        from benchmarks.casts_figures import draw
-
         draw(found, args.figure)
     return 0
+
+
+SESSION_COLUMNS = (
+    "cable",
+    "lab",
+    "model",
+    "targets",
+    "median",
+    "q1",
+    "q3",
+    "missed",
+    "hit",
+    "casts",
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SessionsArgs(RigArgs):
+    """First tries of a session with and without new fits."""
+
+    cables: tuple[str, ...] = ("cable_2",)
+    """Cables."""
+    targets: int = 12
+    """Targets of each session."""
+    tries: int = 2
+    """Casts at one target at most."""
+
+
+def aim_in_turn(place: Place, args: SessionsArgs, refit: bool) -> list[dict[str, Any]]:
+    """Return the casts at each target in turn.
+
+    Args:
+        place: Cable and laboratory.
+        args: Settings.
+        refit: True to let the session fit the simulator anew.
+    """
+    kind = "refit" if refit else "kept"
+    name = f"session-{args.calibration}-{args.tries}-{kind}"
+    targets = random_targets(args.targets, place.lab)
+    stored = [place.parts.get(f"{name}-{index:03d}") for index in range(len(targets))]
+    if all(row is not None for row in stored):
+        return [row for row in stored if row is not None]
+    session = cc.prepare_aim(
+        place.rig,
+        args.aim_config(args.calibration, tries=args.tries, refit=refit),
+        casts=place.casts(args.calibration),
+        out=place.models / name,
+        progress=place.progress,
+    )
+    rows = []
+    for index, target in enumerate(targets):
+        if (known := stored[index]) is not None:
+            rows.append(known)
+            continue
+        result = cc.aim(session, place.rig, target, progress=place.progress)
+        misses = [cast.miss_pct for cast in result.casts[0]]
+        row = {
+            "miss_pct": [miss if np.isfinite(miss) else MISSED_PCT for miss in misses],
+            "hit": bool(result.hit[0]),
+            "fitted": session.fitted_count,
+            "casts": len(session.casts),
+        }
+        place.parts.put(f"{name}-{index:03d}", row)
+        rows.append(row)
+    return rows
+
+
+def after_refit(rows: list[dict[str, Any]], first: int) -> NDArray[np.bool_]:
+    """Return which targets were aimed at after the first new fit, shape [target]."""
+    return np.array([row["fitted"] > first for row in rows])
+
+
+def sessions(args: SessionsArgs) -> int:
+    """Run the benchmark and print its table."""
+    table: list[tuple] = []
+    with console_progress() as progress:
+        for cable in args.cables:
+            found: dict[str, list] = {"kept": [], "new fit": []}
+            for lab in args.labs:
+                place = Place(args, args.rig, lab, cable, args.calibration, progress)
+                refitted, kept = (aim_in_turn(place, args, refit) for refit in (True, False))
+                later = after_refit(refitted, args.calibration)
+                for name, rows in (("kept", kept), ("new fit", refitted)):
+                    chosen = [row for row, is_later in zip(rows, later, strict=True) if is_later]
+                    found[name] += chosen
+                    if chosen:
+                        table.append((cable, lab, name, *summary(chosen)))
+            if len(args.labs) > 1:
+                table += [(cable, "all", name, *summary(rows)) for name, rows in found.items()]
+    title = "First tries after the first new fit, in % of cable length; hit: targets hit by any try"
+    print(Table(title=title, columns=SESSION_COLUMNS, rows=table))
+    return 0
+
+
+def summary(rows: list[dict[str, Any]]) -> tuple:
+    """Return targets, miss of first tries, and share of targets hit [%]."""
+    misses = np.array([row["miss_pct"][0] for row in rows])
+    median, low, high = median_interval(misses)
+    q1, q3 = np.quantile(misses, (0.25, 0.75))
+    return (
+        len(rows),
+        f"{median:.1f} ({low:.1f} to {high:.1f})",
+        f"{q1:.1f}",
+        f"{q3:.1f}",
+        f"{100.0 * np.mean(misses >= MISSED_PCT):.0f}",
+        f"{100.0 * np.mean([row['hit'] for row in rows]):.0f}",
+        sum(len(row["miss_pct"]) for row in rows),
+    )
+
+
+COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY)
+
+
+def draw(found: Found, path: pathlib.Path) -> None:
+    """Draw misses against tries; against the number of real casts where there are several numbers.
+
+    Args:
+        found: Results by rig, cable, number of casts and method.
+        path: PNG file to write.
+    """
+    names = list(dict.fromkeys((name, cable) for name, cable, _, _ in found))
+    by_count = len({count for _, _, count, _ in found}) > 1
+    with style.styled():
+        width = max(4.0, 0.33 * style.PAGE_WIDTH * len(names))
+        figure = style.new_figure(width + 1.4 * by_count, 2.9)
+        axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+        for axis, (name, cable) in zip(axes, names, strict=True):
+            here = {
+                key[2:]: np.array([row["miss_pct"] for row in rows])
+                for key, rows in found.items()
+                if key[:2] == (name, cable)
+            }
+            (_over_counts if by_count else _over_tries)(axis, here)
+            targets = len(next(iter(here.values())))
+            axis.set(title=f"{cable}, {name} rig: {targets} targets")
+            axis.grid(axis="y", color=style.FAINT)
+        axes[0].set(ylabel="miss [% of cable length]")
+        if by_count:
+            figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
+        else:
+            axes[0].legend()
+        write_bytes(path, style.png_bytes(figure))
+
+
+def _over_tries(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
+    """Draw medians with their intervals, and a band from quartile to quartile, for each line."""
+    for ((count, method), misses), color in zip(
+        here.items(), itertools.cycle(COLORS), strict=False
+    ):
+        tries = np.arange(1, misses.shape[1] + 1)
+        q1, q3 = np.quantile(misses, (0.25, 0.75), axis=0)
+        axis.fill_between(tries, q1, q3, color=color, alpha=0.15, linewidth=0)
+        _medians(axis, tries, misses.T, color, f"{method}, {count} casts before")
+        axis.set(xlabel="try", xticks=tries, ylim=(0, None))
+
+
+def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
+    """Draw medians with their intervals: the first try of every method, and later ones dashed."""
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    counts = sorted({count for count, _ in here})
+    methods = dict.fromkeys(method for _, method in here)
+    for method, color in zip(methods, itertools.cycle(COLORS), strict=False):
+        known = [count for count in counts if (count, method) in here]
+        tries = min(here[count, method].shape[1] for count in known)
+        for number in range(tries):
+            label = method if tries == 1 else f"{method}, try {number + 1}"
+            misses = [here[count, method][:, number] for count in known]
+            places = [counts.index(count) for count in known]
+            _medians(axis, places, misses, color, label, "-" if number == 0 else "--")
+    axis.set(xlabel="real casts before the first target", yscale="log")
+    axis.set_xticks(range(len(counts)), [str(count) for count in counts])
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.minorticks_off()
+
+
+def _medians(axis, places, misses, color, label: str, linestyle: str = "-") -> None:
+    """Draw the medians of some misses, with the intervals that hold 90 % of bootstrap draws."""
+    middle, low, high = np.array([median_interval(values) for values in misses]).T
+    axis.errorbar(
+        places,
+        middle,
+        (middle - low, high - middle),
+        marker="o",
+        markersize=4,
+        capsize=2,
+        color=color,
+        linestyle=linestyle,
+        label=label,
+    )

@@ -2,20 +2,15 @@
 
 import dataclasses
 import importlib.util
-import pathlib
-import platform
 from collections.abc import Callable, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast import files
 from cablecast.cable import Cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.files import core_count
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
@@ -104,37 +99,6 @@ class Table:
         rule = "|" + "|".join("-" * (w + 2) for w in widths) + "|"
         return "\n".join([f"\n{self.title}\n", lines[0], rule, *lines[1:]])
 
-    def to_dict(self) -> dict:
-        """Return plain values for JSON."""
-        return {
-            "title": self.title,
-            "rows": [dict(zip(self.columns, row, strict=True)) for row in self.rows],
-        }
-
 
 def _show(value) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def machine() -> dict[str, str]:
-    """Return facts about the machine that the figures were measured on."""
-    facts = {"python": platform.python_version(), "machine": platform.machine()}
-    facts["cores"] = str(core_count())
-    cpu = pathlib.Path("/proc/cpuinfo")
-    if cpu.exists():
-        names = [line for line in cpu.read_text().splitlines() if line.startswith("model name")]
-        facts["cpu"] = names[0].split(":")[1].strip() if names else "unknown"
-    for package in ("cablecast", "numpy", "warp-lang", "mujoco", "pybullet"):
-        try:
-            facts[package] = version(package)
-        except PackageNotFoundError:
-            facts[package] = "not installed"
-    return facts
-
-
-def write_json(path: pathlib.Path | None, tables: list[Table]) -> None:
-    """Write tables and the machine that they were measured on, where a file is asked for."""
-    if path is None:
-        return
-    content = {"machine": machine(), "tables": [table.to_dict() for table in tables]}
-    files.write_json(path, content)

@@ -14,7 +14,7 @@ import tempfile
 import numpy as np
 from scipy import stats
 
-from benchmarks.common import Table, write_json
+from benchmarks.common import Table
 from cablecast.cli.progress import console_progress
 from cablecast.conventions import xy_to_polar
 from cablecast.data.record import collect_dataset
@@ -93,7 +93,6 @@ class Args:
         seed: Seed of the actions and of the rig.
         out: Folder that keeps the casts and lets a stopped run go on. They are not made again when
             the laboratory changes: give a new folder then.
-        json: File that gets the figures, too.
     """
 
     action_count: int = 0
@@ -102,7 +101,6 @@ class Args:
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     seed: int = 0
     out: pathlib.Path | None = None
-    json: pathlib.Path | None = None
 
 
 def main(args: Args) -> None:
@@ -133,7 +131,6 @@ def main(args: Args) -> None:
                 )
             )
             print(tables[-1])
-        write_json(args.json, tables)
 
 
 def scatter_row(published: Candidate, args: Args, out: pathlib.Path) -> tuple:

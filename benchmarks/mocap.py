@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, write_json
+from benchmarks.common import Table
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import tangent
 from cablecast.engines.base import CableState
@@ -54,14 +54,12 @@ class Args:
         segment_count: Number of segments.
         dt: Longest step [s].
         iterations: Largest number of steps of the fit.
-        json: File that gets the figures, too.
     """
 
     data: pathlib.Path
     segment_count: int = 44
     dt: float = 5e-4
     iterations: int = 12
-    json: pathlib.Path | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -457,5 +455,4 @@ def main(args: Args) -> int:
     columns = ("cable", "fitted", "train [cm]", "free", "held out [cm]", "free", "found")
     table = Table(title="Mean absolute error", columns=columns, rows=rows)
     print(table)
-    write_json(args.json, [table])
     return 0

@@ -1,9 +1,11 @@
-"""Laboratories in which benchmarks cast: a rig, its casts, and what learned from them."""
+"""Laboratories in which benchmarks cast: rigs, their casts, and models fitted to them."""
 
 import dataclasses
+import functools
 import pathlib
 import runpy
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,32 +19,29 @@ from benchmarks.strange_rig import (
     other_params,
     world_draws,
 )
-from cablecast.aiming.session import FittedModel
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError
 from cablecast.learning.policy import ForwardSearchPolicy
-from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.checked import CheckedRig, seek_trial
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.folder import Parts
+from cablecast.runs.places import DATASET_FOLDER
 from cablecast.runs.progress import Progress, ProgressCallback
-from cablecast.runs.workers import LOCAL
 
 LOOPS = ("aim", "full gain", "one simulator")
-"""Methods that look where a cast landed before the next one. aim: this package's loop. full gain:
-the same with every miss taken at face value. one simulator: the same without an ensemble."""
+"""Methods that correct by each landing. aim: this package's loop. full gain: the same with every
+miss taken at face value. one simulator: the same without an ensemble."""
 METHODS = (*LOOPS, "simulated", "fine-tuning", "paper")
-"""simulated: the model of the fit, no casts in landing space. fine-tuning: `train` with the real
-casts. paper: Differential Evolution, then fine-tuning where there are enough casts."""
+"""simulated: the policy of the fitted simulator alone. fine-tuning: `train` with the real casts.
+paper: Differential Evolution, then fine-tuning where there are enough casts."""
 
 RIGS = ("virtual", "strange", "scattering", "even", "patchy", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
 scatter. scattering: strange with three times the scatter. even: strange with one friction
-everywhere. patchy: strange with the mean friction along the way of the free end. engine: the engine
-that the learner simulates with, set to other parameters. example: the rig of the documentation's
-example."""
+everywhere. patchy: strange with the mean friction along the way of the free end. engine: the
+package's engine with other parameters. example: the rig of the documentation's example."""
 DIFFERENCES: dict[str, dict[str, Any]] = {
     "strange": {},
     "scattering": {"scatter": Scatter().times(3.0)},
@@ -57,7 +56,7 @@ MISSED_PCT = 100.0
 FIT_MAX = 20
 """Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
 FINE_TUNING_MIN = 50
-"""Casts that fine-tuning needs: some of them have no landing to learn from."""
+"""Casts that fine-tuning needs: casts without a landing do not count for it."""
 
 Found = dict[tuple[str, str, int, str], list[dict]]
 """Results at the targets by rig, cable, number of casts and method."""
@@ -67,26 +66,36 @@ Found = dict[tuple[str, str, int, str], list[dict]]
 class ModelArgs:
     """Settings of the models, and the folder that keeps them."""
 
-    simulated: int = 16_000
-    """Simulated casts that each model learns from."""
-    epochs: int = 60
+    simulated: int = cc.AimConfig.simulated_count
+    """Simulated casts that each model is trained on."""
+    epochs: int = cc.AimConfig.epochs
     """Largest number of passes over them."""
-    candidates: int = 20_000
+    candidates: int = cc.AimConfig.candidate_count
     """Motions that planning chooses from."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
-    """Folder of the results, which the same command goes on with."""
+    """Folder of the results, in which the same command resumes."""
+
+    def aim_config(self, calibration_count: int, **settings: Any) -> cc.AimConfig:
+        """Return settings of aiming with these models."""
+        return cc.AimConfig(
+            calibration_count=calibration_count,
+            simulated_count=self.simulated,
+            epochs=self.epochs,
+            candidate_count=self.candidates,
+            **settings,
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PlaceArgs(ModelArgs):
-    """Casts that a place makes before the first target, and models that learn from them."""
+class RigArgs(ModelArgs):
+    """Rig, laboratories, and casts before the first target."""
 
-    counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
-    """Numbers of real casts before the first target."""
-    tries: int = 4
-    """Casts at each target."""
-    workers: str = LOCAL
-    """Who simulates for fits and models: local, ray, or ray:ADDRESS."""
+    rig: str = "virtual"
+    """Rig: virtual, strange, scattering, even, patchy, engine or example."""
+    labs: tuple[int, ...] = (0, 1, 2)
+    """Seeds of the laboratories."""
+    calibration: int = 5
+    """Casts before the first target."""
 
 
 class Luck:
@@ -109,7 +118,7 @@ class Luck:
 
 
 def equal_casts(rig: Luck, motion: cc.Trajectory, count: int) -> list[NDArray[np.float64]]:
-    """Return the landings of some casts of one motion, each with other chances [m]."""
+    """Return the landings of repeated casts of one motion, each with other chances [m]."""
     landings = []
     for number in range(count):
         rig.seek(number, "aim")
@@ -118,59 +127,64 @@ def equal_casts(rig: Luck, motion: cc.Trajectory, count: int) -> list[NDArray[np
     return landings
 
 
-class FixedSession:
-    """Casts the plan of a policy again and again, as without a loop."""
+def planned_misses(
+    policy: ForwardSearchPolicy, rig: Luck, target: NDArray[np.float64], tries: int
+) -> dict[str, list]:
+    """Return the misses [% of cable length] of a policy's plan, cast again and again."""
+    motion = policy.plan(target).trajectories[0]
+    length = policy.setup.cable.length
+    misses = [
+        100.0 * float(np.linalg.norm(xy - target)) / length
+        for xy in equal_casts(rig, motion, tries)
+    ]
+    return {"miss_pct": [_counted(miss) for miss in misses], "share": []}
 
-    def __init__(self, policy: ForwardSearchPolicy):
-        self.policy = policy
 
-    def misses(self, rig: Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
-        motion = self.policy.plan(target).trajectories[0]
-        rows = equal_casts(rig, motion, tries)
-        length = self.policy.setup.cable.length
-        return {"miss_pct": [_miss(xy, target, length) for xy in rows], "share": []}
-
-
-class LoopSession:
-    """Aims with a session that knows some casts.
+def aimed_misses(
+    session: cc.AimSession,
+    rig: Luck,
+    target: NDArray[np.float64],
+    tries: int,
+    *,
+    full_gain: bool = False,
+) -> dict[str, list]:
+    """Return the misses [% of cable length] of a session, which stays as it was.
 
     Args:
-        session: Session that knows the casts.
+        session: Session with the casts before the target.
+        rig: Rig to cast on.
+        target: Target [m], shape [2].
+        tries: Number of casts.
         full_gain: True to take every miss at face value.
+
+    Returns:
+        Beside `miss_pct`, in `share`, the probability of the stated region that just holds each
+        landing; None without one.
     """
+    session = session.fork()
+    rows: dict[str, list] = {"miss_pct": [], "share": []}
+    for _ in range(tries):
+        if full_gain:
+            experience = session.predictor.experience
+            scales = dataclasses.replace(experience.residual.scales, noise=1e-4)
+            residual = dataclasses.replace(experience.residual, scales=scales)
+            experience = dataclasses.replace(experience, residual=residual)
+            session.predictor = dataclasses.replace(session.predictor, experience=experience)
+        proposal = session.propose(target)
+        cast = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
+        share = proposal.law.share(cast.square)
+        rows["miss_pct"].append(_counted(cast.miss_pct))
+        rows["share"].append(share if np.isfinite(share) else None)
+    return rows
 
-    def __init__(self, session: cc.AimSession, full_gain: bool):
-        self.session = session
-        self.full_gain = full_gain
 
-    def misses(self, rig: Luck, target: NDArray[np.float64], tries: int) -> dict[str, list]:
-        session = self.session.fork()
-        rows: dict[str, list] = {"miss_pct": [], "share": []}
-        for _ in range(tries):
-            if self.full_gain:
-                experience = session.predictor.experience
-                scales = dataclasses.replace(experience.residual.scales, noise=1e-4)
-                residual = dataclasses.replace(experience.residual, scales=scales)
-                experience = dataclasses.replace(experience, residual=residual)
-                session.predictor = dataclasses.replace(session.predictor, experience=experience)
-            proposal = session.propose(target)
-            cast = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
-            miss = cast.miss_pct
-            rows["miss_pct"].append(miss if np.isfinite(miss) else MISSED_PCT)
-            # Probability of the region that just holds the landing.
-            share = proposal.law.share(cast.square)
-            rows["share"].append(share if np.isfinite(share) else None)
-        return rows
+def _counted(miss_pct: float) -> float:
+    return miss_pct if np.isfinite(miss_pct) else MISSED_PCT
 
 
 def try_count(method: str, tries: int) -> int:
     """Return the tries of a method at a target: one where no cast depends on those before."""
     return tries if method in LOOPS else 1
-
-
-def _miss(xy: NDArray[np.float64], target: NDArray[np.float64], length: float) -> float:
-    miss = 100.0 * float(np.linalg.norm(xy - target)) / length
-    return miss if np.isfinite(miss) else MISSED_PCT
 
 
 def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
@@ -189,7 +203,7 @@ def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
 
 
 def fit_name(count: int, paper: bool) -> str:
-    """Return the name of the fit to some casts, and of its model: that of the largest fit at most.
+    """Return the name of a fit and of its model; fits to more casts than the largest are that one.
 
     Args:
         count: Casts before the first target.
@@ -198,7 +212,7 @@ def fit_name(count: int, paper: bool) -> str:
     return f"{min(count, FIT_MAX)}{'-paper' if paper else ''}"
 
 
-def some_targets(count: int, lab: int) -> NDArray[np.float64]:
+def random_targets(count: int, lab: int) -> NDArray[np.float64]:
     """Return targets drawn about the paper's 32, of which none is repeated [m], [target, 2]."""
     rng = np.random.default_rng([lab, 29])
     paper = cc.load_targets()
@@ -212,10 +226,28 @@ def some_targets(count: int, lab: int) -> NDArray[np.float64]:
 
 
 class Place:
-    """One cable in one laboratory: its casts, and the models that learned from them."""
+    """One cable in one laboratory: its casts, and the models that were fitted to them.
 
-    def __init__(self, args: PlaceArgs, name: str, lab: int, cable: str, report: ProgressCallback):
-        self.args, self.name, self.lab, self.report = args, name, lab, report
+    Args:
+        args: Settings of the models.
+        name: Name of the rig.
+        lab: Seed of the laboratory.
+        cable: Name of the cable.
+        largest: Largest number of casts before the first target.
+        progress: Called with the progress of each step.
+    """
+
+    def __init__(
+        self,
+        args: ModelArgs,
+        name: str,
+        lab: int,
+        cable: str,
+        largest: int,
+        progress: ProgressCallback,
+    ):
+        self.args, self.name, self.lab = args, name, lab
+        self.largest, self.progress = largest, progress
         self.setup = cc.Setup(cable=cable)
         self.rig = open_rig(name, lab, self.setup)
         size = f"{args.simulated}-{args.epochs}"
@@ -224,116 +256,97 @@ class Place:
         self.models = self.folder / f"models-{size}"
 
     def casts(self, count: int, first: int = 0) -> Dataset | None:
-        """Return the casts from the first one on; a larger count begins with a smaller one."""
+        """Return the casts from the first one on; a larger count starts with a smaller one."""
         if count <= first:
             return None
-        largest = max(self.args.counts)
-        begun, fitted = min(largest, cc.AimConfig().calibration_count), min(largest, FIT_MAX)
+        spread = min(self.largest, cc.AimConfig.calibration_count)
+        fitted = min(self.largest, FIT_MAX)
         every = CastStore(self.setup)
         parts: list[tuple[str, int, dict[str, Any]]] = [
-            ("spread", begun, {"purpose": "tune", "sampling": "spread"}),
-            ("tune", fitted - begun, {"purpose": "tune", "sampling": "uniform"}),
-            ("real", largest - fitted, {"purpose": "real", "sampling": "uniform", "seed": 1}),
+            ("spread", spread, {"purpose": "tune", "sampling": "spread"}),
+            ("tune", fitted - spread, {"purpose": "tune", "sampling": "uniform"}),
+            ("real", self.largest - fitted, {"purpose": "real", "sampling": "uniform", "seed": 1}),
         ]
         for name, number, settings in parts:
             if number:
                 folder = self.folder / "casts" / f"{name}-{number}"
                 made = cc.collect(
-                    self.rig, count=number, out=folder, progress=self.report, **settings
+                    self.rig, count=number, out=folder, progress=self.progress, **settings
                 )
                 every.add_dataset(made)
         return every.dataset(range(first, min(count, len(every))))
 
-    def tuned(self, count: int, paper: bool) -> cc.Tuned:
-        """Return what some casts say of the cable; what is believed of it without casts."""
-        few = self.casts(min(count, FIT_MAX))
-        if few is None:
-            return cc.Tuned.believed(self.setup)
+    def tuned(self, count: int, paper: bool = False) -> cc.Tuned | None:
+        """Return the fit to the first casts; None without casts."""
+        fitted = self.casts(min(count, FIT_MAX))
+        if fitted is None:
+            return None
         return cc.tune(
-            few,
+            fitted,
             config=cc.TuneConfig() if paper else cc.FitConfig(),
             validation_count=1 if paper else 0,
             out=self.folder / "fits" / fit_name(count, paper),
-            workers=self.args.workers,
-            progress=self.report,
+            progress=self.progress,
         )
 
-    def policy(self, count: int, paper: bool) -> ForwardSearchPolicy:
-        """Return the model of casts that were simulated with what some casts taught."""
-        folder = self.models / fit_name(count, paper)
-        tuned = self.tuned(count, paper)
-        simulated = simulate_to_aim(
-            self.setup,
-            tuned,
-            count=self.args.simulated,
-            workers=self.args.workers,
-            out=folder / "dataset",
-            progress=self.report,
-        )
-        return cc.train(
-            simulated,
-            epochs=self.args.epochs,
-            candidate_count=self.args.candidates,
-            out=folder / "model",
-            progress=self.report,
-        )
+    def session(self, count: int, paper: bool = False) -> cc.AimSession:
+        """Return a session after the first casts, which keeps nothing of what follows."""
+        session = cc.prepare_aim(
+            self.rig,
+            self.args.aim_config(0, within_pct=0.01, tries=1000),
+            casts=self.casts(min(count, FIT_MAX)),
+            tuned=self.tuned(count, paper),
+            out=self.models / fit_name(count, paper),
+            progress=self.progress,
+        ).fork()
+        rest = self.casts(count, FIT_MAX)
+        if rest is not None:
+            session.add_casts(rest)
+        return session
 
-    def session(self, method: str, count: int) -> LoopSession | FixedSession:
-        """Return what casts at targets by a method."""
-        policy = self.policy(count, method == "paper")
-        if method in LOOPS:
-            known = self._known(policy, count, ensemble=method != "one simulator")
-            return LoopSession(known, method == "full gain")
-        if method == "simulated" or (method == "paper" and count < FINE_TUNING_MIN):
-            return FixedSession(policy)
+    def policy(self, method: str, count: int) -> ForwardSearchPolicy:
+        """Return the policy of a method that does not correct."""
+        paper = method == "paper"
+        policy = self.session(count, paper).model.policy
+        if method == "simulated" or (paper and count < FINE_TUNING_MIN):
+            return policy
         real = self.casts(count)
         if real is None:
             raise InputError(f"method {method} needs casts")
         real = dataclasses.replace(real, info=real.info | {"kind": "real"})
-        simulated = cc.read_dataset(self.models / fit_name(count, method == "paper") / "dataset")
+        simulated = cc.read_dataset(self.models / fit_name(count, paper) / DATASET_FOLDER)
         model: Any = policy.model
-        return FixedSession(cc.train(simulated, real, start=model))
+        return cc.train(simulated, real, start=model)
 
-    def _known(
-        self, policy: ForwardSearchPolicy, count: int, *, ensemble: bool = True
-    ) -> cc.AimSession:
-        """Return a session that knows some casts."""
-        tuned = self.tuned(count, paper=False)
-        if not ensemble:
-            tuned = dataclasses.replace(tuned, ensemble=None)
-        casts = self.casts(min(count, FIT_MAX))
-        model = FittedModel(
-            policy=policy, tuned=tuned, fitted_count=0 if casts is None else len(casts)
-        )
-        config = cc.AimConfig(within_pct=0.01, tries=1000)
-        session = cc.AimSession(model, casts=casts, config=config)
-        rest = self.casts(count, FIT_MAX)
-        if rest is not None:
-            session.add_casts(rest)
-        session.look(self.rig)
-        return session
+    def player(self, method: str, count: int) -> Callable[..., dict[str, list]]:
+        """Return what casts by a method: a function of rig, target and number of tries."""
+        if method not in LOOPS:
+            return functools.partial(planned_misses, self.policy(method, count))
+        session = self.session(count)
+        if method == "one simulator" and session.model.tuned is not None:
+            tuned = dataclasses.replace(session.model.tuned, ensemble=None)
+            session.use(dataclasses.replace(session.model, tuned=tuned))
+        return functools.partial(aimed_misses, session, full_gain=method == "full gain")
 
-    def results(self, method: str, count: int, targets: int) -> list[dict[str, Any]]:
+    def results(self, method: str, count: int, targets: int, tries: int) -> list[dict[str, Any]]:
         """Return the results at the targets of this place, and make those that are missing."""
-        rows, session = [], None
-        tries = try_count(method, self.args.tries)
+        rows, play = [], None
+        tries = try_count(method, tries)
         task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
-        for index, target in enumerate(some_targets(targets, self.lab)):
+        for index, target in enumerate(random_targets(targets, self.lab)):
             name = f"{method.replace(' ', '-')}-{count}-{tries}-{index:03d}"
             stored = self.parts.get(name)
             if stored is None:
-                if session is None:
-                    # From here on it takes time, which is what progress is told by.
+                if play is None:
                     self._report(task, index, targets)
-                    session = self.session(method, count)
-                began = time.monotonic()
-                luck = Luck(self.rig, 1000 * (index + 1))
-                stored = session.misses(luck, target, tries)
-                stored["seconds"] = round(time.monotonic() - began, 2)
+                    play = self.player(method, count)
+                start = time.monotonic()
+                stored = play(Luck(self.rig, 1000 * (index + 1)), target, tries)
+                stored["seconds"] = round(time.monotonic() - start, 2)
                 self.parts.put(name, stored)
                 self._report(task, index + 1, targets)
             rows.append(stored)
         return rows
 
     def _report(self, task: str, done: int, total: int) -> None:
-        self.report(Progress(task=task, done=done, total=total, unit="targets"))
+        self.progress(Progress(task=task, done=done, total=total, unit="targets"))

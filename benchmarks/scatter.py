@@ -1,14 +1,18 @@
-"""Scatter of equal casts, and what tells it and the error of the simulator beforehand.
+"""What limits a cast at a target: scatter, the error of the simulator, uneven friction.
 
-After a few casts the loop of `cablecast aim` chooses a first cast at each of some targets. Each is
-made several times, with other chances. The scatter of its landings, and the distance from their
-middle to the landing that the simulators expect, are compared with what they are judged by before:
-the sensitivity to the action, the friction, and how far the simulators part. The stated scatter
-along each axis is that of the plan. No correction of one cast of a rig lands nearer than the casts
-scatter.
+scatter: after the calibration casts the loop of `cablecast aim` chooses a first cast at each of the
+targets. Each is made several times, with other chances. The scatter of its landings, and the
+distance from their middle to the landing that the simulators expect, are compared with what is
+known before: the sensitivity to the action, the friction, and how far the simulators part. The
+stated scatter along each axis is that of the plan. No correction of one cast of a rig lands nearer
+than the casts scatter. Each target is kept in --out: the same command resumes where it was stopped,
+and shares fits and models with `benchmarks casts`.
 
-Each target is kept in --out: the same command goes on where it was stopped, and shares fits and
-models with `benchmarks casts`.
+uneven: the strange rig is cast at random actions without scatter, once as it is and once with one
+friction everywhere. The landings of both give the shift by the uneven friction; central differences
+about the action give the Jacobian of the landing. A correction by the Jacobian J of the even world
+moves the landing in the uneven one, whose Jacobian is J', so that the share |I - J' J^+| of a miss
+in the worst direction is left: what a learner with no other error would leave.
 """
 
 import dataclasses
@@ -17,23 +21,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.after_casts import AfterCasts
 from benchmarks.common import Table
-from benchmarks.places import Luck, Place, equal_casts, some_targets
+from benchmarks.places import DIFFERENCES, Luck, Place, RigArgs, equal_casts, random_targets
+from benchmarks.strange_rig import Scatter, StrangeRig
 from cablecast.aiming.ensemble import miss_sizes
 from cablecast.aiming.predictor import log_scatters
 from cablecast.aiming.residual import FRICTION_SIZE
+from cablecast.cast import TrialStatus
 from cablecast.cli.progress import console_progress
-from cablecast.motion.action import mirror_to_right
+from cablecast.errors import JointLimitError
+from cablecast.motion.action import Action, ActionRanges, mirror_to_right
+from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.runs.progress import Progress
+from cablecast.setup import Setup
 
-COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
+SCATTER_COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
 RANK_COLUMNS = ("told by", "with the scatter", "with the error")
 SIZE_COLUMNS = ("size along each axis", "targets", "error", "q1", "q3", "within 8 %")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args(AfterCasts):
+class ScatterArgs(RigArgs):
     """Scatter of equal casts beside what is stated."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
@@ -44,15 +53,15 @@ class Args(AfterCasts):
     """Equal casts at each."""
 
 
-def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
+def cast_again(place: Place, args: ScatterArgs) -> list[dict[str, Any]]:
     """Return landings of equal casts at each target of a place, and what was known before."""
     session, rows = None, []
     length = place.setup.cable.length
-    for index, target in enumerate(some_targets(args.targets, place.lab)):
+    for index, target in enumerate(random_targets(args.targets, place.lab)):
         name = f"scatter-{args.calibration}-{args.repeats}-{index:03d}"
         row = place.parts.get(name)
         if row is None:
-            session = session or place.session("aim", args.calibration).session
+            session = session or place.session(args.calibration)
             predictor = session.predictor
             proposal = session.propose(target)
             action, side = mirror_to_right(proposal.action.to_array()[None])
@@ -70,7 +79,7 @@ def cast_again(place: Place, args: Args) -> list[dict[str, Any]]:
             place.parts.put(name, row)
         rows.append(row)
         task = f"{place.name} {place.lab} {place.setup.cable.name}, equal casts"
-        place.report(Progress(task=task, done=index + 1, total=args.targets, unit="targets"))
+        place.progress(Progress(task=task, done=index + 1, total=args.targets, unit="targets"))
     return rows
 
 
@@ -135,15 +144,16 @@ def size_rows(rows: list[dict[str, Any]], parts: int = 3) -> list[tuple]:
     return found
 
 
-def main(args: Args) -> int:
+def scatter(args: ScatterArgs) -> int:
     """Run the benchmark and print its tables."""
-    shared = args.place_args()
     every, table = [], []
     with console_progress() as progress:
         for cable in args.cables:
             here = []
             for lab in args.labs:
-                here += cast_again(Place(shared, args.rig, lab, cable, progress), args)
+                here += cast_again(
+                    Place(args, args.rig, lab, cable, args.calibration, progress), args
+                )
             deviation, distance, error, lost = measured(here)
             stated = np.median([row["stated"] for row in here])
             numbers = (np.nanmedian(deviation), stated, np.nanmedian(distance), np.mean(lost))
@@ -151,9 +161,135 @@ def main(args: Args) -> int:
             table.append((args.rig, cable, len(here), *percent))
             every += here
     title = "Medians over targets in % of cable length; lost: casts without a landing [%]"
-    print(Table(title=title, columns=COLUMNS, rows=table))
+    print(Table(title=title, columns=SCATTER_COLUMNS, rows=table))
     title = f"Rank correlation at {len(every)} targets"
     print(Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every)))
     title = "Error by the size that spread and friction tell, in % of cable length"
     print(Table(title=title, columns=SIZE_COLUMNS, rows=size_rows(every)))
     return 0
+
+
+STEP = 0.02
+"""Half the way of a central difference, as a share of the range of each number of an action."""
+STILL = Scatter(angle=0.0, bow=0.0, friction=0.0)
+UNEVEN = ("strange", "patchy")
+"""Rigs that are compared with the one of even friction."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class UnevenArgs:
+    """Effect of uneven friction on landings and corrections.
+
+    Attributes:
+        cable: Name of a preset.
+        labs: Seeds of the laboratories.
+        count: Actions in each laboratory whose casts come to rest on the table.
+    """
+
+    cable: str = "cable_1"
+    labs: tuple[int, ...] = (0, 1, 2)
+    count: int = 24
+
+
+def landing(rig: StrangeRig, action: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return where a cast comes to rest [m], shape [2]; None unless it is made and seen there."""
+    try:
+        motion = plan_trajectory(Action.from_array(action), rig.setup)
+    except JointLimitError:
+        return None
+    # The camera errs alike in every cast, which differences don't see.
+    rig.seek(0)
+    rig.reset()
+    track = rig.execute(motion)
+    return track.endpoint_xy[-1] if track.status is TrialStatus.OK else None
+
+
+def linear(rig: StrangeRig, actions: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the landing of an action, then its change with each number, shape [1 + number, 2].
+
+    Args:
+        rig: Rig without scatter.
+        actions: An action, then those a step up and those a step down in each of its numbers,
+            shape [1 + 2 number, number].
+    """
+    found = []
+    for action in actions:
+        xy = landing(rig, action)
+        if xy is None:
+            return None
+        found.append(xy)
+    middle, up, down = np.split(np.array(found), (1, 1 + len(found) // 2))
+    return np.concatenate([middle, (up - down) / 2])
+
+
+def stencils(setup: Setup, count: int, seed: int) -> NDArray[np.float64]:
+    """Return feasible actions with their steps up and down, shape [action, 1 + 2 number, number].
+
+    psi moves with theta2, so that theta2 can take a step where the wrist does not turn.
+    """
+    ranges = ActionRanges.for_setup(setup)
+    bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
+    inner = bounds + STEP * np.diff(bounds) * [1.0, -1.0]
+    theta1, theta2, r2, wrist = ((float(low), float(high)) for low, high in inner)
+    within = ActionRanges(theta1=theta1, theta2=theta2, r2=r2, wrist=wrist)
+    actions = feasible_uniform(count, setup, within, seed=seed)
+    steps = np.diag(STEP * np.diff(bounds)[:, 0])
+    steps[1, 3] = steps[1, 1]
+    around = np.concatenate([np.zeros((1, 4)), steps, -steps])
+    return actions[:, None] + around
+
+
+def after_correction(
+    believed: NDArray[np.float64], true: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the relative error of a Jacobian, and the share of a miss that a step by it leaves.
+
+    Args:
+        believed: Jacobian that the correction inverts, shape [2, number].
+        true: Jacobian of the rig, shape [2, number].
+    """
+    change = np.linalg.norm(true - believed) / np.linalg.norm(believed)
+    left = np.linalg.norm(np.eye(2) - true @ np.linalg.pinv(believed), 2)
+    return float(change), float(left)
+
+
+def still_rig(name: str, args: UnevenArgs, lab: int) -> StrangeRig:
+    """Return a rig of a laboratory, without scatter."""
+    differences = DIFFERENCES[name] | {"scatter": STILL}
+    return StrangeRig(Setup(cable=args.cable), lab_seed=lab, **differences)
+
+
+def compare(args: UnevenArgs) -> dict[str, NDArray[np.float64]]:
+    """Return shift [%], change of the Jacobian [-] and share left [-] by rig, [action, 3].
+
+    The actions are those that come to rest on the table on all rigs.
+    """
+    length = Setup(cable=args.cable).cable.length
+    rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in UNEVEN}
+    for number, lab in enumerate(args.labs, 1):
+        rigs = [still_rig(name, args, lab) for name in ("even", *UNEVEN)]
+        for actions in stencils(rigs[0].setup, 10 * args.count, lab):
+            casts = [cast for rig in rigs if (cast := linear(rig, actions)) is not None]
+            if len(casts) < len(rigs):
+                continue
+            smooth, *others = casts
+            for name, rough in zip(UNEVEN, others, strict=True):
+                shift = 100.0 * float(np.linalg.norm(rough[0] - smooth[0])) / length
+                rows[name].append((shift, *after_correction(smooth[1:].T, rough[1:].T)))
+            if len(rows[UNEVEN[0]]) == number * args.count:
+                break
+    return {name: np.array(of) for name, of in rows.items()}
+
+
+def uneven(args: UnevenArgs) -> None:
+    """Print medians and quartiles on both rigs."""
+    table = Table(
+        f"Uneven friction beside one friction, {args.cable}: medians (quartiles)",
+        ("rig", "actions", "shift of the landing [%]", "change of the Jacobian", "miss left"),
+        [],
+    )
+    for name, found in compare(args).items():
+        q1, median, q3 = np.quantile(found, (0.25, 0.5, 0.75), axis=0)
+        cells = (f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(median, q1, q3, strict=True))
+        table.rows.append((name, len(found), *cells))
+    print(table)

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from benchmarks.casts_figures import draw
+from benchmarks.casts import draw
 from matplotlib.figure import Figure
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from benchmarks.places import RIGS, Luck, equal_casts, open_rig
+from benchmarks.scatter import STILL, after_correction, linear, stencils
 from benchmarks.strange_rig import StrangeRig
-from benchmarks.uneven import STILL, after_correction, linear, stencils
 
 import cablecast as cc
 from cablecast.motion.action import Action

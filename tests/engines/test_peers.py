@@ -5,8 +5,8 @@ import importlib.util
 import numpy as np
 import pytest
 from benchmarks import peers
-from benchmarks.peers.base import Peer, frames
-from benchmarks.peers.scenes import casts, swings
+from benchmarks.peer_adapters import Peer, frames
+from benchmarks.peers import casts, swings
 
 from cablecast.cable import load_cable
 from cablecast.conventions import tangent

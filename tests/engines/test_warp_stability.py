@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from benchmarks import stability, swing
+from benchmarks import energy
 
 from cablecast.cable import CableParams, load_cable
 from cablecast.engines.base import CableState
@@ -36,7 +36,7 @@ def test_no_world_of_the_search_space_grows_unmarked(segment_count, dt, count, m
     # `python -m benchmarks stability` plays 20,000 worlds at 28 resolutions.
     for index, name in enumerate(("cable_1", "cable_2", "cable_3")):
         cable, seed = load_cable(name), 10 + index
-        marked, grown, _ = stability.scan(cable, segment_count, dt, count, seed, materials)
+        marked, grown, _ = energy.scan(cable, segment_count, dt, count, seed, materials)
         assert grown == 0
         # A light end that whips may need a shorter step than bending does.
         assert marked <= max(1, 0.05 * count)
@@ -54,11 +54,11 @@ def test_an_undamped_swing_at_100_segments_gains_no_energy_in_ten_seconds():
 
 
 def test_a_gentle_undamped_swing_keeps_its_energy_and_a_whip_at_a_short_step():
-    gentle = swing.swing_losses(CABLE, np.array([-np.pi / 4]), 50, 5e-4, 2.5)
+    gentle = energy.swing_losses(CABLE, np.array([-np.pi / 4]), 50, 5e-4, 2.5)
     # Measured: less than 1e-4; the energy between samples is a mean over a window.
     assert abs(gentle[0]) < 5e-4
-    coarse = swing.swing_losses(CABLE, np.zeros(1), 50, 5e-4, 2.5)[0]
-    fine = swing.swing_losses(CABLE, np.zeros(1), 50, 1.25e-4, 2.5)[0]
+    coarse = energy.swing_losses(CABLE, np.zeros(1), 50, 5e-4, 2.5)[0]
+    fine = energy.swing_losses(CABLE, np.zeros(1), 50, 1.25e-4, 2.5)[0]
     # Measured: 0.17 and 4e-4, docs/engine.md.
     assert abs(fine) < 0.01
     assert coarse > 10 * abs(fine)

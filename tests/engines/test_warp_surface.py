@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from benchmarks import stability
+from benchmarks import energy
 
 from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, CableParams, load_cable
 from cablecast.engines import make_engine
@@ -221,7 +221,7 @@ def test_a_cable_with_a_grain_lands_elsewhere_and_does_not_creep():
 def test_no_world_with_drag_and_a_grain_gains_energy_unmarked():
     for seed, name in enumerate(CABLE_NAMES):
         cable = load_cable(name).with_params(drag_coefficient=2.0, friction_ratio=0.3)
-        marked, grown, _ = stability.scan(cable, 20, 1e-3, 48, seed)
+        marked, grown, _ = energy.scan(cable, 20, 1e-3, 48, seed)
         assert grown == 0
         # As without: a light end that whips may need a shorter step.
         assert marked <= 2

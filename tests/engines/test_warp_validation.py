@@ -4,8 +4,7 @@ import dataclasses
 
 import pytest
 from benchmarks.validation import CASES, THEMES
-from benchmarks.validation.case import make_warp
-from benchmarks.validation.page import Result, anchor, plot, write
+from benchmarks.validation.case import Result, anchor, make_warp, plot, write
 
 from cablecast.cable import PAPER_PARAMS
 from cablecast.engines.base import GRAVITY

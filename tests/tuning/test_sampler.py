@@ -1,7 +1,7 @@
 """The sampler that fits are compared with draws what closed forms say."""
 
 import numpy as np
-from benchmarks.sampler import sample
+from benchmarks.fits import sample
 
 COUNT = 600
 """Particles: means are then known to 4 % of a deviation, deviations to 3 %, if they are

@@ -1,27 +1,33 @@
-"""No silent failure: worlds over the search space, at many resolutions, undamped ones included.
+"""Energy of EngineWarp: worlds that gain some and are not marked, and what an undamped swing loses.
 
-A world fails silently if it gains energy and is not marked. EngineWarp marks by its own account of
-energy and work; here the recorded shapes are judged. Once the gripper has stopped no work is done,
-so that kinetic, potential and elastic energy together can only fall.
+stability: a world fails silently if it gains energy and is not marked. EngineWarp marks by its own
+account of energy and work; here the recorded shapes are judged, over the search space and at many
+resolutions, undamped worlds included. Once the gripper has stopped no work is done, so that
+kinetic, potential and elastic energy together can only fall.
+
+swing: a cable clamped at an angle below the horizontal is let go from straight. Nothing resists it,
+so that its energy should stay. Small swings keep it; a whip turns segments by so much within a step
+that the length solve iterates along the turned edges, and that takes energy.
 """
 
 import dataclasses
-import pathlib
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, random_casts, write_json
+from benchmarks.common import Table, random_casts
 from cablecast.cable import CABLE_NAMES, FITTED_MATERIAL, Cable, CableParams, load_cable
 from cablecast.conventions import GRAVITY, tangent
+from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
 from cablecast.tuning.space import SearchSpace
 
 WORLD_COUNTS = {20: 2262, 30: 1800, 50: 600, 70: 240, 100: 96, 160: 24, 240: 9}
 """Worlds for each number of segments, at each step: fewer where they cost more."""
-STEPS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
+SCAN_STEPS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
 V_MAX = 1.8
 """Speed of the paper's fastest casts [m/s]."""
 CAST_COUNT = 240
@@ -37,7 +43,7 @@ give back as much as a third, at any step."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args:
+class StabilityArgs:
     """Worlds over the search space at many resolutions: none may gain energy and go unmarked.
 
     Attributes:
@@ -45,14 +51,12 @@ class Args:
         share: Share of the 20,124 worlds to play.
         materials: Draw a material for each world, too: what a fit can find of the cable.
         seed: Seed of the draws.
-        json: File that gets the figures, too.
     """
 
     cables: tuple[str, ...] = CABLE_NAMES
     share: float = 1.0
     materials: bool = False
     seed: int = 0
-    json: pathlib.Path | None = None
 
 
 def draw_worlds(cable: Cable, count: int, seed: int) -> CableParams:
@@ -181,7 +185,7 @@ def scan(
     return marked, grown, most
 
 
-def main(args: Args) -> int:
+def stability(args: StabilityArgs) -> int:
     """Print marked worlds and those that grow unmarked; status 1 where there is one."""
     table = Table(
         f"Parameters over the search space, every second world undamped, v_max {V_MAX:g} m/s",
@@ -189,7 +193,7 @@ def main(args: Args) -> int:
         [],
     )
     for segment_count, count in WORLD_COUNTS.items():
-        for dt in STEPS:
+        for dt in SCAN_STEPS:
             each = max(1, round(args.share * count / len(args.cables)))
             found = [
                 scan(load_cable(name), segment_count, dt, each, args.seed + index, args.materials)
@@ -203,5 +207,77 @@ def main(args: Args) -> int:
     worlds, marked, grown = (sum(row[i] for row in table.rows) for i in (2, 3, 4))
     table.rows.append(("all", "", worlds, marked, grown, max(row[5] for row in table.rows)))
     print(table)
-    write_json(args.json, [table])
     return 1 if grown else 0
+
+
+PITCHES_DEG = (-45.0, -30.0, 0.0)
+"""Directions of the clamp: steep ones swing little, a level one whips."""
+SWING_STEPS = (1e-3, DEFAULT_DT, 2.5e-4, 1.25e-4)
+WINDOW = 0.05
+"""Time over which the energy is averaged at the start and at the end [s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SwingArgs:
+    """Energy lost by an undamped swing.
+
+    Attributes:
+        cables: Names of presets.
+        duration: Duration of the swing [s].
+        segment_count: Number of segments.
+    """
+
+    cables: tuple[str, ...] = CABLE_NAMES
+    duration: float = 2.5
+    segment_count: int = DEFAULT_SEGMENT_COUNT
+
+
+def swing_losses(
+    cable: Cable, pitches: NDArray[np.float64], segment_count: int, dt: float, duration: float
+) -> NDArray[np.float64]:
+    """Return the energy lost, as a share of the greatest kinetic energy [-], shape [pitch].
+
+    Args:
+        cable: Cable, whose damping is left out.
+        pitches: Directions of clamp and cable [rad], shape [pitch].
+        segment_count: Number of segments.
+        dt: Step [s].
+        duration: Duration of the swing [s].
+    """
+    params = dataclasses.replace(cable.params, linear_damping=0.0, angular_damping=0.0)
+    along = np.linspace(0.0, cable.length, segment_count + 1)
+    nodes = np.zeros((len(pitches), segment_count + 1, 3))
+    nodes[..., 1] = along * np.cos(pitches)[:, None]
+    nodes[..., 2] = along * np.sin(pitches)[:, None]
+    paths = GripPath.stack([GripPath.hold([0.0, 0.0, 0.0, 0.0, p], 1.0) for p in pitches])
+    engine = EngineWarp(segment_count=segment_count, dt=dt, precision="double", table=False)
+    rollout = engine.rollout(
+        cable.with_params(params),
+        paths,
+        CableState.at_rest(nodes),
+        duration=duration,
+        sample_dt=dt,
+        record_nodes=True,
+    )
+    assert rollout.nodes is not None
+    worlds = CableParams.from_array(np.tile(params.to_array(), (len(pitches), 1)))
+    kinetic, potential = energies(cable, worlds, paths, rollout.nodes, dt)
+    total, window = kinetic + potential, round(WINDOW / dt)
+    lost = total[:, :window].mean(axis=1) - total[:, -window:].mean(axis=1)
+    return lost / kinetic.max(axis=1)
+
+
+def swing(args: SwingArgs) -> None:
+    """Print the loss of each cable, step and clamp."""
+    pitches = np.radians(PITCHES_DEG)
+    table = Table(
+        f"Energy lost in {args.duration:g} s, {args.segment_count} segments, in % of the greatest "
+        "kinetic energy, by the pitch of the clamp",
+        ("cable", "step [ms]", *(f"{pitch:g} deg" for pitch in PITCHES_DEG)),
+        [],
+    )
+    for name in args.cables:
+        for dt in SWING_STEPS:
+            losses = swing_losses(load_cable(name), pitches, args.segment_count, dt, args.duration)
+            table.rows.append((name, dt * 1e3, *(100.0 * losses).round(2).tolist()))
+    print(table)

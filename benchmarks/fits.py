@@ -1,34 +1,156 @@
-"""The Gaussian posterior of a fit beside draws of a sampler that assumes no shape.
+"""Fits of the simulator: what a material is worth, and the posterior beside a sampler.
 
+material: casts of each cable in each copy of a laboratory are collected, as `cablecast aim` makes
+them, and random ones. The first are fitted with the ten parameters alone, and with the values of
+the material, too, where they are likelier with these; the random ones show how far the simulated
+endpoint then is from the measured one.
+
+sampler: the Gaussian posterior of a fit beside draws of a sampler that assumes no shape.
 Sequential Monte Carlo: particles from what is believed of the cable are led to the posterior
 through powers of the likelihood. At each power they are resampled by their weights and moved by
 Metropolis-Hastings steps that leave the Gaussian of all particles as it is. All particles times all
-casts are one batch of the engine. The density is that of the fit (`tuning/least_squares.py`), at
-its coarse resolution and with the misfit that it ended with.
+casts are one batch of the engine. The density is that of the fit, at its coarse resolution and with
+the misfit that it ended with.
 """
 
 import dataclasses
 import pathlib
+import tempfile
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
 from benchmarks.common import Table
-from benchmarks.places import Place, PlaceArgs
-from cablecast.cable import CableParams
+from benchmarks.places import ModelArgs, Place, open_rig
+from cablecast.cable import ROD_ARM, CableParams
 from cablecast.cli.progress import console_progress
+from cablecast.data.dataset import Dataset
+from cablecast.data.store import CastStore
 from cablecast.engines import make_engine
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.pipeline.collect import AnySampling, collect
+from cablecast.pipeline.tune import tune
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.tuning.fit import TRACK_WEIGHT
+from cablecast.runs.workers import LOCAL
+from cablecast.setup import Setup
+from cablecast.tuning.fit import TRACK_WEIGHT, FitConfig
 from cablecast.tuning.space import ParamPosterior, SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
-COLUMNS = ("parameter", "believed", "Gaussian", "sampler", "shift of the mean")
+MATERIAL_COLUMNS = (
+    "cable",
+    "laboratory",
+    "fit",
+    "damping time [ms]",
+    "curl [rad]",
+    "attachment [mm]",
+    "yield [1/m]",
+    "on the way, mean [%]",
+    "at rest, median [%]",
+    "q1",
+    "q3",
+)
+NO_MATERIAL: dict[str, Any] = {"materials": ()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MaterialArgs:
+    """Fits with and without a material.
+
+    Attributes:
+        rig: Rig: virtual, strange, scattering, even, patchy, engine or example.
+        cables: Names of the cables.
+        labs: Seeds of the laboratories.
+        fitted: Casts to fit.
+        sampling: Sampling of the casts to fit: spread, uniform or grid.
+        others: Random casts to measure the fit with.
+        seed: Seed of the casts.
+        workers: Who simulates for the fits: local, ray, or ray:ADDRESS.
+        out: Folder that keeps the casts and lets a stopped run go on.
+    """
+
+    rig: str = "virtual"
+    cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
+    labs: tuple[int, ...] = (0, 1, 2)
+    fitted: int = 5
+    sampling: AnySampling = "spread"
+    others: int = 60
+    seed: int = 0
+    workers: str = LOCAL
+    out: pathlib.Path | None = None
+
+
+def material(args: MaterialArgs) -> None:
+    table = Table("Simulated against measured endpoint, in % of cable length", MATERIAL_COLUMNS, [])
+    with tempfile.TemporaryDirectory() as temporary:
+        out = args.out or pathlib.Path(temporary)
+        for cable in args.cables:
+            for lab in args.labs:
+                casts = collected(cable, lab, args, out)
+                for settings in (NO_MATERIAL, {}):
+                    table.rows.append(fitted(casts, lab, settings, args))
+                    print(*table.rows[-1], flush=True)
+    print(table)
+
+
+def collected(cable: str, lab: int, args: MaterialArgs, out: pathlib.Path) -> Dataset:
+    """Return the casts to fit, and then the others."""
+    setup = Setup(cable=cable)
+    rig = open_rig(args.rig, lab, setup)
+    every = CastStore(setup)
+    with rig, console_progress() as progress:
+        parts: tuple[tuple[str, int, AnySampling], ...] = (
+            ("tune", args.fitted, args.sampling),
+            ("real", args.others, "uniform"),
+        )
+        for purpose, count, sampling in parts:
+            made = collect(
+                rig,
+                count=count,
+                seed=args.seed,
+                purpose=purpose,
+                sampling=sampling,
+                out=out / f"{args.rig}-{cable}-{lab}-{sampling}-{count}",
+                progress=progress,
+            )
+            every.add_dataset(made)
+    return every.dataset()
+
+
+def fitted(casts: Dataset, lab: int, settings: dict[str, Any], args: MaterialArgs) -> tuple:
+    with console_progress() as progress:
+        tuned = tune(
+            casts,
+            config=FitConfig(seed=args.seed, **settings),
+            validation_count=args.others,
+            workers=args.workers,
+            progress=progress,
+        )
+    row = tuned.metrics["validation"]["tuned"]
+    params = tuned.params
+    damping_time, curvature, arm = (
+        float(np.asarray(value))
+        for value in (params.damping_time, params.rest_curvature, params.attachment_arm)
+    )
+    names = ("mean", "final_median", "final_first_quartile", "final_third_quartile")
+    return (
+        casts.cable.name,
+        lab,
+        "ten parameters" if settings else "as the casts ask",
+        1e3 * damping_time,
+        round(curvature * casts.cable.length, 2),
+        round(1e3 * arm / ROD_ARM, 1),
+        round(float(np.asarray(params.yield_curvature))),
+        *(row[f"{name}_pct"] for name in names),
+    )
+
+
+PARAMETER_COLUMNS = ("parameter", "believed", "Gaussian", "sampler", "shift of the mean")
 SPREAD_COLUMNS = ("cable", "casts", "Gaussian", "with its product", "sampler", "rank correlation")
 ENGINE, ACTION_SEED = (30, 1e-3), 7
 """Segments and step [s] of the cable whose landings are compared, and the seed of its casts."""
@@ -44,7 +166,7 @@ ACCEPTED = 0.3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args:
+class SamplerArgs:
     """Posterior of a fit beside draws of a sampler."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2")
@@ -201,18 +323,18 @@ def along_product(known: ParamPosterior, count: int) -> CableParams:
     return CableParams.from_array(values)
 
 
-def main(args: Args) -> int:
+def sampler(args: SamplerArgs) -> int:
     """Run the benchmark and print its tables."""
     from scipy.stats import spearmanr
 
-    shared = PlaceArgs(counts=(args.count,), out=args.out)
+    models = ModelArgs(out=args.out)
     rows: list[tuple] = []
     with console_progress() as progress:
         for cable in args.cables:
             for lab in args.labs:
-                place = Place(shared, args.rig, lab, cable, progress)
-                tuned, casts = place.tuned(args.count, paper=False), place.casts(args.count)
-                if tuned.posterior is None or casts is None:
+                place = Place(models, args.rig, lab, cable, args.count, progress)
+                tuned, casts = place.tuned(args.count), place.casts(args.count)
+                if casts is None or tuned is None or tuned.posterior is None:
                     continue
                 known = tuned.posterior
                 tracks = MeasuredTracks.from_dataset(casts)
@@ -257,4 +379,4 @@ def print_parameters(where: str, known: ParamPosterior, points: NDArray[np.float
         deviations = (known.prior.deviation[row], gauss, points[:, row].std())
         rows.append((name, *(f"{value:.3f}" for value in deviations), f"{shift:+.1f}"))
     title = f"{where}: deviations in shares of the search range; shift in Gaussian deviations"
-    print(Table(title=title, columns=COLUMNS, rows=rows))
+    print(Table(title=title, columns=PARAMETER_COLUMNS, rows=rows))
