@@ -55,7 +55,7 @@ def test_the_default_resolution_is_within_a_percent_of_a_fine_one():
     fine = EngineWarp(segment_count=100, dt=2.5e-4).rollout(CABLE, paths)
     default = EngineWarp().rollout(CABLE, paths)
     error = distance_pct(default.endpoint_xy, fine.endpoint_xy)
-    # `python -m benchmarks convergence` prints these figures; the bounds are the ones that the engine promises.
+    # `python -m benchmarks convergence` prints these figures; the engine promises these bounds.
     assert np.median(error) < 1.0
     assert np.percentile(error, 90) < 5.0
 
