@@ -39,7 +39,7 @@ seconds = []
 engine = make_engine(name)
 for _ in range(2):
     start = time.perf_counter()
-    engine.rollout(cable, cable.params, path, duration=0.1)
+    engine.rollout(cable, path, duration=0.1)
     seconds.append(time.perf_counter() - start)
 status = pathlib.Path("/proc/self/status")
 peak = float("nan")
