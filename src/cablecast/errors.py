@@ -87,14 +87,7 @@ Ranges = Mapping[str, tuple[float, float, str]]
 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str = "") -> float:
-    """Return a number if it is within its bounds.
-
-    Args:
-        name: Name of the value in the error.
-        value: Value to check.
-        low: Smallest allowed value.
-        high: Largest allowed value.
-        unit: Unit in the error.
+    """Return a number if it is within its bounds; the error states its name and unit.
 
     Raises:
         InputError: The value is no number, not finite, or outside its bounds.
@@ -116,12 +109,7 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str = "")
 
 
 def check_ranges(owner: Any, ranges: Ranges, what: str = "") -> None:
-    """Check attributes of an object against their bounds.
-
-    Args:
-        owner: Object with one attribute per name.
-        ranges: Bounds and unit of each attribute.
-        what: Name of the owner in the error.
+    """Check attributes of an object against their bounds; the error names the object.
 
     Raises:
         InputError: An attribute is no number, not finite, or outside its bounds.
@@ -132,12 +120,6 @@ def check_ranges(owner: Any, ranges: Ranges, what: str = "") -> None:
 
 def check_count(name: str, value: Any, low: int = 1, high: int = COUNT_MAX) -> int:
     """Return a whole number if it is within its bounds.
-
-    Args:
-        name: Name of the value in the error.
-        value: Value to check.
-        low: Smallest allowed value.
-        high: Largest allowed value.
 
     Raises:
         InputError: The value is no whole number, or outside its bounds.
@@ -164,11 +146,7 @@ def check_seed(seed: Any) -> int:
 
 
 def check_name(name: Any, what: str) -> str:
-    """Return a name if it fits on one line.
-
-    Args:
-        name: Value to check.
-        what: Kind of thing that it names, for the error.
+    """Return a name if it fits on one line; the error says what kind of thing it names.
 
     Raises:
         InputError: The name is no text, empty, too long, or holds control characters.
@@ -187,13 +165,7 @@ def check_name(name: Any, what: str) -> str:
 def check_keys(
     values: Any, known: set[str], what: str, *, required: set[str] | None = None
 ) -> dict[str, Any]:
-    """Return a mapping as a dictionary if it has the right keys.
-
-    Args:
-        values: Value to check.
-        known: Allowed keys.
-        what: Name of the mapping in the error.
-        required: Required keys.
+    """Return a mapping as a dictionary if it has known keys alone, and all that are required.
 
     Raises:
         InputError: The value is no mapping, or a key is unknown or missing.

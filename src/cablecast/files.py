@@ -34,11 +34,7 @@ CHECKSUM_KEY = "sha256"
 
 
 def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes:
-    """Return the content of a file.
-
-    Args:
-        path: File to read.
-        size_max: Largest allowed size [byte].
+    """Return the content of a file of at most some size [byte].
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -59,15 +55,9 @@ def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes
 
 
 def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
-    """Return the text of a file, in UTF-8 with or without a byte-order mark.
-
-    Args:
-        path: File to read.
-        size_max: Largest allowed size [byte].
+    """Return the text of a file, in UTF-8 with or without a byte-order mark; see `read_bytes`.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        UnreadableFileError: The system refuses to read it.
         InputError: The file is too large, or not UTF-8.
     """
     path = pathlib.Path(path)
@@ -117,24 +107,12 @@ _Loader.add_implicit_resolver(
 
 
 def read_yaml(path: str | pathlib.Path) -> dict[str, Any]:
-    """Return the mapping that a YAML file holds.
-
-    Args:
-        path: File to read, of at most `SIZE_MAX` bytes.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        InputError: The file is not YAML, holds aliases or repeated keys, or is no mapping.
-    """
+    """Return the mapping that a YAML file of at most `SIZE_MAX` bytes holds; see `parse_yaml`."""
     return parse_yaml(read_text(path), str(path))
 
 
 def parse_yaml(text: str, name: str) -> dict[str, Any]:
-    """Return the mapping that a text in YAML holds.
-
-    Args:
-        text: Text in YAML.
-        name: Name of the text in the error.
+    """Return the mapping that a text in YAML holds; the error names it.
 
     Raises:
         InputError: It is not YAML, holds aliases or repeated keys, or is no mapping.
@@ -150,11 +128,7 @@ def parse_yaml(text: str, name: str) -> dict[str, Any]:
 
 
 def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
-    """Return the rows of a CSV file that has some columns.
-
-    Args:
-        path: File to read.
-        columns: Names that the header must hold.
+    """Return the rows of a CSV file whose header must hold some columns.
 
     Raises:
         InputError: There is no such file, or a column or a cell is missing.
@@ -176,13 +150,7 @@ def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[st
 
 
 def write_csv(path: pathlib.Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table whole; see `write_bytes`.
-
-    Args:
-        path: File to write.
-        columns: Names of the columns.
-        rows: Cells of each row.
-    """
+    """Write a table whole; see `write_bytes`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -215,11 +183,7 @@ def temporary_prefix(path: pathlib.Path) -> str:
 
 
 def remove_leftovers(path: pathlib.Path) -> None:
-    """Remove what processes that were killed left of a file or folder, under temporary names.
-
-    Args:
-        path: Path of the whole file or folder.
-    """
+    """Remove what processes that were killed left of a file or folder, under temporary names."""
     for left in path.parent.glob(f".{glob.escape(path.name)}.*-*.tmp"):
         process = left.name.removeprefix(f".{path.name}.").partition("-")[0]
         if process.isdecimal() and not _is_alive(int(process)):
@@ -246,9 +210,7 @@ def _is_alive(process: int) -> bool:
 def write_bytes(path: pathlib.Path, content: bytes) -> None:
     """Write a file under a temporary name, flush it to the disk, and rename it.
 
-    Args:
-        path: Path of the file; its folder is created.
-        content: Whole content of the file.
+    Its folder is created.
     """
     temporary = ""
     try:

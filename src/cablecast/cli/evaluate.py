@@ -114,12 +114,7 @@ class Evaluate:
 
 
 def print_table(metrics: dict[str, Any], published: Any) -> None:
-    """Print the errors beside the paper's.
-
-    Args:
-        metrics: Content of metrics.json.
-        published: Rows of the paper's tables for the same cable.
-    """
+    """Print the errors of metrics.json beside the paper's rows for the same cable."""
     from cablecast.cli import tables
     from cablecast.report.tables import five_cells, published_cells
 

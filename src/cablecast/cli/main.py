@@ -40,11 +40,7 @@ _STOP_SIGNALS = ("SIGTERM", "SIGHUP")
 
 
 class Stopped(KeyboardInterrupt):
-    """Request to stop by a signal other than Ctrl-C.
-
-    Args:
-        number: Number of the signal.
-    """
+    """Request to stop by a signal other than Ctrl-C."""
 
     def __init__(self, number: int):
         super().__init__(signal.Signals(number).name)

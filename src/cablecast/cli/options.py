@@ -22,13 +22,7 @@ TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
 
 
 def argument(metavar: str, default: str | None = None, text: str | None = None) -> Any:
-    """Return the entry of an argument in `--help`.
-
-    Args:
-        metavar: Placeholder for the value.
-        default: Description of a default that is None in the code.
-        text: Description of an option that several verbs have.
-    """
+    """Return the entry of an argument in `--help`; `default` describes a default of None."""
     hint = None if default is None else f"(default: {default})"
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint, help=text)
 
@@ -89,13 +83,7 @@ Workers = Annotated[
 
 
 def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float | None) -> "Setup":
-    """Return the set-up of a command line.
-
-    Args:
-        lab_file: Lab file of --setup; the paper's set-up where None.
-        cable: Cable of --cable; that of the lab file where None.
-        **motion: Motion settings that were given as options; None for those that were not.
-    """
+    """Return the set-up of --setup (the paper's where None), --cable and given motion options."""
     from cablecast.cable import load_cable
     from cablecast.setup import Setup, load_setup
 
@@ -114,16 +102,9 @@ def cable_name(lab_file: pathlib.Path | None, cable: str | None) -> str:
 def check_same_setup(
     lab_file: pathlib.Path | None, cable: str | None, stored: "Setup", where: pathlib.Path
 ) -> None:
-    """Refuse a --setup or --cable that differs from that of a dataset or model.
+    """Refuse a --setup or --cable that differs from the set-up stored in a folder.
 
-    Args:
-        lab_file: Lab file of --setup; not checked where None.
-        cable: Cable of --cable; not checked where None.
-        stored: Set-up of the dataset or model.
-        where: Its folder.
-
-    Raises:
-        InputError: They differ; names the values.
+    Neither is checked where it is None. The error names the values.
     """
     from cablecast.cable import load_cable
     from cablecast.runs.folder import settings_differences
@@ -140,12 +121,7 @@ def check_same_setup(
 
 
 def with_instruments(setup: "Setup", lab_file: pathlib.Path | None) -> "Setup":
-    """Return the set-up of a model with the robot and the camera of a lab file.
-
-    Args:
-        setup: Set-up that the model was made for.
-        lab_file: Lab file of --setup; nothing is changed where None.
-    """
+    """Return the set-up of a model with the robot and the camera of a lab file, if there is one."""
     if lab_file is None:
         return setup
     lab = load_lab(lab_file, None)
@@ -159,12 +135,7 @@ def open_rig(
 ) -> "Iterator[CheckedRig]":
     """Lock the folder of results, connect a rig, and yield it.
 
-    Args:
-        spec: Rig of --rig.
-        setup: Set-up of the rig.
-        seed: Seed of a virtual rig.
-        out: Folder of results, locked first: two processes must not drive one robot for it.
-        time_limit: Time limit of a reset or a cast [s].
+    The lock comes first: two processes must not drive one robot for the same results.
     """
     from cablecast.errors import check_number, check_seed
     from cablecast.rigs.make import make_rig

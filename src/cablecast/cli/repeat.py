@@ -87,12 +87,7 @@ class Repeat:
 
 
 def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
-    """Print our scatter beside the paper's.
-
-    Args:
-        combinations: Entries of metrics.json, one per combination.
-        rig: Name of the rig.
-    """
+    """Print our scatter beside the paper's."""
     from cablecast.cli import tables
     from cablecast.evaluation.coverage import published_candidate
     from cablecast.report.tables import pct, share_pct

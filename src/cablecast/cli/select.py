@@ -66,11 +66,7 @@ def _key(result: dict[str, Any]) -> tuple[float, float, bool]:
 
 
 def print_choice(metrics: dict[str, Any]) -> None:
-    """Print the coverage of every combination, and the choice.
-
-    Args:
-        metrics: Content of metrics.json.
-    """
+    """Print the coverage of every combination in metrics.json, and the choice."""
     from cablecast.cli import tables
     from cablecast.report.tables import pct
 

@@ -20,13 +20,9 @@ def make_table(title: str, **options: Any) -> "Table":
 
 
 def print_table(table: "Table", *notes: str) -> None:
-    """Print a table and what is to be said below it.
+    """Print a table, and below it sentences, each on a line of its own.
 
     A terminal that is too narrow breaks the lines; cut numbers would be wrong numbers.
-
-    Args:
-        table: Table to print.
-        *notes: Sentences, each on a line of its own.
     """
     from rich.console import Console
 

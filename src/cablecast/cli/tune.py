@@ -106,12 +106,7 @@ class Tune:
 
 
 def material_words(params: "CableParams", length: float) -> str:
-    """Return what a fitted cable has beside the ten parameters, in words.
-
-    Args:
-        params: Parameters that were found, one value each.
-        length: Length of the cable [m].
-    """
+    """Return what a fitted cable of some length [m] has beside the ten parameters, in words."""
     from cablecast.cable import ROD_ARM
 
     if not params.has_material:
@@ -133,12 +128,7 @@ def material_words(params: "CableParams", length: float) -> str:
 
 
 def print_table(metrics: dict[str, Any], cable_name: str) -> None:
-    """Print the distances on the validation tracks beside the paper's.
-
-    Args:
-        metrics: Content of metrics.json.
-        cable_name: Name of the cable; the paper's rows are those of the same name.
-    """
+    """Print the distances on the validation tracks beside the paper's for a cable of this name."""
     from cablecast.cli import tables
     from cablecast.evaluation.published import PUBLISHED_SIMULATION_COUNT, published_tuning
     from cablecast.report.tables import pct

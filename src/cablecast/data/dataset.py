@@ -119,11 +119,9 @@ class Dataset:
         return dict(zip(codes.tolist(), counts.tolist(), strict=True))
 
     def table_margin(self) -> NDArray[np.float64]:
-        """Return the least distance of the free end from the table's edges during each cast.
+        """Return the free end's least distance from the table's edges by cast [m], shape [row].
 
-        Returns:
-            Distance [m], shape [row]; negative where the free end left the table, minus infinity
-            where its path is unknown.
+        It is negative where the end left the table, minus infinity where its path is unknown.
         """
         x_min, x_max, y_min, y_max = self.extent.T
         corners = np.stack(
@@ -133,10 +131,7 @@ class Dataset:
         return np.where(np.isfinite(margin), margin, -np.inf)
 
     def rows(self, chosen: ArrayLike) -> "Dataset":
-        """Return the dataset of some rows, in memory.
-
-        Args:
-            chosen: Mask, shape [row], or indices of rows, in the order of the new dataset.
+        """Return the dataset of chosen rows, by a mask or by indices in the new order, in memory.
 
         Raises:
             DatasetError: The mask has another length, or an index is out of range.
@@ -217,10 +212,9 @@ class Dataset:
             raise DatasetError(f"trial {row} of {self._name}: {error}") from None
 
     def measured_poses(self, row: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return the tracked poses of the grip in one trial; None if it was not tracked.
+        """Return times [s] and poses of the tracked grip in one trial; None if it was not tracked.
 
-        Returns:
-            Times [s], shape [sample], and x, y, z [m], yaw and pitch [rad], shape [sample, 5].
+        A pose is x, y, z [m], yaw and pitch [rad]; shapes [sample] and [sample, 5].
         """
         times, poses = (self._values(name, row) for name in ("grip_times", "grip_pose"))
         if times is None or poses is None or not len(times):
@@ -269,14 +263,10 @@ class Dataset:
 
 @dataclasses.dataclass(frozen=True)
 class StoredSettings:
-    """Settings that casts were made with, as a dataset or a model stores them.
+    """Settings that casts were made with, as a dataset or a model (`owner`) stores them in `info`.
 
     Reading one raises `DatasetError` where it is missing, or was written by a version of cablecast
     with other settings.
-
-    Attributes:
-        info: Description of the dataset: its settings, and the version that wrote them.
-        owner: Name of the dataset or model, for errors.
     """
 
     info: Mapping[str, Any]
@@ -337,9 +327,6 @@ class StoredSettings:
 
 def read_dataset(path: str | pathlib.Path) -> Dataset:
     """Read a finished dataset.
-
-    Args:
-        path: Folder of the dataset.
 
     Raises:
         DatasetError: It is missing or unfinished, or a shard is damaged.

@@ -78,16 +78,12 @@ class Episode:
 
 
 def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
-    """Return the casts of a dataset as episodes.
+    """Return the columns of each cast's episode by feature, each of shape [frame, ...].
 
     The track is sampled every 1/fps: interpolated between the samples of the rig, and kept where
     the endpoint was not seen. The state is the reported joints, or the commanded ones where none
     were reported; the action is the commanded set point of the next frame, or the reported one
     where there is none. Joints keep still after the motion.
-
-    Args:
-        dataset: Casts on a rig.
-        fps: Frames per second.
 
     Raises:
         DatasetError: A cast has no track or no joints.
@@ -143,15 +139,7 @@ def write_tables(
     fps: int,
     video: Mapping[str, Any] | None,
 ) -> None:
-    """Write everything but the films.
-
-    Args:
-        folder: Empty folder.
-        dataset: Casts on a rig.
-        episodes: Its episodes.
-        fps: Frames per second.
-        video: Width and height of the films; None without.
-    """
+    """Write everything but the films into an empty folder; `video` holds their width and height."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -1,9 +1,7 @@
-"""The loop that makes trials on a rig and stores them: D_tune, D_real, repeats, evaluations.
+"""Casts on a rig, stored as they are made: D_tune, D_real (section V-C), repeats and evaluations.
 
 A trial on a robot takes about 20 s, so no finished trial may be lost: each becomes a file of its
 own before the next one starts, and disk space for it is reserved beforehand.
-
-Collection of D_tune and D_real: choice of actions, and casts on a rig (section V-C).
 """
 
 import contextlib
@@ -20,9 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.data.dataset import Dataset, read_dataset
-from cablecast.data.schema import (
-    SCHEMA_VERSION,
-)
+from cablecast.data.schema import SCHEMA_VERSION
 from cablecast.data.simulate import actions_digest
 from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
@@ -102,20 +98,10 @@ def record_trials(
     settings: Mapping[str, Any],
     progress: ProgressCallback = ignore,
 ) -> Dataset:
-    """Make trials on a rig, or resume an earlier run of the same settings.
+    """Make trials on a rig, or resume an earlier run of the same settings in the folder.
 
     Each trial starts with a reset. A trial in which the rig raises, or which it reports as aborted,
-    is repeated. The rig is not closed.
-
-    Args:
-        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
-        rig: Rig that makes the trials; its description is one of the settings.
-        plan: Trials to make.
-        settings: Further plain values that decide the trials.
-        progress: Receives the number of trials done, at the start and after each.
-
-    Returns:
-        The finished dataset.
+    is repeated. The rig's description and `settings` decide the trials. The rig is not closed.
 
     Raises:
         RigError: A trial failed too often, or the rig's description cannot be stored.
@@ -267,15 +253,7 @@ def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def _reserved_space(folder: pathlib.Path, size: int) -> Iterator[Callable[[], None]]:
-    """Reserve disk space, and yield the function that releases it.
-
-    Args:
-        folder: Folder on the disk.
-        size: Space [byte].
-
-    Raises:
-        DatasetError: There is not enough space.
-    """
+    """Reserve disk space [byte], and yield the function that releases it."""
     file = folder / _RESERVE_NAME
 
     def release() -> None:
@@ -321,26 +299,10 @@ def collect_dataset(
     attempts: int = ATTEMPT_COUNT,
     progress: ProgressCallback = ignore,
 ) -> Dataset:
-    """Make casts on a rig, or resume an earlier collection of the same settings.
+    """Make casts on a rig, or resume an earlier collection of equal settings; see `record_trials`.
 
-    See `record_trials`, which this calls with casting motions.
-
-    Args:
-        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
-        rig: Carries out the casts; its description is one of the settings.
-        setup: Cable, workspace, arm and motion settings.
-        purpose: Purpose of the casts: "tune" (D_tune), "real" (D_real) or "repeat".
-        count: Number of actions, where none are given; the paper's by default.
-        sampling: Choice of actions: "uniform" over the ranges, or on a "grid".
-        actions: Actions to make instead of sampled ones, shape [action, 4].
-        repeats: Casts of each action, one after the other.
-        seed: Seed of the actions and of their order.
-        ranges: Ranges of the actions; those that suit the set-up where None.
-        attempts: Number of attempts at a cast before the collection stops.
-        progress: Receives the number of casts done, at the start and after each.
-
-    Returns:
-        The finished dataset.
+    The actions are given, shape [action, 4], or sampled: `count` of them (the paper's by default)
+    from ranges that suit the set-up. Each is repeated `repeats` times in a row.
 
     Raises:
         RigError: A cast failed too often, or the rig's description cannot be stored.
@@ -380,17 +342,9 @@ def sample_actions(
     seed: int = 0,
     ranges: ActionRanges | None = None,
 ) -> NDArray[np.float64]:
-    """Sample feasible actions, in the order in which a rig should make them.
+    """Sample feasible actions in the order in which a rig should make them, shape [count, 4].
 
-    Args:
-        sampling: "uniform" over the ranges, or on a "grid".
-        count: Number of actions.
-        setup: Cable, workspace, arm and motion settings.
-        seed: Seed of the choice and of the order.
-        ranges: Ranges of the actions; those that suit the set-up where None.
-
-    Returns:
-        Actions, shape [count, 4].
+    They are uniform over the ranges, those that suit the set-up where None, or on a grid of them.
     """
     check_seed(seed)
     if sampling == "uniform":

@@ -23,13 +23,9 @@ SCHEMA_VERSION = 3
 
 
 class Column(NamedTuple):
-    """One column of a dataset.
+    """One column of a dataset; the unit is "-" for none, the meaning a phrase for the card.
 
-    Attributes:
-        name: Name of the column.
-        kind: "int64", "float64", "string", or "list" of float64.
-        unit: Unit, "-" for none.
-        meaning: Phrase for the dataset card.
+    The kind is "int64", "float64", "string", or "list" of float64.
     """
 
     name: str
@@ -91,11 +87,7 @@ CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_b
 
 
 def arrow_schema(column_names: tuple[str, ...] = ()):
-    """Return the Arrow schema of a shard.
-
-    Args:
-        column_names: Names of the optional columns that the dataset has.
-    """
+    """Return the Arrow schema of a shard of a dataset with some optional columns."""
     import pyarrow as pa
 
     kinds = {
@@ -114,14 +106,10 @@ def arrow_schema(column_names: tuple[str, ...] = ()):
 
 
 def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bounding box of the free end's path.
+    """Return smallest x, largest x, smallest y and largest y of paths [m], shape [row, 4].
 
-    Args:
-        endpoint_xy: Path of the free end [m], shape [row, step, 2]; NaN where it was not seen.
-
-    Returns:
-        Smallest x, largest x, smallest y and largest y [m], shape [row, 4]; NaN in rows where the
-        free end was never seen.
+    Paths have the shape [row, step, 2], with NaN where the free end was not seen; rows in which it
+    was never seen become NaN.
     """
     missing = ~np.isfinite(endpoint_xy)
     low = np.where(missing, np.inf, endpoint_xy).min(axis=1)
@@ -203,12 +191,7 @@ SHARD_SIZE_MAX = 2**32
 
 
 def shard_bytes(table: Any, settings_fingerprint: str) -> bytes:
-    """Return the content of a shard's file.
-
-    Args:
-        table: Rows, a pyarrow table.
-        settings_fingerprint: Fingerprint of the settings that they come from.
-    """
+    """Return the content of the file of a shard: a pyarrow table, marked with its settings."""
     import pyarrow.parquet as pq
 
     metadata = {"settings": settings_fingerprint, "rows": _rows_digest(table)}
@@ -223,11 +206,7 @@ def read_shard(
 ) -> tuple[Any, str]:
     """Return the table of one shard, checked, and the digest of its bytes.
 
-    Args:
-        file: Parquet file.
-        rows: Indices that it must hold.
-        settings_fingerprint: Fingerprint of the settings that its rows must come from.
-        digest: Digest that its bytes must have; not checked where None.
+    It must hold the rows, and come from the settings; its digest is not checked where None.
 
     Raises:
         DatasetError: It is missing, damaged, of another dataset, or holds other rows.

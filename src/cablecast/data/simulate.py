@@ -70,12 +70,9 @@ def simulate_dataset(
         seed: Seed of the choice of actions among the feasible ones.
         ranges: Ranges of the actions; those that suit the set-up where None.
         shard_rows: Rows of each shard; what takes the engine's device a few seconds where None.
-        workers: Who simulates the shards: "local", "ray" or "ray:ADDRESS"; see `check_workers`. The
-            rows are equal to the bit on processors of one kind.
+        workers: Who simulates the shards; see `check_workers`. The rows are equal to the bit on
+            processors of one kind.
         progress: Receives the number of casts done, at the start and after every shard.
-
-    Returns:
-        The finished dataset.
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
@@ -142,11 +139,7 @@ def _settings(
 
 
 def _check_mirrored(dynamics: Dynamics) -> None:
-    """Check that casts to the left are mirrored casts to the right, which planning takes them for.
-
-    Raises:
-        InputError: The cable is curled.
-    """
+    """Refuse a curled cable: planning takes casts to the left for mirrored casts to the right."""
     curl = float(np.max(np.abs(dynamics.params.rest_curvature)))
     if curl > 0.0:
         raise InputError(
@@ -178,14 +171,9 @@ def simulate_actions(
     setup: Setup,
     engine: Engine,
 ) -> dict[str, Any]:
-    """Simulate actions, and return all columns of a dataset but `index`.
+    """Simulate actions, shape [row, 4], and return all columns of a dataset but `index`.
 
-    Args:
-        actions: Feasible actions, shape [row, 4].
-        dynamics: Cable and servo of the arm, or parameters of the cable alone, shared by all rows
-            or one value per row.
-        setup: Cable, workspace, arm and motion settings.
-        engine: Simulator.
+    The dynamics are shared by all rows, or one value per row.
     """
     dynamics = Dynamics.of(dynamics, setup)
     grip_paths = cast_grip_paths(actions, setup)

@@ -78,12 +78,7 @@ def dataset_cast(casts: Dataset, row: int) -> Cast:
 
 
 def casts_dataset(casts: Sequence[Cast], setup: Setup) -> Dataset:
-    """Return casts as a dataset in memory.
-
-    Args:
-        casts: Casts of one set-up.
-        setup: Cable, workspace, arm and motion settings.
-    """
+    """Return casts of one set-up as a dataset in memory."""
     rows = [_stored_row(cast, index) for index, cast in enumerate(casts)]
     names = sorted({name for row in rows for name in row})
     columns = {name: [row.get(name) for row in rows] for name in names}
@@ -180,13 +175,7 @@ class CastStore:
         self.casts.append(cast)
 
     def add_dataset(self, casts: Dataset) -> int:
-        """Keep the casts of a dataset that are not here yet.
-
-        Args:
-            casts: Casts on a rig, with the set-up of the store.
-
-        Returns:
-            The number of casts that were added.
+        """Keep the casts of a dataset that are not here yet, and return their number.
 
         Raises:
             InputError: The casts were simulated, or made with another set-up.
@@ -218,11 +207,7 @@ class CastStore:
         self.undone = undone
 
     def dataset(self, rows: Sequence[int] | NDArray[np.intp] | None = None) -> Dataset:
-        """Return casts as a dataset in memory.
-
-        Args:
-            rows: Numbers of the casts; all that were not taken back where None.
-        """
+        """Return casts by number, or all that were not taken back, as a dataset in memory."""
         if rows is None:
             rows = [number for number in range(len(self)) if number not in self.undone]
         return casts_dataset([self.casts[row] for row in rows], self.setup)

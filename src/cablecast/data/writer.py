@@ -139,14 +139,7 @@ class DatasetWriter:
         row_count: int,
         shard_rows: int,
     ):
-        """Prepare to write or resume.
-
-        Args:
-            path: Folder: new, empty, or with a dataset of the same settings.
-            kind: Kind of the casts.
-            settings: All plain values that decide the rows.
-            row_count: Rows of the finished dataset.
-            shard_rows: Rows of each shard but the last.
+        """Prepare to write or resume; the settings are all plain values that decide the rows.
 
         Raises:
             InputError: A setting is not plain or not finite.
@@ -198,8 +191,7 @@ class DatasetWriter:
     def missing_shards(self, digests: Sequence[str] = ()) -> list[int]:
         """Return the shards that are still to be written.
 
-        Args:
-            digests: Digests of the shards of a dataset that was finished before.
+        Those that exist must have the digests of a dataset that was finished before, if given.
 
         Raises:
             DatasetError: A shard that exists is damaged, or of another dataset.
@@ -215,12 +207,7 @@ class DatasetWriter:
         return missing
 
     def write_shard(self, shard: int, columns: Mapping[str, Any]) -> None:
-        """Write one shard, whole or not at all.
-
-        Args:
-            shard: Number of the shard.
-            columns: Values by column name, each of shape [row].
-        """
+        """Write one shard, whole or not at all, from values by column name, each of shape [row]."""
         import pyarrow as pa
 
         rows = self.rows_of(shard)
@@ -303,9 +290,6 @@ def with_later_keys(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return stored settings with the keys that later versions added to the set-up, at defaults.
 
     A collection on a robot resumes after an update of the package.
-
-    Args:
-        settings: Settings of a dataset.
     """
     try:
         setup = Setup.from_dict({name: settings[name] for name in SECTIONS})

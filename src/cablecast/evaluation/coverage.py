@@ -49,18 +49,14 @@ def measure_coverage(
 ) -> dict[str, Any]:
     """Simulate a grid of actions in one batch, and measure its coverage.
 
-    Args:
-        setup: Cable, workspace, arm, and the combination of r0 and v_max.
-        dynamics: Cable, tuned or nominal, and servo of the arm.
-        engine: Simulator.
-        counts: Number of values of theta1, theta2, r2 and, for the action set A2, of the wrist
-            turn.
+    The counts are the numbers of values of theta1, theta2, r2 and, for the action set A2, of the
+    wrist turn.
 
     Returns:
         Plain values for metrics.json: r0 [m], v_max [m/s] and whether the wrist turns; the number
-        of actions in the grid and of those that the arm can follow; the share of these whose free
-        end leaves the table [-]; the area of the concave hull as a share of the half disc [-], also
-        at other hull ratios; and the closed outlines of the hull's parts within the half disc [m].
+        of actions that the arm can follow; the area of the concave hull of their landings as a
+        share of the half disc [-], also at other hull ratios; and the closed outlines of the hull's
+        parts within the half disc [m].
 
     Raises:
         InputError: No action of the grid is feasible, or the grid is too large.
@@ -95,12 +91,8 @@ def measure_coverage(
 def concave_hull(endpoint_xy: ArrayLike, radius: float, ratio: float = HULL_RATIO) -> "Polygon":
     """Return the concave hull of endpoints and their mirror images, cut to the half disc.
 
-    Casts can come to rest behind the robot's base, where there are no targets.
-
-    Args:
-        endpoint_xy: Endpoints of actions for one side [m], shape [action, 2].
-        radius: Radius of the half disc, r_max + r_c [m].
-        ratio: Concavity; see `HULL_RATIO`.
+    Casts can come to rest behind the robot's base, where there are no targets. Endpoints [m] have
+    the shape [action, 2], the half disc the radius r_max + r_c [m]; for the ratio see `HULL_RATIO`.
 
     Raises:
         InputError: The ratio is outside [0, 1].
@@ -243,15 +235,10 @@ def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
 def choose(
     candidates: Sequence[Candidate], scatter_max_pct: float = SCATTER_MAX_PCT
 ) -> tuple[Candidate, tuple[str, ...]]:
-    """Choose r0, v_max and the action set.
+    """Choose r0, v_max and the action set, and give the reasons as sentences.
 
-    Args:
-        candidates: Combinations with their coverage. Those with the best r0 may also have a
-            scatter; if none has, coverage alone decides.
-        scatter_max_pct: Largest scatter of a repeatable combination [% of cable length].
-
-    Returns:
-        Chosen combination, and the reasons as sentences.
+    Candidates with the best r0 may have a scatter; if none has, coverage alone decides. Those are
+    repeatable whose scatter is at most `scatter_max_pct` [% of cable length].
 
     Raises:
         InputError: There are no candidates without psi to choose r0 from, or scatter_max_pct is out

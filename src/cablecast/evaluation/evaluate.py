@@ -27,13 +27,7 @@ def target_error_pct(
 ) -> NDArray[np.float64]:
     """Return distances from target to endpoint, as in the paper's tables [% of cable length].
 
-    Args:
-        landed_xy: Resting points of the endpoint [m], shape [..., 2]; NaN where unknown.
-        target_xy: Targets [m], shape [..., 2].
-        cable_length: Cable length r_c [m].
-
-    Returns:
-        Errors, NaN where the endpoint is unknown, shape [...].
+    Points [m] and cable length [m]; NaN where the endpoint is unknown. Shapes [..., 2], [...].
     """
     offset = np.asarray(landed_xy, dtype=float) - np.asarray(target_xy, dtype=float)
     if offset.shape[-1:] != (2,):
@@ -43,17 +37,9 @@ def target_error_pct(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ErrorSummary:
-    """Five-number summary of errors, as in the paper, and the number of errors.
+    """Five-number summary of errors in % of cable length, as in the paper, and their number.
 
     Values are NaN without errors, and infinite where a miss of unknown size determines them.
-
-    Attributes:
-        count: Number of errors.
-        median_pct: Median [% of cable length].
-        first_quartile_pct: 25th percentile [% of cable length].
-        third_quartile_pct: 75th percentile [% of cable length].
-        min_pct: Smallest [% of cable length].
-        max_pct: Largest [% of cable length].
     """
 
     count: int
@@ -79,11 +65,10 @@ class ErrorSummary:
 
 
 def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
-    """Summarise errors; trials without a landing (NaN) are left out, as in the paper.
+    """Summarise errors [% of cable length] of any shape.
 
-    Args:
-        errors_pct: Errors [% of cable length], any shape. Infinite errors are misses of unknown
-            size, and are counted.
+    Trials without a landing (NaN) are left out, as in the paper; infinite errors are misses of
+    unknown size, and are counted.
     """
     errors = np.asarray(errors_pct, dtype=float)
     errors = np.sort(errors[~np.isnan(errors)])
@@ -128,9 +113,7 @@ def median_interval(values: ArrayLike) -> tuple[float, float, float]:
 def difference_interval(first: ArrayLike, second: ArrayLike) -> tuple[float, float, float]:
     """Return the first median less the second, and the ends of its bootstrap interval.
 
-    Args:
-        first: Values of one method, shape [case].
-        second: Values of another one in the same cases, shape [case].
+    The values are of two methods in the same cases, shape [case].
     """
     both = np.array([first, second], dtype=float)
     draws = np.median(both[:, _picks(both.shape[1])], axis=2)
@@ -141,14 +124,8 @@ def difference_interval(first: ArrayLike, second: ArrayLike) -> tuple[float, flo
 def share_of_smaller_median(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return how often one method has the smaller median error when the targets are drawn anew.
 
-    Misses at one target are correlated, so whole targets are drawn, with replacement.
-
-    Args:
-        first: Errors of one method, NaN without a landing, shape [target, cast].
-        second: Errors of another method at the same targets, same shape.
-
-    Returns:
-        Share of `DRAW_COUNT` draws; a draw without a landing counts for neither.
+    Misses at one target are correlated, so whole targets are drawn, with replacement. Errors are
+    NaN without a landing, shape [target, cast]; a draw without a landing counts for neither.
     """
     picks = _picks(len(first))
     medians = [
@@ -287,18 +264,10 @@ def evaluate_policy(
     repeats: int = 1,
     progress: ProgressCallback = ignore,
 ) -> Evaluation:
-    """Cast at every target and collect the results.
+    """Cast at targets [m], shape [target, 2], on a rig, and collect the results.
 
     Casts are stored as they are made. An interrupted evaluation resumes; see `record_trials`. The
     rig is not closed.
-
-    Args:
-        path: Folder of the casts.
-        policy: Policy that plans the motions.
-        rig: Rig that executes the motions.
-        targets: Targets of the endpoint [m], shape [target, 2].
-        repeats: Number of casts at each target; five in the paper.
-        progress: Told the number of casts done, at the start and after each.
 
     Raises:
         TargetError: A target is not finite, out of reach, or off the table.
@@ -489,16 +458,10 @@ class ErrorSplit:
 
 
 def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
-    """Split the errors of an evaluation.
+    """Split the errors of casts that a model planned; None if none came to rest on the table.
 
-    With one cast per target, repeatability cannot be separated from mismatch and is zero.
-
-    Args:
-        evaluation: Casts of a policy that planned with a model.
-        engine_rig: Engine that the model was trained on, as a rig; it is not closed.
-
-    Returns:
-        The split; None if no cast came to rest on the table.
+    The rig is the engine that the model was trained on; it is not closed. With one cast per target,
+    repeatability cannot be separated from mismatch and is zero.
 
     Raises:
         InputError: A cast was not planned by a model.

@@ -5,18 +5,7 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class PublishedRow:
-    """Row of the paper's error tables; values in % of cable length.
-
-    Attributes:
-        cable: Name of the cable.
-        method: Method that chose the actions.
-        table: Number of the paper's table.
-        median_pct: Median [% of cable length].
-        first_quartile_pct: 25th percentile [% of cable length].
-        third_quartile_pct: 75th percentile [% of cable length].
-        min_pct: Smallest [% of cable length].
-        max_pct: Largest [% of cable length].
-    """
+    """Row of the paper's error tables (`table` II or III); values in % of cable length."""
 
     cable: str
     method: str

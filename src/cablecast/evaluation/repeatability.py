@@ -31,16 +31,11 @@ CONFIDENCE = 0.95
 
 
 def confidence_ellipse(xy: ArrayLike) -> Ellipse | None:
-    """Return the ellipse that holds 95 % of the normal distribution fitted to landings.
+    """Return the ellipse that holds 95 % of the normal distribution fitted to landings [m].
 
     The square is of the chi-squared distribution, as in the paper's figures: 2.45 standard
-    deviations, which neglects that the covariance comes from few casts.
-
-    Args:
-        xy: Landings of one action [m], shape [cast, 2]; those with NaN are left out.
-
-    Returns:
-        The ellipse; None for fewer than three landings, too few for a covariance.
+    deviations, which neglects that the covariance comes from few casts. Landings of shape [cast, 2]
+    with NaN are left out; fewer than three are too few for a covariance, and have none.
     """
     points = np.asarray(xy, dtype=float).reshape(-1, 2)
     points = points[np.all(np.isfinite(points), axis=1)]
@@ -143,10 +138,7 @@ class Repeatability:
 
     @classmethod
     def from_dataset(cls, dataset: Dataset) -> "Repeatability":
-        """Group the casts of a dataset by action.
-
-        Args:
-            dataset: Dataset made by `collect_dataset` with the purpose "repeat".
+        """Group the casts that `collect_dataset` made for the purpose "repeat" by action.
 
         Raises:
             DatasetError: The dataset holds no repeats.
@@ -250,13 +242,7 @@ def repeat_actions(
     action_count: int | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Return the feasible actions of the paper's grid, shape [action, 4].
-
-    Args:
-        setup: Set-up with the arm, the reset position and the system parameters.
-        with_psi: Whether the wrist turns too.
-        action_count: Number of actions to choose at random; all if None or if there are fewer.
-        seed: Seed for the random choice.
+    """Return the feasible actions of the paper's grid, or some drawn at random, shape [action, 4].
 
     Raises:
         InputError: A count is out of bounds, or no action is feasible.
@@ -280,18 +266,10 @@ def measure_repeatability(
     repeats: int = REPEAT_COUNT,
     progress: ProgressCallback = ignore,
 ) -> Repeatability:
-    """Cast each action several times, and measure the scatter of its landings.
+    """Cast each action, shape [action, 4], several times, and measure the scatter of its landings.
 
     Casts are stored as they are made. An interrupted run resumes; see `collect_dataset`. The rig is
     not closed.
-
-    Args:
-        path: Folder of the casts.
-        rig: Rig that executes the casts.
-        setup: Cable, workspace, arm and motion settings.
-        actions: Actions to repeat, shape [action, 4].
-        repeats: Number of casts of each action.
-        progress: Told the number of casts done, at the start and after each.
 
     Raises:
         InputError: Fewer than two repeats, or an action is not feasible.

@@ -154,11 +154,9 @@ class CastTask:
         return self.space.to_params(cables)
 
     def to_actions(self, values: ArrayLike, target_xy: Array) -> Array:
-        """Return (theta1, theta2, r2, psi) from actions of the environment, shape [count, 4].
+        """Return (theta1, theta2, r2, psi) from the environment's actions, shape [count, 4].
 
-        Args:
-            values: Actions in the environment's form, shape [count, 4].
-            target_xy: Targets [m], which give the half of the table, shape [count, 2].
+        The targets [m], shape [count, 2], give the half of the table.
         """
         values = np.asarray(values, dtype=float)
         if values.shape != (len(target_xy), _ACTION_SIZE):
@@ -178,10 +176,8 @@ class CastTask:
     def rewards(self, target_xy: Array, landing_xy: Array, ok: NDArray[np.bool_]) -> Array:
         """Return minus the miss of casts in % of cable length, shape [count].
 
-        Args:
-            target_xy: Targets [m], shape [count, 2].
-            landing_xy: Resting points [m], shape [count, 2]; NaN where there is none.
-            ok: Whether the cast ended on the table, shape [count].
+        Landings [m] have the shape [count, 2], with NaN where there is none; `ok` tells which casts
+        ended on the table.
         """
         miss = np.linalg.norm(landing_xy - target_xy, axis=1) / self.setup.cable.length * 100.0
         counts = np.isfinite(miss) & (ok if self.off_table == "fail" else True)
@@ -190,10 +186,8 @@ class CastTask:
     def observations(self, target_xy: Array, cables: Array, casts: Array) -> NDArray[np.float32]:
         """Return observations, every value within about -1 to 1, shape [count, value].
 
-        Args:
-            target_xy: Targets [m], shape [count, 2].
-            cables: Cables in the unit cube, shape [count, 10].
-            casts: Earlier casts as `cast_rows` returns them, shape [count, tries - 1, 7].
+        Cables are points in the unit cube, shape [count, 10]; earlier casts are as of `cast_rows`,
+        shape [count, tries - 1, 7].
         """
         reach = self.setup.workspace.reach(self.setup.cable.length)
         parts = [self._folded(target_xy, target_xy) / reach]
@@ -205,13 +199,7 @@ class CastTask:
         return np.concatenate(parts, axis=1).astype(np.float32)
 
     def cast_rows(self, values: ArrayLike, target_xy: Array, landing_xy: Array) -> Array:
-        """Return what an observation keeps of casts, shape [count, 7].
-
-        Args:
-            values: Actions in the environment's form, shape [count, 4].
-            target_xy: Targets [m], shape [count, 2].
-            landing_xy: Resting points [m], shape [count, 2]; NaN where there is none.
-        """
+        """Return what an observation keeps of casts: action, landing, whether seen; [count, 7]."""
         low, high = self.action_bounds
         share = 2.0 * (np.clip(np.asarray(values, float), low, high) - low) / (high - low) - 1.0
         seen = np.all(np.isfinite(landing_xy), axis=1, keepdims=True)
@@ -227,11 +215,7 @@ class CastTask:
 
 
 def feasible_mask(actions: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Return which actions are casting motions that the arm can make, shape [action].
-
-    Args:
-        actions: (theta1, theta2, r2, psi), of any finite values, shape [action, 4].
-        setup: Cable, workspace, arm and motion settings.
+    """Return which actions, of any finite values, are casting motions that the arm can make.
 
     Raises:
         InputError: An action is not finite: a learner has diverged.
@@ -294,10 +278,7 @@ class _Casts:
     def start(self, rng: np.random.Generator, target_xy: ArrayLike | None = None) -> Observation:
         """Start the next episode of each environment, with a new target where it is due.
 
-        Args:
-            rng: Draws targets and cables.
-            target_xy: Target of all environments, or one of each [m], shape [2] or [count, 2];
-                drawn where None.
+        Targets [m] are one for all or one of each, shape [2] or [count, 2]; drawn where None.
         """
         fresh = self.done >= self.task.tries
         # Drawn for all, so that the n-th draw does not depend on which of them are due.
@@ -400,22 +381,13 @@ class CastEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; with a seed, at a new target.
-
-        Args:
-            seed: Seed of the targets and cables.
-            options: `target_xy`, the target of the episode [m].
-        """
+        """Start an episode; with a seed, at a new target."""
         super().reset(seed=seed)
         observation = self._casts.reset(self.np_random, seed, options)[0]
         return observation, {"target_xy": self._casts.target_xy[0].copy()}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Make the cast, which ends the episode.
-
-        Args:
-            action: Values within the action space, shape [4].
-        """
+        """Make the cast, which ends the episode."""
         rewards, info = self._casts.step(np.asarray(action, dtype=float)[None])
         info = {name: values[0] for name, values in info.items()}
         info["status"] = str(info["status"])
@@ -455,9 +427,8 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode in each environment; with a seed, at new targets.
 
-        Args:
-            seed: Seed of the targets and cables of all; of a list, the first counts.
-            options: `target_xy`, the target of all, or one of each [m], shape [2] or [num_envs, 2].
+        Of a list of seeds, the first counts. `options` may hold `target_xy` [m], shape [2] or
+        [num_envs, 2].
         """
         first = seed[0] if isinstance(seed, (list, tuple)) else seed
         super().reset(seed=first)
@@ -467,11 +438,7 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray, NDArray, NDArray, dict[str, Any]]:
-        """Make one cast in each environment as one batch, and start the next episodes.
-
-        Args:
-            actions: Values within the action space, shape [num_envs, 4].
-        """
+        """Make one cast in each environment as one batch, and start the next episodes."""
         rewards, info = self._casts.step(actions)
         every = np.ones(self.num_envs, dtype=bool)
         info |= {f"_{name}": every for name in tuple(info)}

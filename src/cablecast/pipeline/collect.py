@@ -139,14 +139,6 @@ def choose_actions(
 ) -> NDArray[np.float64]:
     """Return the actions of a collection, in the order in which they are made, shape [action, 4].
 
-    Args:
-        sampling: Choice of actions.
-        purpose: Purpose of the casts.
-        count: Number of casts; the paper's where None.
-        setup: Cable, workspace, arm and motion settings.
-        ranges: Ranges of the actions.
-        seed: Seed of the actions.
-
     Raises:
         InputError: Too few actions stay on the table.
     """

@@ -41,18 +41,10 @@ def dry_run(
     psi: bool = True,
     seed: int = 0,
 ) -> list[Finding]:
-    """Check what a collection on the arm would do; see `collect`.
+    """Check what a collection on the arm of a lab file would do, with the options of `collect`.
 
     The paths are checked first. Only if all of them pass, the controller is asked whether it is
     ready and where the arm stands, and the camera whether it sees; nothing moves.
-
-    Args:
-        setup: Lab file with a robot section.
-        purpose: Purpose of the casts.
-        count: Number of casts; the paper's where None.
-        sampling: Choice of actions; as in the paper where None.
-        psi: Whether the wrist turns.
-        seed: Seed of the actions.
 
     Raises:
         InputError: There is no robot, or its arm was not measured.

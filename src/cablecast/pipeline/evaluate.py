@@ -109,13 +109,7 @@ def check_evaluate(
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Check what `evaluate` is asked for, before a rig is connected.
-
-    Args:
-        model: Model of the policy; None for a policy without one.
-        repeats: Casts at each target.
-        device: Device of the simulator that splits the errors.
-        out: Folder of the results.
+    """Check what `evaluate` is asked for, before a rig is connected; see there.
 
     Raises:
         InputError: A number is out of bounds, the device is not here, or the folder holds other
@@ -132,10 +126,6 @@ def check_evaluate(
 
 def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
     """Return the simulator of a model's training casts as a rig.
-
-    Args:
-        model: Model; says which parameters, servo and resolution its dataset was simulated with.
-        device: "cpu" or "cuda".
 
     Raises:
         InputError: The model was not trained on simulated casts.

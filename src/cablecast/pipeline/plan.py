@@ -103,12 +103,7 @@ def check_writable(path: pathlib.Path, force: bool) -> None:
 
 
 def motion_csv(path: JointPath, setup: Setup) -> str:
-    """Return a joint path as CSV, with the arm that it holds for in comment lines.
-
-    Args:
-        path: Set points at the robot's control cycle.
-        setup: Set-up that they were planned for.
-    """
+    """Return a joint path as CSV, with the arm that it holds for in comment lines."""
     arm = setup.arm
     lines = [
         f"# arm: {arm.model}, base {arm.base_height:g} m above the table, turned by "

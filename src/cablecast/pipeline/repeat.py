@@ -187,9 +187,6 @@ def _finish(
 def read_actions(path: str | os.PathLike[str]) -> Array:
     """Return the actions of a CSV file, shape [action, 4].
 
-    Args:
-        path: File with the columns theta1_deg, theta2_deg, r2_m and psi_deg.
-
     Raises:
         InputError: It cannot be read, or holds something that is no action.
     """

@@ -36,12 +36,7 @@ def _draw_grid(axes: "Axes", axis: Literal["x", "y"]) -> None:
 def error_boxes(
     ours: Sequence[tuple[str, ErrorSummary]], published: Sequence[PublishedRow]
 ) -> "Figure":
-    """Draw our five numbers as boxes above those of the paper.
-
-    Args:
-        ours: Labels and summaries; those without errors are left out.
-        published: Rows of the paper's tables.
-    """
+    """Draw our five numbers as boxes above those of the paper; rows without errors are left out."""
     rows: list[tuple[str, ErrorSummary | PublishedRow]] = [row for row in ours if row[1].count]
     rows += [(f"paper, real UR5: {row.method}", row) for row in published]
     figure = new_figure(PAGE_WIDTH, 0.34 * len(rows) + 0.75)
@@ -104,9 +99,7 @@ def learning_curves(
 ) -> "Figure":
     """Draw training and held-out loss over the epochs, as mean distances in % of cable length.
 
-    Args:
-        curves: Title of each panel, and its rows with `epoch`, `loss` [m] and `held_out_loss` [m].
-        cable_length: Cable length r_c [m].
+    Each curve has a title and rows with `epoch`, `loss` [m] and `held_out_loss` [m].
     """
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 

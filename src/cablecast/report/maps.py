@@ -53,11 +53,8 @@ def landing_map(
 ) -> "Figure":
     """Draw targets, landings, and a dashed line from each target to where its casts landed.
 
-    Args:
-        evaluation: Casts to draw.
-        simulated_xy: Predicted landings of the policy's candidates [m], on one half of the table,
-            shape [candidate, 2]; shades the coverage if given.
-        simulated_radius: Distance that a candidate covers about its landing [m].
+    Predicted landings of the policy's candidates [m], on one half of the table, shape
+    [candidate, 2], shade what they cover within a radius [m].
     """
     workspace = evaluation.setup.workspace
     reach = workspace.reach(evaluation.cable.length)
@@ -192,13 +189,7 @@ def _draw_try_curves(axes: "Axes", evaluation: Evaluation) -> None:
 def ellipse_map(
     trials: Mapping[str, NDArray], workspace: Workspace, cable_length: float
 ) -> "Figure":
-    """Draw targets, landings and 95 % ellipses of repeated casts, after figure 8 of the paper.
-
-    Args:
-        trials: Columns of trials.csv.
-        workspace: Table and reach.
-        cable_length: Cable length r_c [m].
-    """
+    """Draw targets, landings and 95 % ellipses from trials.csv, after figure 8 of the paper."""
     reach = workspace.reach(cable_length)
     figure, (axes,) = workspace_panels(workspace, workspace_view(workspace, radius=reach))
     draw_half_circle(axes, reach, linestyle=_DOTTED)
@@ -227,12 +218,7 @@ _NUMBERED_MAX = 60  # More actions than these would hide their landings behind t
 
 @styled()
 def repeatability_map(results: Sequence[Repeatability], workspace: Workspace) -> "Figure":
-    """Draw the landings of repeated actions with 95 % ellipses, after figure 7 of the paper.
-
-    Args:
-        results: Measured landings, one panel per combination of system parameters.
-        workspace: Table and reach.
-    """
+    """Draw landings of repeated actions with 95 % ellipses, after figure 7 of the paper."""
     reach = max(workspace.reach(result.cable.length) for result in results)
     landed = np.concatenate([action.landed_xy for r in results for action in r.actions])
     # Grids of actions cast to the right: the empty left of the table would only shrink the rest.
@@ -297,11 +283,7 @@ def coverage_figure(
 ) -> "Figure":
     """Draw the hulls of all speeds, a panel for each r0 and action set, after the paper's figure 6.
 
-    Args:
-        results: Result of `measure_coverage` for every combination.
-        polar_casting_xy: Outline of what polar casting reaches [m], shape [vertex, 2].
-        workspace: Table and reach.
-        cable_length: Cable length r_c [m].
+    The results are those of `measure_coverage`; the outline is that of polar casting [m].
     """
     panels: dict[tuple[bool, float], list[dict[str, Any]]] = {}
     for result in results:
@@ -335,14 +317,9 @@ def coverage_figure(
 
 
 def spread_choice(values: NDArray[np.float64], count: int) -> list[int]:
-    """Choose trials worth a look, evenly from the best to the worst.
+    """Return the indices of trials spread evenly from the smallest value to the largest, those too.
 
-    Args:
-        values: Error of each trial, shape [trial]; those with NaN are not chosen.
-        count: Largest number of trials.
-
-    Returns:
-        Indices of trials by rising error; best, median and worst are among them.
+    Trials with NaN are not chosen.
     """
     order = np.argsort(values, kind="stable")
     order = order[np.isfinite(values[order])]
@@ -362,13 +339,8 @@ def track_panels(
 ) -> "Figure":
     """Draw measured tracks as points every 100 ms, and simulated ones as lines through such points.
 
-    Args:
-        tracks: Tracks that a rig measured.
-        simulated: Labels and simulated endpoints at the measured times [m], shape
-            [trial, sample, 2]: one or two; distances are those of the last.
-        workspace: Table and base.
-        trial_indices: Indices of the trials to draw.
-        cable_length: Cable length r_c, of which distances are a percentage [m].
+    Simulated endpoints at the measured times [m], shape [trial, sample, 2], are one or two;
+    distances, in % of cable length, are those of the last.
     """
     colors = (MUTED, BLUE)[-len(simulated) :]
     options: dict[str, Any] = {"columns": 3, "below": 0.4, "ticks": False}

@@ -71,13 +71,9 @@ def report_page(
 ) -> str:
     """Return the whole page, figures inside; it refers to no other file and no other host.
 
-    Args:
-        evaluation: Casts to report.
-        model_info: Description of the model: `curve`, `metrics`, `dataset`; empty without one.
-        config: The run's config.json.
-        simulated_xy: See `landing_map`.
-        simulated_radius: See `landing_map`.
-        tries: Map of several tries at each target as a data URI, if there were several.
+    Simulated landings and their radius are those of `landing_map`. The model has `curve`,
+    `metrics` and `dataset`, and is empty without one. `tries` is a map of several tries at each
+    target as a data URI, if there were several.
     """
     model = model_info.get("metrics", {})
     kind = evaluation.rig.get("rig", "")

@@ -82,9 +82,7 @@ class Part:
 class Reproduction:
     """Run folders of a reproduction: one folder per cable, and in it one per stage.
 
-    Attributes:
-        folder: Folder of the reproduction.
-        cables: Names of the cables, the first being the one that every method is tried on.
+    Every method is tried on the first cable.
     """
 
     folder: pathlib.Path
@@ -392,15 +390,9 @@ def split_part(results: Reproduction) -> Part | None:
 def reproduction_page(
     results: Reproduction, config: Mapping[str, Any], times: Sequence[tuple[str, float]]
 ) -> tuple[str, list[Table]]:
-    """Return the whole page, figures inside; it refers to no other file and no other host.
+    """Return the whole page, figures inside, and its tables in their order.
 
-    Args:
-        results: Run folders; they tell the set-up of each cable as well.
-        config: The reproduction's config.json.
-        times: Title and time [s] of each stage.
-
-    Returns:
-        Page, and its tables in their order.
+    It refers to no other file and no other host. Stages have titles and times [s].
     """
     environment = template_environment()
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]

@@ -78,11 +78,7 @@ def styled() -> Iterator[None]:
 
 @styled()
 def new_figure(width: float, height: float) -> "Figure":
-    """Return an empty figure [inch]; it needs no display and touches no global state.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
+    """Return an empty figure [inch]; it needs no display and touches no global state."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -137,14 +133,9 @@ def workspace_view(
     left: float | None = None,
     right: float | None = None,
 ) -> View:
-    """Return the view that shows the whole table and the base.
+    """Return the view that shows the whole table and the base, with white around them [m].
 
-    Args:
-        workspace: Table to show.
-        margin: White around them [m].
-        radius: Distance straight ahead to show, too [m].
-        left: Smallest x instead of the table's [m].
-        right: Largest x instead of the table's [m].
+    It reaches at least `radius` straight ahead [m]; `left` and `right` replace the table's x [m].
     """
     half_width = max(workspace.half_width, _BASE_RADIUS) + margin
     return View(
@@ -213,18 +204,10 @@ def workspace_panels(
     grid: bool = True,
     ticks: bool = True,
 ) -> tuple["Figure", list["Axes"]]:
-    """Return a figure with maps of the table, and the axes of each.
+    """Return a figure with `count` maps of the table, and the axes of each.
 
-    Args:
-        workspace: Table to draw.
-        view: What each map shows.
-        count: Number of maps.
-        columns: Number of maps side by side.
-        width: Width of the figure [inch].
-        below: Room below the maps, e.g. for a legend [inch].
-        beside: Room to the right of the maps, e.g. for a colour bar [inch].
-        grid: Whether to draw lines every half metre.
-        ticks: Whether to label the axes.
+    Its width is in inches, as is the room below the maps, e.g. for a legend, and beside them, e.g.
+    for a colour bar.
     """
     rows = -(-max(count, 1) // columns)
     figure = new_figure(width, rows * view.height((width - beside) / columns) + below)
@@ -248,14 +231,9 @@ def draw_half_circle(axes: "Axes", radius: float, *, closed: bool = False, **lin
 def annotate(
     axes: "Axes", text: str, xy: ArrayLike, offset: tuple[float, float], **style: Any
 ) -> None:
-    """Write text near a point.
+    """Write text near a point [m], at an offset from it [1/72 inch].
 
-    Args:
-        axes: Axes to write on.
-        text: Text.
-        xy: Point [m], shape [2].
-        offset: Offset of the text from the point [1/72 inch].
-        **style: Properties of the text, in matplotlib's words; `halo` is the width of a white rim.
+    The style is in matplotlib's words; `halo` is the width of a white rim.
     """
     from matplotlib.patheffects import withStroke
 
@@ -268,12 +246,9 @@ def annotate(
 def legend_strip(
     figure: "Figure", entries: Sequence[tuple[str, str, dict[str, Any]]], columns: int = 3
 ) -> None:
-    """Draw a legend below all axes.
+    """Draw a legend below all axes, where the figure has room.
 
-    Args:
-        figure: Figure with room below its axes.
-        entries: Label, format as of `plot`, and properties of each entry's line or marker.
-        columns: Largest number of entries side by side.
+    An entry is a label, a format as of `plot`, and properties of its line or marker.
     """
     from matplotlib.lines import Line2D
 
@@ -297,11 +272,7 @@ def _line_style(form: str) -> dict[str, Any]:
 def color_scale(name: str, first: float, last: float, top: float) -> Any:
     """Return a mapping from values in [0, top] to colours of a part of a matplotlib colour map.
 
-    Args:
-        name: Colour map of matplotlib.
-        first: Place of the colour of 0 in the map [-].
-        last: Place of the colour of `top` [-]; pale ends vanish on white.
-        top: Largest value.
+    `first` and `last` are the places of the colours of 0 and top in it; pale ends vanish on white.
     """
     import matplotlib as mpl
     from matplotlib.cm import ScalarMappable

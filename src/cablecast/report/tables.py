@@ -32,11 +32,7 @@ FIVE_HEADS = ("median", "1st quartile", "3rd quartile", "min", "max")
 
 
 def pct(value: float | None, digits: int = 1) -> str:
-    """Return a percentage, a dash for a missing value, "miss" for an infinite one.
-
-    Args:
-        value: Value [%]; missing where None or NaN.
-        digits: Number of decimals.
+    """Return a percentage, a dash for a missing value (None, NaN), "miss" for an infinite one.
 
     >>> pct(12.345), pct(None), pct(math.inf)
     ('12.3', '–', 'miss')
@@ -161,13 +157,9 @@ def _error_row(name: str, metrics: Metrics, key: str, kind: str) -> Row:
 def method_table(
     evaluations: Mapping[str, Metrics], key: str, title: str, *, published: bool = True
 ) -> Table:
-    """Make table II: every method on cable 1, and the paper's rows below.
+    """Make table II from metrics by method: every method on cable 1, and the paper's rows below.
 
-    Args:
-        evaluations: Metrics of `cablecast evaluate` by method.
-        key: Name of the summary of errors, e.g. `errors_pct`.
-        title: Heading of the table.
-        published: Whether to show the paper's rows, too; it counts no misses.
+    `key` names the summary of errors, e.g. `errors_pct`. The paper counts no misses.
     """
     medians = {method: metrics[key]["median_pct"] for method, metrics in evaluations.items()}
     best = min(
@@ -187,14 +179,7 @@ def method_table(
 def cable_table(
     evaluations: Mapping[str, Metrics], key: str, title: str, *, published: bool = True
 ) -> Table:
-    """Make table III: the best method on every cable, each with the paper's row.
-
-    Args:
-        evaluations: Metrics of `cablecast evaluate` by cable.
-        key: Name of the summary of errors.
-        title: Heading of the table.
-        published: Whether to show the paper's rows, too; it counts no misses.
-    """
+    """Make table III from metrics by cable: the best method, each with the paper's row."""
     rows = []
     for cable, metrics in evaluations.items():
         rows.append(_error_row(cable, metrics, key, "ours"))
@@ -269,11 +254,7 @@ def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
 
 
 def coverage_table(selection: Metrics) -> Table:
-    """Make a table of the coverage of every combination of system parameters, beside the paper's.
-
-    Args:
-        selection: Metrics of `cablecast select`.
-    """
+    """Make a table of the coverage of every combination, beside the paper's."""
     published = {(c.r0, c.v_max, c.with_psi): c for c in PUBLISHED_CANDIDATES}
     chosen = tuple(selection["choice"][name] for name in ("r0", "v_max", "with_psi"))
     rows = []
@@ -362,12 +343,7 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
 
 
 def difficulty_table(tunings: Mapping[str, Metrics], selection: Metrics | None) -> Table | None:
-    """Compare the rig's difficulty with the real one's: what was measured before any fit.
-
-    Args:
-        tunings: Metrics of `cablecast tune` by cable.
-        selection: Metrics of `cablecast select`, if it was run.
-    """
+    """Compare the rig's difficulty with the real one's: what was measured before any fit."""
     rows = []
     for cable, metrics in tunings.items():
         paper = published_tuning(cable)

@@ -22,12 +22,7 @@ _OTHER_ACTION = 12.0
 
 
 def reason_text(proposal: Proposal, session: AimSession) -> str:
-    """Return why an action is proposed.
-
-    Args:
-        proposal: Next cast of the session.
-        session: Session that proposed it.
-    """
+    """Return why an action is proposed."""
     action, earlier = proposal.action.to_array(), session.casts_at(proposal.target_xy)
     reason = _reason(action, [cast for cast in earlier if cast.number < proposal.number], proposal)
     if session.sight is not None and session.sight.is_blind_at(proposal.target_xy):
@@ -54,12 +49,7 @@ def _reason(action: NDArray[np.float64], earlier: list[Cast], proposal: Proposal
 
 
 def change_text(cast: Cast, session: AimSession) -> str:
-    """Return what follows from the last cast of a session.
-
-    Args:
-        cast: Aimed cast, the last of the session.
-        session: Session that took it in.
-    """
+    """Return what follows from the last cast of a session, which was aimed."""
     if not cast.landed:
         return "no landing: actions like this one are avoided from now on"
     # The simulators take a step only for a cast that follows.

@@ -40,10 +40,7 @@ def settings_differences(
 ) -> list[str]:
     """Return a phrase for each setting in which two runs differ, with both values.
 
-    Args:
-        stored: Settings on the disk.
-        wanted: Settings of this run.
-        prefix: Path of the nested settings, ending in a dot.
+    The prefix is the path of nested settings, ending in a dot.
 
     >>> settings_differences({"arm": {"model": "ur5"}}, {"arm": {"model": "ur5e"}})
     ["arm.model is 'ur5' there and 'ur5e' here"]
@@ -59,12 +56,7 @@ def settings_differences(
 
 
 def flat_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Return the leaves of nested settings with dotted names.
-
-    Args:
-        settings: Settings.
-        prefix: Text before all names.
-    """
+    """Return the leaves of nested settings with dotted names."""
     rows = []
     for key, value in settings.items():
         if isinstance(value, Mapping):
@@ -75,12 +67,7 @@ def flat_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[s
 
 
 def fingerprint(values: Any, *more: bytes) -> str:
-    """Return a fingerprint of some content: the start of its SHA-256.
-
-    Args:
-        values: Plain values, hashed as canonical JSON.
-        *more: Further bytes of the content.
-    """
+    """Return the start of the SHA-256 of plain values as canonical JSON, and of further bytes."""
     digest = hashlib.sha256(json.dumps(values, sort_keys=True, ensure_ascii=False).encode())
     for content in more:
         digest.update(content)
@@ -105,8 +92,7 @@ def run_facts() -> dict[str, Any]:
 def source_commit() -> str | None:
     """Return the commit of the source tree that runs, with "+changes" if it differs.
 
-    Returns:
-        None without git, or where the package is installed.
+    It is None without git, or where the package is installed.
     """
     package = pathlib.Path(__file__).resolve().parent.parent
     # Without the index lock: a status for the record must not disturb a commit under way.
@@ -346,10 +332,8 @@ class RunFolder:
     ) -> "RunFolder":
         """Check that a run may be written to a folder; write nothing yet.
 
-        Args:
-            path: A new or empty folder, or one of an earlier run of the same settings.
-            command: Verb that writes it.
-            settings: Plain values that decide the results; a difference in any is refused.
+        The folder is new or empty, or holds an earlier run of equal command and settings: all plain
+        values that decide the results.
 
         Raises:
             InputError: The folder holds something else, or a setting is not plain.
@@ -415,10 +399,6 @@ class RunFolder:
 def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
     """Refuse a folder that holds anything else than a run of a verb, whatever its settings.
 
-    Args:
-        path: Folder of the results.
-        command: Verb that is to write there.
-
     Raises:
         InputError: It is a file, or holds other files or a run of another verb.
     """
@@ -435,14 +415,7 @@ def record_run(
     settings: Mapping[str, Any],
     metrics: dict[str, Any],
 ) -> None:
-    """Write config.json and metrics.json beside a dataset, which checks its own settings.
-
-    Args:
-        path: Folder of the results.
-        command: Verb that wrote them.
-        settings: Settings of the results.
-        metrics: Figures of the results.
-    """
+    """Write config.json and metrics.json beside a dataset, which checks its own settings."""
     run = RunFolder(
         path=pathlib.Path(path),
         config={"command": command, "settings": plain_settings(settings), **run_facts()},

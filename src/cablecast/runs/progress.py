@@ -120,10 +120,7 @@ class Stage:
 class StageLog:
     """Time that each stage has taken so far over all runs, kept on the disk.
 
-    Args:
-        folder: Folder of stages.json.
-        interval: Interval at which the time of a running stage is stored [s], which is what a kill
-            can lose of it.
+    The time of a running stage is stored at an interval [s], which is what a kill can lose of it.
     """
 
     def __init__(self, folder: pathlib.Path, interval: float = 5.0):
@@ -167,18 +164,12 @@ class StageLog:
 def run_stages(
     stages: Sequence[Stage], folder: pathlib.Path, report: ProgressCallback = ignore
 ) -> StageLog:
-    """Run the stages that are not done yet, in order.
+    """Run the stages that are not done yet, in order, and return their times.
 
-    A stage that follows one that had work to do is run even if it is done: what it read may have
-    been made again. A verb compares that with its settings, and computes nothing where it is equal.
-
-    Args:
-        stages: All stages; each may read the results of earlier ones.
-        folder: Folder that keeps the times.
-        report: Callback for the progress of the whole, called before each stage.
-
-    Returns:
-        Times of the stages.
+    Each may read the results of earlier ones. A stage that follows one that had work to do is run
+    even if it is done: what it read may have been made again. A verb compares that with its
+    settings, and computes nothing where it is equal. Before each stage, the progress of the whole
+    is reported.
     """
     log = StageLog(folder)
     is_changed = False
@@ -199,14 +190,7 @@ def run_stages(
 
 
 def remaining_time(stages: Sequence[Stage], log: StageLog) -> float:
-    """Return the expected time of the stages that are not done [s].
-
-    Expected times are scaled by the pace of this machine so far.
-
-    Args:
-        stages: All stages.
-        log: Time that each has taken so far.
-    """
+    """Return the expected time of the stages that are not done [s], at the pace of this machine."""
     done = [stage for stage in stages if stage.done and stage.name in log.seconds]
     expected = sum(stage.expected for stage in done)
     taken = sum(log.seconds[stage.name] for stage in done)

@@ -47,9 +47,6 @@ def check_workers(workers: str) -> str:
 def connected(workers: str) -> Iterator[None]:
     """Keep the connection to a cluster through several runs of tasks; nothing for this process.
 
-    Args:
-        workers: See `check_workers`.
-
     Raises:
         InputError: The cluster cannot be reached.
     """
@@ -74,13 +71,10 @@ def run_tasks(
     workers: str = LOCAL,
     shared: tuple[Any, ...] = (),
 ) -> Iterator[tuple[int, Any]]:
-    """Yield the number and the result of each task, in any order.
+    """Yield the number and the result of each numbered task, in any order; see `check_workers`.
 
-    Args:
-        function: Function of a module, of the arguments of a task and the shared ones.
-        tasks: Number and arguments of each task.
-        workers: See `check_workers`.
-        shared: Arguments that all tasks share; they travel to each node once.
+    The function is one of a module. Its last arguments are the shared ones, which travel to each
+    node once.
 
     Raises:
         InputError: The cluster cannot be reached.
