@@ -55,7 +55,7 @@ def cast_at_target(page):
     page.worker.drain()
 
 
-def test_point_cast_correct_replay_undo(page):
+def test_point_cast_correct_replay_undo(page, drawn):
     desk = page.desk
     page.aim(TARGET)
     assert desk.message == ""
@@ -71,6 +71,7 @@ def test_point_cast_correct_replay_undo(page):
     assert page.stage.player.duration == pytest.approx(ShownCast.of_cast(desk.tries[0]).duration)
     page.undo()
     assert "taken back" in desk.message
+    assert "/marks/expected" not in drawn(page.server)
     page.aim_polar(1.2, -20.0)
     assert desk.phase is Phase.PLANNED
     assert desk.preview.proposal.target_xy[0] < 0

@@ -260,6 +260,7 @@ class Page:
     def show_rest(self) -> None:
         """Show the arm and the cable as they are before a cast."""
         last, preview = self.desk.last, self.desk.preview
+        self.stage.table.clear()
         if last is not None:
             self._mark(last.target_xy)
             shown = ShownCast.of_cast(last)
