@@ -2,8 +2,7 @@
 
 import importlib.metadata
 
-from tools.check_release import TRIALS, extras
-from tools.list_licences import UNKNOWN, dependencies, licence
+from tools.check_release import TRIALS, UNKNOWN, dependencies, extras, licence
 
 
 def test_every_extra_is_tried_alone():

@@ -6,10 +6,15 @@
 
 Both are left in build/dist. Installing needs the package index; the versions are those of
 constraints.txt.
+
+    python tools/check_release.py --licences             # table of what it depends on
+    python tools/check_release.py --licences learn       # with one extra alone
 """
 
 import argparse
+import importlib.metadata
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -19,8 +24,13 @@ import tomllib
 import venv
 import zipfile
 
+from packaging.requirements import Requirement
+
 ROOT = pathlib.Path(__file__).parents[1]
 DIST = ROOT / "build" / "dist"
+PACKAGE = "cablecast"
+UNKNOWN = "not stated"
+_LINE_MAX = 80
 
 # What each extra is for, in a few lines that fail without it. "" is the package alone.
 TRIALS = {
@@ -120,8 +130,76 @@ def extras() -> list[str]:
     return [name for name in project["optional-dependencies"] if name not in ("dev", "docs", "all")]
 
 
+def dependencies(extras: tuple[str, ...]) -> dict[str, importlib.metadata.Distribution | None]:
+    """Return the installed distributions that the package needs, and theirs; None where missing.
+
+    Args:
+        extras: Extras of the package.
+    """
+    found: dict[str, importlib.metadata.Distribution | None] = {}
+    # Names with the extras that are asked of them.
+    queue: list[tuple[str, tuple[str, ...]]] = [(PACKAGE, extras)]
+    seen = set()
+    while queue:
+        name, asked = queue.pop()
+        key = (normal(name), asked)
+        if key in seen:
+            continue
+        seen.add(key)
+        try:
+            distribution = importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[normal(name)] = None
+            continue
+        found[normal(name)] = distribution
+        for line in distribution.requires or ():
+            requirement = Requirement(line)
+            marker = requirement.marker
+            if marker is None or any(marker.evaluate({"extra": e}) for e in ("", *asked)):
+                queue.append((requirement.name, tuple(sorted(requirement.extras))))
+    found.pop(PACKAGE, None)
+    return dict(sorted(found.items()))
+
+
+def normal(name: str) -> str:
+    """Return the name of a distribution as indexes write it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def licence(distribution: importlib.metadata.Distribution) -> str:
+    """Return the licence that a distribution states, the shortest form first."""
+    metadata = distribution.metadata
+    if expression := metadata.get("License-Expression"):
+        return expression
+    prefix = "License :: "
+    classifiers = [
+        line.rpartition(" :: ")[2]
+        for line in metadata.get_all("Classifier") or ()
+        if line.startswith(prefix) and line != "License :: OSI Approved"
+    ]
+    if classifiers:
+        return ", ".join(classifiers)
+    # The field may hold a whole licence; its first line names it.
+    lines = (metadata.get("License") or "").strip().splitlines()
+    return lines[0].strip()[:_LINE_MAX] if lines else UNKNOWN
+
+
+def print_licences(extras: tuple[str, ...]) -> None:
+    """Print the installed dependencies of the package with these extras, and their licences."""
+    rows = dependencies(extras)
+    print("| package | version | licence |\n|---|---|---|")
+    for name, distribution in rows.items():
+        if distribution is None:
+            print(f"| {name} | not installed | |")
+        else:
+            print(f"| {name} | {distribution.version} | {licence(distribution)} |")
+    unknown = [name for name, row in rows.items() if row is not None and licence(row) == UNKNOWN]
+    if unknown:
+        print(f"no licence is stated by {', '.join(unknown)}", file=sys.stderr)
+
+
 def main() -> None:
-    """Build, check, and try."""
+    """Build, check and try the distributions, or list the licences of the dependencies."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument(
         "--install",
@@ -129,7 +207,16 @@ def main() -> None:
         metavar="EXTRA",
         help="try the wheel alone, and with each of these extras alone; `every` for all of them",
     )
+    parser.add_argument(
+        "--licences",
+        nargs="*",
+        metavar="EXTRA",
+        help="list licences and stop; of all extras for users, or of these",
+    )
     args = parser.parse_args()
+    if args.licences is not None:
+        print_licences(tuple(args.licences or ("all",)))
+        return
     source, wheel = build()
     check_content(source, wheel)
     if args.install is not None:

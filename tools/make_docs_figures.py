@@ -1,6 +1,8 @@
-"""Draw the figures of docs/robot.md and docs/reset.md.
+"""Draw the figures of docs/engine.md, docs/robot.md and docs/reset.md.
 
     python tools/make_docs_figures.py docs/images
+
+docs/engine.md: the quantities that the engine computes with.
 
 docs/robot.md: mounting, marker and tags, light, network. The arm, the table, the box, the tags and
 the camera are those of examples/twin.yaml, so that the distances are those of a lab that works.
@@ -51,6 +53,9 @@ POST_HEIGHT = 2.0
 TIP_SPEED = 5.0
 SWING = 1.7
 """How far the end of the cable swings [m]; docs/robot.md says so as well."""
+HEADINGS_DEG = np.array([12.0, 40.0, 62.0, 56.0, 27.0, 2.0, 0.0])
+"""Directions of the drawn chain's segments below the horizontal."""
+SEGMENT_LENGTH, CABLE_RADIUS = 0.1, 0.012
 
 
 def measure(axes: Any, start: Any, end: Any, text: str, offset: Any, **style: Any) -> None:
@@ -454,6 +459,165 @@ def draw_reset() -> Any:
     return figure
 
 
+def arrow(axes: Any, start: Any, end: Any, color: str) -> None:
+    """Draw an arrow from start to end."""
+    axes.annotate(
+        "",
+        xy=end,
+        xytext=start,
+        arrowprops={
+            "arrowstyle": "-|>,head_width=0.22,head_length=0.4",
+            "color": color,
+            "linewidth": 1.4,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+    )
+
+
+def chain_nodes() -> np.ndarray:
+    """Return nodes (y, z) of a cable that comes down from a grip to the table, shape [node, 2]."""
+    angle = -np.radians(HEADINGS_DEG)
+    edges = SEGMENT_LENGTH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    nodes = np.vstack([np.zeros(2), np.cumsum(edges, axis=0)])
+    return nodes - [0.0, nodes[-1, 1]]
+
+
+def draw_chain(axes: Any) -> None:
+    """Draw a cable as the engine sees it: segments between nodes, with what acts on them."""
+    nodes = chain_nodes()
+    edges = np.diff(nodes, axis=0)
+    table, left, right = -CABLE_RADIUS, -0.12, 0.62
+    axes.fill_between([left, right], table, table - 0.02, color=TABLE, linewidth=0)
+    axes.plot([left, right], [table, table], color=MUTED, linewidth=1.0)
+    # Cells reach from the middle of one segment to the middle of the next; half a cell at the ends.
+    middles = 0.5 * (nodes[1:] + nodes[:-1])
+    count = len(edges)
+    for node in range(count + 1):
+        first = middles[node - 1] if node > 0 else nodes[0]
+        last = middles[node] if node < count else nodes[-1]
+        cell = np.stack([first, nodes[node], last])
+        color = SKY if node % 2 == 0 else BLUE
+        axes.plot(*cell.T, color=color, linewidth=9, alpha=0.5, solid_capstyle="butt")
+    axes.plot(*nodes.T, color=INK, linewidth=1.0)
+    axes.plot(*nodes[1:-1].T, "o", color=INK, markersize=5)
+    axes.plot(*nodes[-1], "o", color=VERMILLION, markersize=10)
+
+    x, z = nodes[0]
+    axes.fill([x - 0.1, x, x, x - 0.1], [z - 0.03, z - 0.03, z + 0.03, z + 0.03], INK)
+    axes.plot([x, x + 0.1], [z, z], color=VERMILLION, linewidth=1.0, linestyle="--")
+    axes.text(x - 0.1, z + 0.04, "gripper: holds place, direction and roll", va="bottom")
+    half, whole = 0.5 * (middles[0] + nodes[0]), 0.5 * (nodes[2] + middles[2])
+    point_out(axes, "half a cell", half, half + [-0.1, -0.1], BLUE)
+    point_out(axes, "cell of a node", whole, whole + [-0.2, -0.06], BLUE)
+
+    # The angle at a node.
+    node = 2
+    before, after = edges[node - 1], edges[node]
+    axes.plot(
+        *np.stack([nodes[node], nodes[node] + before]).T,
+        color=VERMILLION,
+        linewidth=1.0,
+        linestyle="--",
+    )
+    first, last = np.arctan2([after[1], before[1]], [after[0], before[0]])
+    arc = np.linspace(first, last, 20)
+    bow = nodes[node] + 0.075 * np.stack([np.cos(arc), np.sin(arc)], axis=1)
+    axes.plot(*bow.T, color=VERMILLION, linewidth=1.2)
+    point_out(axes, "angle φ:\nenergy EI φ² / (2 l)", bow[14], bow[14] + [0.06, 0.05], VERMILLION)
+
+    # The length of a segment.
+    across = np.array([-edges[3][1], edges[3][0]]) / SEGMENT_LENGTH * 0.03
+    ends = nodes[3:5] + across
+    axes.annotate(
+        "",
+        ends[1],
+        ends[0],
+        arrowprops={"arrowstyle": "<->", "color": MUTED, "shrinkA": 0, "shrinkB": 0},
+    )
+    axes.text(*(ends.mean(axis=0) + [0.012, 0.0]), "length l, fixed", color=MUTED)
+
+    # Weight and normal force where the cable lies.
+    arrow(axes, nodes[4], nodes[4] - [0, 0.05], INK)
+    axes.text(nodes[4, 0] - 0.012, nodes[4, 1] - 0.04, "m g", ha="right")
+    arrow(axes, nodes[6] - [0, CABLE_RADIUS], nodes[6] + [0, 0.075], GREEN)
+    axes.text(nodes[6, 0] - 0.012, nodes[6, 1] + 0.055, "N", ha="right", color=GREEN)
+    point_out(
+        axes,
+        "free end: half a segment\nand the attachment",
+        nodes[-1],
+        nodes[-1] + [-0.04, 0.1],
+        VERMILLION,
+    )
+    axes.set_xlim(left - 0.01, right + 0.04)
+    axes.set_ylim(-0.06, nodes[0, 1] + 0.08)
+    bare(axes, "a   A chain of segments between nodes")
+
+
+def draw_cone(axes: Any) -> None:
+    """Draw Coulomb's cone at a node."""
+    axes.fill_between([-1.15, 1.15], 0, -0.12, color=TABLE, linewidth=0)
+    axes.plot([-1.15, 1.15], [0, 0], color=MUTED, linewidth=1.0)
+    normal, friction = 1.1, 0.5
+    half = friction * normal
+    axes.fill([0, -half, half], [0, normal, normal], color=SKY, alpha=0.35, linewidth=0)
+    turn = np.linspace(0, 2 * np.pi, 80)
+    axes.fill(half * np.cos(turn), normal + 0.09 * np.sin(turn), color=SKY, alpha=0.55, linewidth=0)
+    arrow(axes, (0, 0), (0, normal), INK)
+    axes.text(0.05, normal + 0.16, "N", ha="center")
+    arrow(axes, (0, 0), (-half, normal), VERMILLION)
+    axes.text(-half - 0.07, normal + 0.14, "slides: μ N\nagainst the sliding", ha="right")
+    axes.texts[-1].set_color(VERMILLION)
+    arrow(axes, (0, 0), (0.2, normal), GREEN)
+    axes.text(half + 0.06, normal + 0.14, "sticks:\ninside", color=GREEN, ha="left")
+    arrow(axes, (0.12, 0.12), (0.72, 0.12), BLUE)
+    axes.text(0.78, 0.24, "contact's\nvelocity", color=BLUE, va="center")
+    axes.plot(0, 0, "o", color=INK, markersize=5)
+    axes.set_xlim(-1.5, 1.45)
+    axes.set_ylim(-0.2, 1.75)
+    bare(axes, "b   Coulomb's cone at each node")
+
+
+def draw_roll(axes: Any) -> None:
+    """Draw a segment that slides and rolls, seen from its end."""
+    axes.fill_between([-1.3, 1.3], -1, -1.12, color=TABLE, linewidth=0)
+    axes.plot([-1.3, 1.3], [-1, -1], color=MUTED, linewidth=1.0)
+    turn = np.linspace(0, 2 * np.pi, 120)
+    axes.fill(np.cos(turn), np.sin(turn), color=SKY, alpha=0.35, linewidth=0)
+    axes.plot(np.cos(turn), np.sin(turn), color=BLUE, linewidth=1.2)
+    axes.plot([0, 0], [0, -1], color=MUTED, linewidth=0.9, linestyle="--")
+    axes.text(0.07, -0.62, "R", color=MUTED)
+    arrow(axes, (0, 0), (1.25, 0), INK)
+    axes.text(1.3, 0.0, "v", va="center")
+    arc = np.radians(np.linspace(150, 40, 30))
+    axes.plot(0.62 * np.cos(arc), 0.62 * np.sin(arc), color=BLUE, linewidth=1.4)
+    arrow(
+        axes,
+        (0.62 * np.cos(arc[-3]), 0.62 * np.sin(arc[-3])),
+        (0.62 * np.cos(arc[-1]), 0.62 * np.sin(arc[-1])),
+        BLUE,
+    )
+    axes.text(0, 0.74, "spin ω", color=BLUE, ha="center")
+    axes.plot(0, 0, "o", color=INK, markersize=4)
+    arrow(axes, (0, -1), (0.55, -1), BLUE)
+    axes.text(0.6, -0.86, "v − ω R", color=BLUE, va="center")
+    axes.text(0, -1.2, "friction ≤ μ N on v − ω R\ntorque ≤ ρ N against ω", ha="center", va="top")
+    axes.set_xlim(-1.5, 1.6)
+    axes.set_ylim(-1.85, 1.15)
+    bare(axes, "c   A segment from its end")
+
+
+def draw_engine() -> Any:
+    """Return the figure of the engine's quantities."""
+    figure = new_figure(8.6, 4.8)
+    with styled():
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.9, 1.0))
+        draw_chain(figure.add_subplot(grid[:, 0]))
+        draw_cone(figure.add_subplot(grid[0, 1]))
+        draw_roll(figure.add_subplot(grid[1, 1]))
+    return figure
+
+
 def main() -> None:
     """Draw and write."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -461,6 +625,7 @@ def main() -> None:
     out = parser.parse_args().out
     setup = load_setup(ROOT / "examples" / "twin.yaml")
     for name, figure in (
+        ("engine.png", draw_engine()),
         ("reset.png", draw_reset()),
         ("robot-mounting.png", draw_mounting(setup)),
         ("robot-marker.png", draw_seeing(setup)),

@@ -1,10 +1,11 @@
-"""Print the tables that the pages quote of a reproduction, in Markdown, from its folder.
+"""Put the tables and figures of a reproduction into the pages that quote it.
 
-    python tools/make_tables.py runs/reproduce            # print them
-    python tools/make_tables.py runs/reproduce --write    # put them into README.md and docs/
+    python tools/quote_reproduction.py runs/reproduce            # print the tables
+    python tools/quote_reproduction.py runs/reproduce --write    # put all into README.md and docs/
 
-The headline of the README, and the time that each stage took in docs/reproduce.md. All numbers come
-from the folder; the sentences around them stand here.
+The headline of the README, the time that each stage took in docs/reproduce.md, and figures of
+docs/gallery.md, scaled to a page and to few colours. All numbers come from the folder; the
+sentences around them stand here.
 """
 
 import argparse
@@ -12,6 +13,8 @@ import collections
 import dataclasses
 import pathlib
 import re
+
+from PIL import Image
 
 from cablecast.evaluation.published import BEST_METHOD, METHOD_NAMES, published_row
 from cablecast.files import read_json, read_text, write_text
@@ -22,6 +25,15 @@ from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import duration_text
 
 ROOT = pathlib.Path(__file__).parents[1]
+FIGURES = {
+    "coverage.png": "select/coverage.png",
+    "tracks.png": "tune/tracks.png",
+    "repeatability.png": "repeat/repeatability.png",
+    "landings.png": "evaluate-fine-tuning/landings.png",
+}
+"""Figures of the first cable, by their names in docs/images."""
+WIDTH, COLORS = 1100, 96
+"""Width of a figure [pixel], and its number of colours."""
 
 
 def headline(folder: pathlib.Path) -> str:
@@ -78,7 +90,7 @@ def _published(cable: str, method: str = BEST_METHOD) -> list[str]:
 
 
 def _landed(results: Reproduction) -> str:
-    """Tell the number of casts of the best method that the errors leave out."""
+    """Return the number of casts of the best method that the errors leave out, in words."""
     phrases = []
     for cable, metrics in results.best_evaluations().items():
         lost = metrics["trial_count"] - metrics["status_counts"].get("ok", 0)
@@ -110,7 +122,7 @@ def times(folder: pathlib.Path) -> str:
 def insert(page: pathlib.Path, name: str, text: str, folder: pathlib.Path) -> None:
     """Replace what stands between the marks of a name in a page."""
     begin, end = f"<!-- {name}: begin", f"<!-- {name}: end -->"
-    origin = f"Written by `python tools/make_tables.py {folder} --write`."
+    origin = f"Written by `python tools/quote_reproduction.py {folder} --write`."
     text = f"{begin}. {origin} -->\n\n{text}\n\n{end}"
     pattern = re.escape(begin) + ".*?" + re.escape(end)
     content, count = re.subn(pattern, lambda _: text, read_text(page), flags=re.DOTALL)
@@ -120,11 +132,23 @@ def insert(page: pathlib.Path, name: str, text: str, folder: pathlib.Path) -> No
     print(f"{page}: {name} of {folder}")
 
 
+def write_figures(folder: pathlib.Path) -> None:
+    """Write the figures of the first cable into docs/images."""
+    cable = read_json(folder / "config.json")["settings"]["budget"]["cables"][0]
+    for name, source in FIGURES.items():
+        with Image.open(folder / cable / source) as picture:
+            height = round(picture.height * WIDTH / picture.width)
+            scaled = picture.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
+        path = ROOT / "docs" / "images" / name
+        scaled.quantize(COLORS).save(path, optimize=True)
+        print(f"{path}: {path.stat().st_size / 1024:.0f} KiB")
+
+
 def main() -> None:
-    """Print the tables, or put them into the pages."""
+    """Print the tables, or put tables and figures into the pages."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=pathlib.Path, help="folder of `cablecast reproduce`")
-    parser.add_argument("--write", action="store_true", help="put them into the pages")
+    parser.add_argument("--write", action="store_true", help="put all into the pages")
     arguments = parser.parse_args()
     for name, page, table in (
         ("headline", ROOT / "README.md", headline),
@@ -134,6 +158,8 @@ def main() -> None:
             insert(page, name, table(arguments.folder), arguments.folder)
         else:
             print(table(arguments.folder), end="\n\n")
+    if arguments.write:
+        write_figures(arguments.folder)
 
 
 if __name__ == "__main__":
