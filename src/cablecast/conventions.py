@@ -77,14 +77,7 @@ def mirror_xy(xy: ArrayLike, side: ArrayLike = -1.0) -> Array:
 
 
 def side_of(xy: ArrayLike) -> Array:
-    """Return +1 for points on the right half of the table, axis included, and -1 for others.
-
-    Args:
-        xy: Points [m], shape [..., 2].
-
-    Returns:
-        Side, shape [...].
-    """
+    """Return +1 for points on the right half of the table, axis included, -1 for others, [...]."""
     return np.where(np.asarray(xy)[..., 0] < 0, -1.0, 1.0)
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import pathlib
+import typing
 from collections.abc import Mapping
 from typing import Any
 
@@ -105,13 +106,7 @@ class Setup:
     ):
         """Make a set-up; parts that are not given are the paper's.
 
-        Args:
-            cable: Cable, name of a preset, or path of a YAML file.
-            workspace: Table, reach, reset pose and grip height.
-            arm: Robot arm, its mounting and its gripper.
-            motion: System parameters of the casting motions.
-            robot: Controller of the real arm, and the bounds of its motion.
-            camera: Camera above the table.
+        A cable may be given by the name of a preset, or by the path of a YAML file.
 
         Raises:
             InputError: The parts do not fit together: the cable is too long for the table or too
@@ -124,22 +119,16 @@ class Setup:
             "workspace": Workspace() if workspace is None else workspace,
             "arm": ArmUR() if arm is None else arm,
             "motion": MotionConfig() if motion is None else motion,
+            "robot": robot,
+            "camera": camera,
         }
         for name, part in parts.items():
             kind = type(self).__annotations__[name]
             if not isinstance(part, kind):
+                kind, *_ = typing.get_args(kind) or (kind,)
                 raise InputError(f"{name} must be a {kind.__name__}, not {type(part).__name__}")
             object.__setattr__(self, name, part)
-        if not (robot is None or isinstance(robot, RobotConfig)):
-            raise InputError(f"robot must be a RobotConfig, not {type(robot).__name__}")
-        object.__setattr__(self, "robot", robot)
-        if not (camera is None or isinstance(camera, CameraSettings)):
-            raise InputError(f"camera must be CameraSettings, not {type(camera).__name__}")
-        object.__setattr__(self, "camera", camera)
-        self._check()
-
-    def _check(self) -> None:
-        workspace, cable = self.workspace, self.cable
+        workspace = self.workspace
         end = workspace.reset_y + cable.length
         if end > workspace.y_max or workspace.reset_y < workspace.y_min:
             raise InputError(

@@ -89,27 +89,16 @@ class Workspace:
         return self.table_yaw_deg % 180.0 != 0.0
 
     def edge_distance(self, xy: ArrayLike) -> Array:
-        """Return the distance of points from the table's edges, negative off the table.
+        """Return the distance of points [m], shape [..., 2], from the nearest edge of the table.
 
-        Args:
-            xy: Points [m], shape [..., 2].
-
-        Returns:
-            Distance to the nearest edge line [m], shape [...]; NaN for NaN points.
+        It is negative off the table, and NaN for NaN points [m], shape [...].
         """
         xy = np.asarray(xy, dtype=float)
         x, y = xy[..., 0], xy[..., 1]
         return np.minimum.reduce([self.half_width - np.abs(x), y - self.y_min, self.y_max - y])
 
     def on_table(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return which points lie on the table.
-
-        Args:
-            xy: Points [m], shape [..., 2].
-
-        Returns:
-            True where on the table, shape [...]; NaN points are not.
-        """
+        """Return which points [m], shape [..., 2], lie on the table, shape [...]; NaN do not."""
         return self.edge_distance(xy) >= 0.0
 
     def reach(self, cable_length: float) -> float:

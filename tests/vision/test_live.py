@@ -48,7 +48,7 @@ def send_when_seen(broadcast, count, first=100.0):
     """Send frames of rising brightness once somebody looks."""
 
     def send():
-        while not broadcast.viewer_count:
+        while not broadcast.viewers:
             time.sleep(0.01)
         for index in range(count):
             broadcast.send(encode_jpeg(picture(5 * index)), first + index / 60)

@@ -35,25 +35,20 @@ class Lens:
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self):
+        for name in ("width", "height"):
+            check_count(f"lens {name}", getattr(self, name), 16, 16384)
         for name, size in (("focal", 2), ("centre", 2), ("distortion", 5)):
             values = getattr(self, name)
-            if len(values) != size or not np.all(np.isfinite(values)):
+            if len(values) != size:
                 raise InputError(f"lens {name} = {values} must be {size} finite numbers")
-        for name in ("width", "height"):
-            if not 16 <= getattr(self, name) <= 16384:
-                raise InputError(f"lens {name} = {getattr(self, name)} px is outside [16, 16384]")
+            for value in values:
+                check_number(f"lens {name}", value, -1e6, 1e6)
         if min(self.focal) <= 0:
             raise InputError(f"lens focal = {self.focal} px must be positive")
 
     @classmethod
     def from_view(cls, width: int, height: int, diagonal_view: float) -> "Lens":
-        """Return a lens without distortion from a data sheet.
-
-        Args:
-            width: Width of the image [px].
-            height: Height of the image [px].
-            diagonal_view: Angle of view over the image's diagonal [rad].
-        """
+        """Return a lens without distortion from the view over the image's diagonal [rad]."""
         if not 0.1 <= diagonal_view <= 2.6:
             raise InputError(
                 f"diagonal view = {np.degrees(diagonal_view):.1f} deg is outside [6, 149]"
@@ -82,12 +77,9 @@ class Lens:
         """
         required = {"width", "height", "focal", "centre"}
         values = check_keys(values, required | {"distortion"}, "lens", required=required)
-        for name, value in values.items():
-            if name in ("width", "height"):
-                check_count(f"lens {name}", value, 16, 16384)
-            else:
-                row = value if isinstance(value, (list, tuple)) else [value]
-                values[name] = tuple(check_number(f"lens {name}", x, -1e6, 1e6) for x in row)
+        for name in values.keys() - {"width", "height"}:
+            row = values[name]
+            values[name] = tuple(row) if isinstance(row, (list, tuple)) else (row,)
         return cls(**values)
 
     @property
@@ -209,15 +201,7 @@ class CameraView:
         return position[:2] + scale[..., None] * ray[..., :2]
 
     def pixels_per_metre(self, xy: ArrayLike, z: float = 0.0) -> float:
-        """Return the scale of the image at a point of the table.
-
-        Args:
-            xy: Point [m], shape [2].
-            z: Height above the table's surface [m].
-
-        Returns:
-            Scale [px/m].
-        """
+        """Return the scale of the image [px/m] at x, y and a height above the table [m]."""
         x, y = np.asarray(xy, dtype=float)
         step = 0.01
         corners = np.array([[x, y, z], [x + step, y, z], [x, y + step, z]])

@@ -199,11 +199,7 @@ class CameraSight:
                 raise InputError(f"radius {values[2]:g} m of a blind place must be above 0")
 
     def is_blind_at(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return where the marker cannot be recognised, shape [...].
-
-        Args:
-            xy: Places on the table [m], shape [..., 2].
-        """
+        """Return at which places [m], shape [..., 2], the marker cannot be recognised, [...]."""
         places = np.asarray(xy, dtype=float)
         blind = np.zeros(places.shape[:-1], dtype=bool)
         for x, y, radius in self.blind:
@@ -211,12 +207,7 @@ class CameraSight:
         return blind
 
     def seen_near(self, xy: ArrayLike, margin: float) -> NDArray[np.float64]:
-        """Return the nearest place that no blind one reaches within a margin [m], shape [2].
-
-        Args:
-            xy: Place on the table [m], shape [2].
-            margin: Distance to keep from blind places [m].
-        """
+        """Return the place nearest to xy that keeps a margin from blind ones [m], shape [2]."""
         place, blind = np.asarray(xy, dtype=float), np.reshape(self.blind, (-1, 3))
         turn = np.linspace(0.0, 2.0 * np.pi, _ANGLE_COUNT, endpoint=False)
         ring = np.stack([np.cos(turn), np.sin(turn)], axis=-1)

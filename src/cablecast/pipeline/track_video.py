@@ -81,7 +81,7 @@ class TrackConfig:
         check_number("view_deg", self.view_deg, 5.0, 175.0, "deg")
         check_number("start", self.start, 0.0, 3600.0, "s")
         for name, value in zip(("marker length", "marker width"), self.marker, strict=True):
-            check_number(name, value, 0.001, 0.5, "m")
+            check_number(name, value, 0.002, 0.5, "m")
         for name, value in zip(("begin x", "begin y"), self.begin or (0.0, 0.0), strict=True):
             check_number(name, value, -10.0, 10.0, "m")
 

@@ -29,14 +29,7 @@ _Viewer = queue.Queue[tuple[bytes, float] | None]
 
 
 class Broadcast:
-    """Server of one stream.
-
-    Args:
-        width: Width of the pictures [px].
-        height: Height of the pictures [px].
-        rate: Pictures per second [1/s].
-        port: Port on the loopback address; a free one where 0.
-    """
+    """Server of one stream of pictures of a size [px] and a rate [1/s]; port 0 is a free one."""
 
     def __init__(self, width: int, height: int, rate: float, port: int = 0):
         self.format = width, height, rate
@@ -50,11 +43,6 @@ class Broadcast:
     def url(self) -> str:
         """Address of the stream that carries times."""
         return f"http://{HOST}:{self.port}/camera.nut"
-
-    @property
-    def viewer_count(self) -> int:
-        """Number of viewers."""
-        return len(self.viewers)
 
     def plug(self) -> None:
         """Let viewers connect."""
@@ -73,12 +61,7 @@ class Broadcast:
             self.part(viewer)
 
     def send(self, jpeg: bytes, time: float) -> None:
-        """Send a picture to all viewers, and wait for those that are behind.
-
-        Args:
-            jpeg: Picture as JPEG.
-            time: Its time in the camera's clock [s].
-        """
+        """Send a picture of a time [s] to all viewers, and wait for those that are behind."""
         self.latest = jpeg
         for viewer in list(self.viewers):
             try:

@@ -61,11 +61,7 @@ class Board:
         return board
 
     def picture(self, square_px: int = 60) -> NDArray[np.uint8]:
-        """Draw the board to print or to render, without a rim.
-
-        Args:
-            square_px: Side of a square [px].
-        """
+        """Draw the board to print or to render, without a rim, its squares of a side [px]."""
         size = (self.column_count * square_px, self.row_count * square_px)
         return self.to_opencv().generateImage(size, marginSize=0, borderBits=1)
 
@@ -139,10 +135,6 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit
     Boards printed by OpenCV before 4.6 have another pattern. Whichever of the two the pictures show
     is used.
 
-    Args:
-        images: Pictures, grey or BGR, all of one size.
-        board: Board that they show, in either pattern.
-
     Raises:
         InputError: Too few pictures show the board, or always in the same part of the image.
     """
@@ -180,15 +172,10 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit
 
 
 def find_board(image: NDArray[np.uint8], board: Board) -> tuple[Any, Any]:
-    """Return the corners of a board in a picture.
-
-    Args:
-        image: Grey or BGR.
-        board: Board to find.
+    """Return the corners of a board in a picture, grey or BGR; empty where it is not seen.
 
     Returns:
-        Corners [px], shape [corner, 1, 2], and their numbers, shape [corner, 1]; empty where the
-        board is not seen.
+        Corners [px], shape [corner, 1, 2], and their numbers, shape [corner, 1].
     """
     cv2 = load_cv2()
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv()).detectBoard(to_grey(image))

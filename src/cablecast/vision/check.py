@@ -183,13 +183,7 @@ class CameraReport:
 
 
 class CameraCheck:
-    """Looks at frames, and reports on the camera.
-
-    Args:
-        setup: Set-up with the section `camera`.
-        facts: Answers of the camera.
-        tip_speed: Speed of the cable's end for which the blur is stated [m/s].
-    """
+    """Looks at frames, and reports on the camera and on the blur at a speed of the tip [m/s]."""
 
     def __init__(self, setup: Setup, facts: CameraFacts, tip_speed: float = 5.0):
         self._setup = setup
@@ -211,10 +205,7 @@ class CameraCheck:
             self._failure = str(error)
 
     def report(self, dropped_count: int = 0) -> CameraReport:
-        """Return what was found.
-
-        Args:
-            dropped_count: Frames that this computer was too slow to take.
+        """Return what was found; `dropped_count` frames came too fast for this computer.
 
         Raises:
             InputError: Fewer than three frames were looked at.
@@ -269,12 +260,7 @@ _SEEN, _REFUSED, _EDGE, _AXIS = (60, 170, 0), (0, 0, 220), (200, 120, 0), (160, 
 
 
 def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
-    """Return the last picture of a check as PNG, with what was found in it.
-
-    Args:
-        report: Report with its picture.
-        workspace: Gives the table's edges.
-    """
+    """Return the last picture of a check as PNG, with what was found and the table's edges."""
     cv2 = load_cv2()
     image = report.image.copy()
     rejected = () if report.calibration is None else report.calibration.rejected_ids

@@ -79,14 +79,8 @@ class ClockOffset:
 def controller_shift(clock_pairs: Array) -> float:
     """Return the time of this computer's clock when the controller's shows zero [s].
 
-    The report that travelled fastest gives it best.
-
-    Args:
-        clock_pairs: Times of reports by the controller's clock, and of their arrival by that of
-            this computer [s], shape [report, 2].
-
-    Raises:
-        InputError: There are no reports.
+    The report that travelled fastest gives it best. `clock_pairs` are times of reports by the
+    controller's clock, and of their arrival by that of this computer [s], shape [report, 2].
     """
     pairs = np.asarray(clock_pairs, dtype=float).reshape(-1, 2)
     if not len(pairs):
@@ -104,16 +98,9 @@ def rough_offset(
 ) -> float:
     """Return the offset at which a report explains best what the camera saw [s].
 
-    The camera's signal may be any multiple of the reported one, plus a constant: its scale depends
-    on what part of the arm was seen.
-
-    Args:
-        times: Times of the frames by the camera's clock [s], shape [frame].
-        seen: Signal in the frames, NaN where there is none, shape [frame].
-        reported: Signal at given times by the robot's clock; NaN outside its record.
-        low: Smallest offset [s].
-        high: Largest offset [s].
-        step: Step of the first search [s]; a fraction of the time in which the signal changes.
+    The signal that was seen at times of the camera's clock, shape [frame], may be any multiple of
+    the one reported by the robot's, plus a constant: its scale depends on what part of the arm was
+    seen. Either is NaN where there is none. Offsets from low to high [s] are searched in steps.
 
     Raises:
         InputError: There are too few frames, or the two have nothing in common.
@@ -174,11 +161,7 @@ def _explained(seen: Array, reported: Array) -> float:
 
 
 class SeenMotion:
-    """Follows what moves from frame to frame.
-
-    Args:
-        row_time: Time by which each row is exposed later than the one above it [s].
-    """
+    """Follows what moves from frame to frame; each row is exposed `row_time` [s] after the last."""
 
     def __init__(self, row_time: float = 0.0):
         self.row_time = row_time
@@ -192,12 +175,7 @@ class SeenMotion:
         self.scale = 1.0
 
     def look(self, image: NDArray[np.uint8], time: float) -> None:
-        """Look at the next frame.
-
-        Args:
-            image: Frame, BGR, shape [v, u, 3].
-            time: Time of its middle row [s].
-        """
+        """Look at the next frame, BGR, shape [v, u, 3], whose middle row has a time [s]."""
         cv2 = load_cv2()
         self.scale = scale = _WIDTH / image.shape[1]
         size = (_WIDTH, round(scale * image.shape[0]))
@@ -288,11 +266,9 @@ def sync_by_motion(
 def _compare(
     seen: SeenMotion, robot_times: Array, points: Array, offset: float
 ) -> tuple[Array, float]:
-    """Return how much of the arm goes otherwise than the flow has it.
+    """Return the share of the points in each frame that go otherwise than the flow, shape [frame].
 
-    Returns:
-        Share of the points in each frame that go otherwise, shape [frame], and the share of the
-        flow where the arm is that its way explains.
+    The second is the share of the flow where the arm is that its way explains.
     """
     height = _KEPT_STRIDE * seen.flows[0].shape[0]
     before, after = np.array(seen.ends).T + offset
@@ -358,13 +334,8 @@ def _arm_points(arm: ArmUR, q: Array) -> Array:
 def reported_speed(times: Array, way: Array, dt: float) -> Callable[[Array], Array]:
     """Return mean speeds over the time between two frames.
 
-    Before and after its record an arm that stands at the record's end stands still; of one that
-    moves there the speed is NaN.
-
-    Args:
-        times: Times of the record, rising [s], shape [report].
-        way: Way along a line [px], shape [report].
-        dt: Time between two frames [s].
+    Before and after its record of times [s] and ways along a line [px], shape [report], an arm that
+    stands at the record's end stands still; of one that moves there the speed is NaN.
     """
     speeds = np.abs(np.diff(way) / np.diff(times))
     still = _REST_SHARE * speeds.max()

@@ -149,10 +149,7 @@ class LiveCamera:
             yield frame
 
     def read(self, timeout: float = _READ_TIMEOUT) -> Frame | None:
-        """Return the next frame; None after the last of a film.
-
-        Args:
-            timeout: Time to wait for it [s].
+        """Return the next frame, or wait for it [s]; None after the last of a film.
 
         Raises:
             CameraError: There was none in time, the camera stopped, or its times do not rise.
@@ -315,12 +312,7 @@ def open_capture(
 ) -> tuple[Any, CameraFacts]:
     """Open a camera, ask it for its settings, and read them back.
 
-    Args:
-        settings: Source and settings.
-        capture: Makes the capture; OpenCV's `VideoCapture` where None.
-
-    Returns:
-        The capture, and the camera's answers.
+    `capture` makes the capture; OpenCV's `VideoCapture` where None.
 
     Raises:
         CameraError: The source cannot be opened.
@@ -397,9 +389,7 @@ def _read_back(capture: Any, kind: str) -> CameraFacts:
 class _Grabber:
     """Reads frames and passes them on, until the camera ends or the reader is gone.
 
-    Args:
-        pipe: Connection to the reader, which sends the settings, and free slots.
-        memory: Descriptor of the memory for frames; it is given its size here.
+    The reader sends the settings, and free slots. The memory is given its size here.
     """
 
     def __init__(self, pipe: Connection, memory: int):
@@ -433,13 +423,10 @@ class _Grabber:
     def _loop(
         self, capture: Any, slots: NDArray[np.uint8], image: NDArray[np.uint8] | None
     ) -> None:
-        """Pass on frame after frame.
+        """Pass on frame after frame into slots, shape [slot, v, u, 3].
 
-        Args:
-            capture: Open capture.
-            slots: Room for frames, shape [slot, v, u, 3].
-            image: First frame of a film, all of whose frames count. That of a stream gives the size
-                only, since its time may be older than the viewer.
+        `image` is the first frame of a film, all of whose frames count. That of a stream gives the
+        size only, since its time may be older than the viewer.
         """
         film, dropped_count = image is not None, 0
         while True:
@@ -490,11 +477,7 @@ class _Grabber:
 
 
 def main(arguments: list[str]) -> None:
-    """Read a camera for the process that started this one.
-
-    Args:
-        arguments: Descriptors of the pipe and of the memory.
-    """
+    """Read a camera for the process that started this one; arguments are pipe and memory."""
     # Ctrl-C is for the process that started this one; it ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     pipe, memory = (int(word) for word in arguments)

@@ -31,25 +31,17 @@ def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def tag_picture(tag_id: int, cell: int = 40) -> NDArray[np.uint8]:
-    """Draw a tag with its white rim: ten by ten cells, of which eight are the black square.
-
-    Args:
-        tag_id: Number of the tag.
-        cell: Size of a cell [px].
-    """
+    """Draw a tag with its white rim: ten by ten cells [px], of which eight are the black square."""
     cv2 = load_cv2()
     square = cv2.aruco.generateImageMarker(_dictionary(), tag_id, 8 * cell)
     return np.pad(square, cell, constant_values=255)
 
 
 def detect_tags(image: NDArray[np.uint8]) -> dict[int, NDArray[np.float64]]:
-    """Find tags in an image.
-
-    Args:
-        image: Grey or BGR.
+    """Return the tags in a grey or BGR image by their numbers.
 
     Returns:
-        Corners of each tag by its number, clockwise from its upper left [px], shape [4, 2].
+        Corners of each, clockwise from its upper left [px], shape [4, 2].
     """
     cv2 = load_cv2()
     parameters = cv2.aruco.DetectorParameters()

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.camera.lens import CameraView
 from cablecast.camera.settings import BLIND_COUNT_MAX, CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import InputError, check_ranges
+from cablecast.errors import InputError
 from cablecast.vision.tags import load_cv2
 from cablecast.workspace import Workspace
 
@@ -69,10 +69,6 @@ class MarkerConfig:
     length: float = 0.038
     width: float = 0.016
 
-    def __post_init__(self):
-        ranges = {"length": (0.002, 0.5, "m"), "width": (0.002, 0.5, "m")}
-        check_ranges(self, ranges, "marker")
-
     @property
     def area(self) -> float:
         """Area of the marker seen from above, round at both ends [m²]."""
@@ -120,12 +116,7 @@ def green_mask(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _find_patches(image: NDArray[np.uint8], corner: tuple[int, int]) -> list[_Patch]:
-    """Return all patches of the marker's colour in a piece of a frame.
-
-    Args:
-        image: Piece of a frame, BGR, shape [v, u, 3].
-        corner: Place of the piece's upper left pixel in the frame, u and v [px].
-    """
+    """Return all patches of the marker's colour in a piece of a frame, by its corner u, v [px]."""
     cv2 = load_cv2()
     if image.size == 0:
         return []
@@ -181,18 +172,10 @@ def _hue_deg(bgr: NDArray[np.floating]) -> float:
 def sample_path(
     times: NDArray[np.float64], xy: NDArray[np.float64], sample_times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return positions at sample times from those of the frames next to each.
+    """Return positions [m], shape [sample, 2], from those of the frames next to each.
 
     A sample that falls on a frame is that frame's. One between two frames lies on the line between
     them, and is NaN if either is NaN or they are more than two frames apart.
-
-    Args:
-        times: Times of the frames, rising [s], shape [frame].
-        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
-        sample_times: Times of the samples [s], shape [sample].
-
-    Returns:
-        Positions [m], shape [sample, 2].
     """
     sampled = np.full((len(sample_times), 2), np.nan)
     if len(times) == 0:
@@ -258,13 +241,8 @@ def trial_status(
 
     Off the table is an endpoint that was seen last beyond the edge, on its way over it, or so near
     to it that nothing else can have hidden it: no arm reaches there. Occluded is any other that was
-    not seen at the end. One that swept past the edge and came back has landed.
-
-    Args:
-        times: Times of the frames [s], shape [frame].
-        xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
-        endpoint_xy: Samples of the track [m], shape [sample, 2].
-        workspace: Gives the table's edges.
+    not seen at the end. One that swept past the edge and came back has landed. Arguments are those
+    of `track_samples`, and its samples [m], shape [sample, 2].
     """
     seen = np.flatnonzero(np.isfinite(xy).all(axis=1))
     if not len(seen):
@@ -309,18 +287,6 @@ class TrackerConfig:
     start_radius: float = 0.15
     row_time: float = 0.0
 
-    def __post_init__(self):
-        check_ranges(
-            self,
-            {
-                "marker_z": (-0.1, 0.5, "m"),
-                "exposure_max": (0.0, 0.1, "s"),
-                "start_radius": (0.01, 5.0, "m"),
-                "row_time": (0.0, 1e-3, "s"),
-            },
-            "tracker",
-        )
-
 
 @dataclasses.dataclass(frozen=True)
 class _Seen:
@@ -359,7 +325,8 @@ class EndpointTracker:
         self._xy: list[NDArray[np.float64]] = []
         self._greenness: float | None = None
         self._area = 0.0
-        self._still_green: NDArray[np.bool_] | None = None
+        # Pixels where something green lies that is not the marker, shape [v, u].
+        self.still_green: NDArray[np.bool_] | None = None
         lens = view.lens
         self._frame: Window = (0, 0, lens.width, lens.height)
         centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
@@ -443,11 +410,6 @@ class EndpointTracker:
         return EndpointTrack(times=sample_times, endpoint_xy=endpoint_xy, status=status)
 
     @property
-    def still_green(self) -> NDArray[np.bool_] | None:
-        """Pixels where something green lies that is not the marker, shape [v, u]."""
-        return self._still_green
-
-    @property
     def frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Time of every frame [s], shape [frame], and the endpoint in it [m], shape [frame, 2].
 
@@ -479,12 +441,12 @@ class EndpointTracker:
                         continue
                 candidates.append((misfit, patch))
         found = min(candidates, key=lambda pair: pair[0])[1] if candidates else None
-        if self._still_green is None:
+        if self.still_green is None:
             mask = green_mask(grab(self._frame)) > 0
             if found is not None:
                 left, top, right, bottom = found.box
                 mask[top:bottom, left:right] = False
-            self._still_green = mask
+            self.still_green = mask
         return found
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
@@ -526,7 +488,7 @@ class EndpointTracker:
     def _patches(self, window: Window, grab: Grab) -> list[_Patch]:
         """Return the green patches of a piece of the frame that do not lie on other green."""
         patches = _find_patches(grab(window), (window[0], window[1]))
-        still = self._still_green
+        still = self.still_green
         if still is None:
             return patches
         u_max, v_max = self._frame[2] - 1, self._frame[3] - 1
@@ -582,11 +544,7 @@ class EndpointTracker:
 
 
 def sight_of(tracker: EndpointTracker) -> CameraSight:
-    """Return what the camera of a tracker cannot see.
-
-    Args:
-        tracker: Tracker; before its first frame there are no blind places.
-    """
+    """Return what the camera of a tracker cannot see; no blind places before its first frame."""
     mask, blind = tracker.still_green, np.empty((0, 3))
     if mask is not None:
         # Part of the marker reaches into what it lies beside.
@@ -602,11 +560,6 @@ def green_places(
     mask: NDArray[np.bool_], view: CameraView, workspace: Workspace
 ) -> NDArray[np.float64]:
     """Return circles around the green things on the table, the largest first.
-
-    Args:
-        mask: True where a pixel is green, shape [v, u].
-        view: Calibrated camera.
-        workspace: Gives the table's edges.
 
     Returns:
         x, y and radius [m], shape [place, 3]: a circle of the area of the box about each.

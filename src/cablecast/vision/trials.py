@@ -78,9 +78,6 @@ class TrialCamera(Protocol):
         Args:
             after: Time by the controller's clock from which on frames count [s]; from now on where
                 None, which is only as fresh as the way of a frame from the sensor is short.
-
-        Raises:
-            RigError: The camera cannot see a trial; says what to do.
         """
         ...
 
@@ -92,14 +89,8 @@ class TrialCamera(Protocol):
         """End the film, and return the endpoint's track.
 
         The frames from `timing.start_time` to `timing.end_time` count. This waits until the last of
-        them has arrived.
-
-        Args:
-            timing: When the trial took place.
-
-        Returns:
-            Track with samples every 100 ms since the motion began; the joint path is that of
-            `timing`.
+        them has arrived. Samples are 100 ms apart since the motion began; the joint path is that of
+        `timing`.
         """
         ...
 
@@ -108,15 +99,7 @@ class TrialCamera(Protocol):
         ...
 
     def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
-        """Return where the endpoint is now.
-
-        Args:
-            after: Time by the controller's clock from which on frames count [s]; from now on where
-                None.
-
-        Returns:
-            Place on the table [m], shape [2]; None where it is not seen.
-        """
+        """Return where the endpoint is now [m], shape [2]; None where it is not seen."""
         ...
 
     def close(self) -> None:
@@ -436,10 +419,6 @@ def require_camera(setup: Setup) -> CameraSettings:
 
 def calibrate_camera(images: list[NDArray[np.uint8]], setup: Setup) -> Calibration:
     """Return where the camera of a set-up is, from the tags in its pictures.
-
-    Args:
-        images: Pictures from the unmoved camera.
-        setup: Set-up with the section `camera`.
 
     Raises:
         InputError: Too few tags are seen, or they are not where the layout has them.

@@ -42,9 +42,6 @@ class VideoInfo:
 def read_video(path: pathlib.Path) -> tuple[VideoInfo, Iterator[tuple[float, Image]]]:
     """Open a video.
 
-    Args:
-        path: Video file.
-
     Returns:
         Its header, and its frames one after another: the time since the first frame [s], and the
         frame, BGR, shape [v, u, 3].
@@ -118,15 +115,7 @@ def read_pictures(folder: pathlib.Path) -> list[Image]:
 
 
 def write_video(path: pathlib.Path, frames: Iterable[Image], rate: float) -> int:
-    """Write frames to an MP4 file; see `encode_mp4`.
-
-    Args:
-        path: Video file; its folder is created.
-        frames: Frames, BGR, all of one size.
-        rate: Frames per second [1/s].
-
-    Returns:
-        Number of frames written.
+    """Write frames, BGR, all of one size, to an MP4 file, and return their number.
 
     Raises:
         InputError: There are no frames.
@@ -195,9 +184,6 @@ class JpegMuxer:
         width: Width of the pictures [px].
         height: Height of the pictures [px].
         rate: Usual number of pictures per second [1/s].
-
-    Raises:
-        MissingExtraError: PyAV is not installed.
     """
 
     def __init__(self, sink: Any, container: str, width: int, height: int, rate: float):
@@ -214,11 +200,7 @@ class JpegMuxer:
         self._stream.pix_fmt, self._stream.time_base = "yuvj420p", _MICROSECOND
 
     def write(self, jpeg: bytes, time: float) -> None:
-        """Write a picture.
-
-        Args:
-            jpeg: Picture as JPEG.
-            time: Time of the picture, not negative [s].
+        """Write a picture of a time, not negative [s].
 
         Raises:
             InputError: The time is negative, or not finite.
@@ -266,12 +248,7 @@ class FilmWriter:
         self.close(whole=kind is None)
 
     def write(self, image: Image, time: float) -> None:
-        """Add a frame.
-
-        Args:
-            image: Frame, BGR, shape [v, u, 3].
-            time: Time of the frame, counted from that of the first [s].
-        """
+        """Add a frame, BGR, of a time [s]; times are counted from the first."""
         if self._muxer is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._part.open("wb", buffering=0)

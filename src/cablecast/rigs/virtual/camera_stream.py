@@ -134,7 +134,7 @@ class Studio:
         """Add an instant, and send the frames that are due."""
         self.film.show(state)
         while (frame := self.film.due()) is not None:
-            if self.broadcast.viewer_count:
+            if self.broadcast.viewers:
                 self.broadcast.send(self._picture(frame), self._clock + self.film.time(frame))
 
     def fault(self, name: str | None) -> None:
