@@ -10,7 +10,7 @@ tracks from those at a far smaller step, over the first 0.8 s of random casts, b
 magnifies it. The method is of second order; each start and stop of a node falls between two steps
 and leaves a small error of the first.
 
-sensitivity: errors beside the cast's own sensitivity. Each action is played at a fine resolution
+sensitivity: errors and the cast's own sensitivity. Each action is played at a fine resolution
 from initial states that differ by as much as a careful reset leaves; the movement of its landing
 over that of the free end is the cast's gain. An error of the method is a small difference that
 enters along the way and meets the same gain. If the errors of the worst tenth are large because
@@ -193,7 +193,7 @@ TO_THE_END = {"rest_speed": 0.0}
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SensitivityArgs:
-    """Sensitivity of casts, beside the error of the method.
+    """Sensitivity of casts, and the error of the method.
 
     Attributes:
         cables: Names of presets.

@@ -1,9 +1,9 @@
 """Error at targets, after casts before the first target and within a session.
 
 casts: for each rig, laboratory, cable and number of casts, `prepare_aim` fits the simulator and
-learns a model, and each target is cast at several times in turn. Every target starts anew with the
-same casts, so that a first try after five casts is a first try after five casts. Medians come with
-the interval that holds 90 % of 2,000 bootstrap draws.
+trains a model, and each target is cast at several times in turn. Every target starts from the same
+casts, so that a first try after five casts is just that. Medians come with the interval that holds
+90 % of 2,000 bootstrap draws.
 
 sessions: a session aims at targets in turn, as `cablecast aim` does, and every cast counts for
 later targets; once with new fits to all casts of the session where it says that they are due, and
@@ -51,13 +51,13 @@ class CastsArgs(ModelArgs):
     """Error at targets against the number of real casts."""
 
     rigs: tuple[str, ...] = ("virtual", "strange")
-    """Rigs, some of virtual, strange, scattering, even, patchy, engine, example."""
+    """Rigs among virtual, strange, scattering, even, patchy, engine, example."""
     labs: tuple[int, ...] = (0, 1, 2)
     """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
     methods: tuple[str, ...] = METHODS
-    """Methods, some of aim, full gain, one simulator, simulated, fine-tuning, paper."""
+    """Methods among aim, full gain, one simulator, simulated, fine-tuning, paper."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
     counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
@@ -132,10 +132,10 @@ def print_regions(found: Found, tries: int) -> None:
             continue
         for number in range(tries):
             shares = [row["share"][number] for row in rows]
-            known = np.array([share for share in shares if share is not None])
-            inside = [100.0 * np.mean(known < share) for share in (0.5, 0.9)]
+            landed = np.array([share for share in shares if share is not None])
+            inside = [100.0 * np.mean(landed < share) for share in (0.5, 0.9)]
             found_in = (f"{share:.0f}" for share in inside)
-            rows_of_regions.append((name, cable, count, method, number + 1, len(known), *found_in))
+            rows_of_regions.append((name, cable, count, method, number + 1, len(landed), *found_in))
     title = "Landings within the regions that were stated before the cast [%]"
     print(Table(title=title, columns=REGION_COLUMNS, rows=rows_of_regions))
 
@@ -224,7 +224,7 @@ def aim_in_turn(place: Place, args: SessionsArgs, refit: bool) -> list[dict[str,
     Args:
         place: Cable and laboratory.
         args: Settings.
-        refit: True to let the session fit the simulator anew.
+        refit: True to allow new fits of the simulator.
     """
     kind = "refit" if refit else "kept"
     name = f"session-{args.calibration}-{args.tries}-{kind}"
@@ -241,8 +241,8 @@ def aim_in_turn(place: Place, args: SessionsArgs, refit: bool) -> list[dict[str,
     )
     rows = []
     for index, target in enumerate(targets):
-        if (known := stored[index]) is not None:
-            rows.append(known)
+        if (row := stored[index]) is not None:
+            rows.append(row)
             continue
         result = cc.aim(session, place.rig, target, progress=place.progress)
         misses = [cast.miss_pct for cast in result.casts[0]]
@@ -353,12 +353,12 @@ def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None
     counts = sorted({count for count, _ in here})
     methods = dict.fromkeys(method for _, method in here)
     for method, color in zip(methods, itertools.cycle(COLORS), strict=False):
-        known = [count for count in counts if (count, method) in here]
-        tries = min(here[count, method].shape[1] for count in known)
+        own = [count for count in counts if (count, method) in here]
+        tries = min(here[count, method].shape[1] for count in own)
         for number in range(tries):
             label = method if tries == 1 else f"{method}, try {number + 1}"
-            misses = [here[count, method][:, number] for count in known]
-            places = [counts.index(count) for count in known]
+            misses = [here[count, method][:, number] for count in own]
+            places = [counts.index(count) for count in own]
             _medians(axis, places, misses, color, label, "-" if number == 0 else "--")
     axis.set(xlabel="real casts before the first target", yscale="log")
     axis.set_xticks(range(len(counts)), [str(count) for count in counts])
@@ -368,7 +368,7 @@ def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None
 
 
 def _medians(axis, places, misses, color, label: str, linestyle: str = "-") -> None:
-    """Draw the medians of some misses, with the intervals that hold 90 % of bootstrap draws."""
+    """Draw medians of misses, with the intervals that hold 90 % of bootstrap draws."""
     middle, low, high = np.array([median_interval(values) for values in misses]).T
     axis.errorbar(
         places,

@@ -1,8 +1,8 @@
-"""Energy of EngineWarp: worlds that gain some and are not marked, and what an undamped swing loses.
+"""Energy of EngineWarp: worlds that gain energy unmarked, and what an undamped swing loses.
 
 stability: a world fails silently if it gains energy and is not marked. EngineWarp marks by its own
-account of energy and work; here the recorded shapes are judged, over the search space and at many
-resolutions, undamped worlds included. Once the gripper has stopped no work is done, so that
+account of energy and work; here it is computed from recorded shapes, over the search space and at
+many resolutions, undamped worlds included. Once the gripper has stopped no work is done, so that
 kinetic, potential and elastic energy together can only fall.
 
 swing: a cable clamped at an angle below the horizontal is let go from straight. Nothing resists it,
@@ -38,7 +38,7 @@ BATCH = 96
 """Worlds at a time, as their shapes are recorded."""
 GROWN = 0.5
 """Growth that counts, as a share of the greatest kinetic energy, as in the engine. Recorded shapes
-tell speeds only as a mean over the time between two samples, and nothing of the twist, which may
+give mean speeds between two samples only, and no twist, which may
 give back as much as a third, at any step."""
 
 
@@ -75,7 +75,7 @@ def draw_worlds(cable: Cable, count: int, seed: int) -> CableParams:
 def with_materials(cable: Cable, params: CableParams, seed: int) -> CableParams:
     """Return parameters with a material for each world, over the whole range that a fit searches.
 
-    The attachment stays a point mass: shapes tell nothing of the energy of a rod that turns.
+    The attachment stays a point mass: shapes do not show the energy of a rod that turns.
     """
     names = [name for name in FITTED_MATERIAL if name != "attachment_arm"]
     space = SearchSpace.for_cable(cable, names)

@@ -119,8 +119,7 @@ def draw_params(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
 def robust(cable: Cable, duration: float, count: int, seed: int) -> Table:
     """Count worlds that fail with random parameters and the fastest casts.
 
-    Listed beside the worlds that become non-finite are those that move differently with other
-    neighbours in their batch.
+    Worlds that move differently with other neighbours in their batch are counted, too.
 
     Args:
         cable: Geometry.

@@ -1,11 +1,11 @@
-"""Fits of the simulator: what a material is worth, and the posterior beside a sampler.
+"""Fits of the simulator: what a material is worth, and the posterior against a sampler.
 
 material: casts of each cable in each copy of a laboratory are collected, as `cablecast aim` makes
 them, and random ones. The first are fitted with the ten parameters alone, and with the values of
 the material, too, where they are likelier with these; the random ones show how far the simulated
 endpoint then is from the measured one.
 
-sampler: the Gaussian posterior of a fit beside draws of a sampler that assumes no shape.
+sampler: the Gaussian posterior of a fit against draws of a sampler that assumes no shape.
 Sequential Monte Carlo: particles from what is believed of the cable are led to the posterior
 through powers of the likelihood. At each power they are resampled by their weights and moved by
 Metropolis-Hastings steps that leave the Gaussian of all particles as it is. All particles times all
@@ -71,7 +71,7 @@ class MaterialArgs:
         others: Random casts to measure the fit with.
         seed: Seed of the casts.
         workers: Who simulates for the fits: local, ray, or ray:ADDRESS.
-        out: Folder that keeps the casts and lets a stopped run go on.
+        out: Folder that keeps the casts and lets a stopped run resume.
     """
 
     rig: str = "virtual"
@@ -167,7 +167,7 @@ ACCEPTED = 0.3
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SamplerArgs:
-    """Posterior of a fit beside draws of a sampler."""
+    """Posterior of a fit against draws of a sampler."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2")
     """Cables."""
@@ -206,7 +206,7 @@ def sample(
         count: Number of particles.
         moves: Metropolis-Hastings steps at each power.
         seed: Seed of the draws.
-        report: Told the power that was reached.
+        report: Called with the power that was reached.
 
     Returns:
         Points, shape [count, n].
@@ -223,15 +223,15 @@ def sample(
         drawn = mean + deviation * rng.normal(size=(count, len(mean)))
         points = np.concatenate([points, drawn[np.isfinite(log_prior(drawn))]])
     points = points[:count]
-    known = log_likelihood(points)
+    likelihoods = log_likelihood(points)
     power, pace = 0.0, 0.5
     while power < 1.0:
-        power, before = _next_power(known, power), power
-        weights = np.exp((power - before) * (known - known.max()))
+        power, before = _next_power(likelihoods, power), power
+        weights = np.exp((power - before) * (likelihoods - likelihoods.max()))
         # Systematic resampling: each particle is kept as often as it weighs, up to one.
         places = (rng.uniform() + np.arange(count)) / count
         kept = np.searchsorted(np.cumsum(weights) / weights.sum(), places)
-        points, known = points[kept], known[kept]
+        points, likelihoods = points[kept], likelihoods[kept]
         middle = points.mean(axis=0)
         factor = np.linalg.cholesky(WIDER * np.cov(points.T) + 1e-10 * np.eye(len(mean)))
         for _ in range(moves):
@@ -243,21 +243,21 @@ def sample(
             inside = np.isfinite(log_prior(tried))
             likelihood = np.full(count, -np.inf)
             likelihood[inside] = log_likelihood(tried[inside])
-            gain = power * (likelihood - known) + log_prior(tried) - log_prior(points)
+            gain = power * (likelihood - likelihoods) + log_prior(tried) - log_prior(points)
             gain += 0.5 * (np.sum(z_tried**2, axis=1) - np.sum(z**2, axis=1))
             taken = np.log(rng.uniform(size=count)) < gain
-            points[taken], known[taken] = tried[taken], likelihood[taken]
+            points[taken], likelihoods[taken] = tried[taken], likelihood[taken]
             pace = min(pace * float(np.exp(taken.mean() - ACCEPTED)), 1.0)
         report(Progress(task=f"Sampling: power {power:.3f} of the likelihood"))
     return points
 
 
-def _next_power(known: NDArray[np.float64], power: float) -> float:
+def _next_power(likelihoods: NDArray[np.float64], power: float) -> float:
     """Return the power at which the particles are half as effective, by bisection."""
 
     def effective(candidate: float) -> float:
-        weights = np.exp((candidate - power) * (known - known.max()))
-        return float(weights.sum() ** 2 / np.sum(weights**2)) / len(known)
+        weights = np.exp((candidate - power) * (likelihoods - likelihoods.max()))
+        return float(weights.sum() ** 2 / np.sum(weights**2)) / len(likelihoods)
 
     low, high = power, 1.0
     if effective(1.0) >= EFFECTIVE:
@@ -283,7 +283,7 @@ def track_likelihood(
 def spreads(tuned: cc.Tuned, draws: CableParams, count: int) -> NDArray[np.float64]:
     """Return how far landings are apart over cables [% of length], shape [action].
 
-    Some cables throw a sensitive cast far away: medians tell what is usual, variances do not.
+    Some cables throw a sensitive cast far away: medians show what is usual, variances do not.
 
     Args:
         tuned: Fit that the cables are near.
@@ -305,17 +305,17 @@ def spreads(tuned: cc.Tuned, draws: CableParams, count: int) -> NDArray[np.float
     return 100.0 * np.nanmedian(apart, axis=1) / tuned.setup.cable.length
 
 
-def along_product(known: ParamPosterior, count: int) -> CableParams:
+def along_product(posterior: ParamPosterior, count: int) -> CableParams:
     """Return draws of the Gaussian whose frictions keep the product that it states.
 
-    Casts tell the product of the two frictions alone. A Gaussian follows it along a straight line,
-    and far from the best point the product of a draw is another one.
+    Casts determine only the product of the two frictions. A Gaussian follows it along a straight
+    line, and far from the best point the product of a draw is another one.
 
     Args:
-        known: Posterior of a fit.
+        posterior: Posterior of a fit.
         count: Number of draws.
     """
-    values, best = known.draw(count).to_array(), known.params.to_array()
+    values, best = posterior.draw(count).to_array(), posterior.params.to_array()
     names = CableParams.names()
     first, second = (names.index(name) for name in ("lateral_friction", "worksurface_friction"))
     product = best[second] * values[:, first] + best[first] * (values[:, second] - best[second])
@@ -336,22 +336,22 @@ def sampler(args: SamplerArgs) -> int:
                 tuned, casts = place.tuned(args.count), place.casts(args.count)
                 if casts is None or tuned is None or tuned.posterior is None:
                     continue
-                known = tuned.posterior
+                posterior = tuned.posterior
                 tracks = MeasuredTracks.from_dataset(casts)
                 objective = TrackObjective(make_engine("warp", 30, 1e-3), casts.cable, tracks)
                 points = sample(
-                    track_likelihood(objective, known.space, known.misfit),
-                    known.prior.mean,
-                    known.prior.deviation,
+                    track_likelihood(objective, posterior.space, posterior.misfit),
+                    posterior.prior.mean,
+                    posterior.prior.deviation,
                     count=args.particles,
                     moves=args.moves,
                     report=progress,
                 )
-                print_parameters(f"{cable}, laboratory {lab}", known, points)
-                some = known.space.to_params(points[:: max(1, len(points) // 40)])
-                gauss = spreads(tuned, known.draw(40), args.actions)
-                curved = spreads(tuned, along_product(known, 40), args.actions)
-                drawn = spreads(tuned, some, args.actions)
+                print_parameters(f"{cable}, laboratory {lab}", posterior, points)
+                sampled = posterior.space.to_params(points[:: max(1, len(points) // 40)])
+                gauss = spreads(tuned, posterior.draw(40), args.actions)
+                curved = spreads(tuned, along_product(posterior, 40), args.actions)
+                drawn = spreads(tuned, sampled, args.actions)
                 correlation = float(spearmanr(gauss, drawn)[0])  # pyright: ignore[reportArgumentType]
                 rows.append(
                     (
@@ -370,13 +370,13 @@ def sampler(args: SamplerArgs) -> int:
     return 0
 
 
-def print_parameters(where: str, known: ParamPosterior, points: NDArray[np.float64]) -> None:
+def print_parameters(where: str, posterior: ParamPosterior, points: NDArray[np.float64]) -> None:
     """Print the deviations of each parameter, in shares of its search range."""
     rows = []
-    for row, name in enumerate(known.space.names):
-        gauss = float(known.deviation[row])
-        shift = (float(points[:, row].mean()) - float(known.mean[row])) / gauss
-        deviations = (known.prior.deviation[row], gauss, points[:, row].std())
+    for row, name in enumerate(posterior.space.names):
+        gauss = float(posterior.deviation[row])
+        shift = (float(points[:, row].mean()) - float(posterior.mean[row])) / gauss
+        deviations = (posterior.prior.deviation[row], gauss, points[:, row].std())
         rows.append((name, *(f"{value:.3f}" for value in deviations), f"{shift:+.1f}"))
     title = f"{where}: deviations in shares of the search range; shift in Gaussian deviations"
     print(Table(title=title, columns=PARAMETER_COLUMNS, rows=rows))

@@ -1,9 +1,9 @@
-"""Difficulty of the virtual laboratory beside that of the real one.
+"""Difficulty of the virtual rig and of the real one.
 
 Three tables: the scatter of repeated casts and the share that leaves the table (paper, section
 VI-B, cable 1); the shape of that scatter where a UR5 cast real cables, 240 landings that were read
 from a figure of the paper's sibling (arXiv 2111.04814: 3 cables, 16 targets, 5 casts at each); and
-the error of an engine that knows only what is believed of each cable (table I, the rows with
+the error of an engine with the believed parameters of each cable (table I, the rows with
 default parameters).
 """
 
@@ -83,15 +83,15 @@ UNTUNED_COLUMNS = (
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Args:
-    """The virtual laboratory beside the paper's figures.
+    """The virtual rig and the paper's figures.
 
     Attributes:
-        action_count: Number of actions of each grid to repeat, chosen by chance; 0 for all.
+        action_count: Number of actions of each grid to repeat, drawn at random; 0 for all.
         repeats: Number of casts of each action.
         untuned_count: Casts of each cable to compare with the untuned engine; 0 leaves that out.
         cables: Names of the cables to compare with the untuned engine.
         seed: Seed of the actions and of the rig.
-        out: Folder that keeps the casts and lets a stopped run go on. They are not made again when
+        out: Folder that keeps the casts and lets a stopped run resume. They are not made again when
             the laboratory changes: give a new folder then.
     """
 
@@ -177,11 +177,11 @@ def growth_of_scatter(result: Repeatability) -> dict[str, float]:
     `distance` is the correlation with the distance from the base, `width` that with the angle
     from the workspace axis.
     """
-    known = np.isfinite(result.scatters_pct)
-    if known.sum() < 3:
+    finite = np.isfinite(result.scatters_pct)
+    if finite.sum() < 3:
         return {"distance": np.nan, "width": np.nan}
-    polar = xy_to_polar([a.mean_xy for a in result.actions])[known]
-    scatter = result.scatters_pct[known]
+    polar = xy_to_polar([a.mean_xy for a in result.actions])[finite]
+    scatter = result.scatters_pct[finite]
     places = {"distance": polar[:, 0], "width": np.abs(polar[:, 1])}
     return {
         name: float(stats.spearmanr(values, scatter)[0])  # pyright: ignore[reportArgumentType]
@@ -192,9 +192,9 @@ def growth_of_scatter(result: Repeatability) -> dict[str, float]:
 
 
 def median_scatter(result: Repeatability) -> float:
-    """Return the median scatter over the actions [% of cable length], NaN if none is known."""
-    known = result.scatters_pct[np.isfinite(result.scatters_pct)]
-    return float(np.median(known)) if len(known) else float("nan")
+    """Return the median scatter over the actions [% of cable length], NaN if all are."""
+    finite = result.scatters_pct[np.isfinite(result.scatters_pct)]
+    return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def real_row(real_cable: str) -> tuple:
@@ -246,14 +246,14 @@ def untuned_row(cable_name: str, args: Args, out: pathlib.Path) -> tuple:
     distances = TrackObjective(EngineWarp(), cable, tracks).distances(cable.params)
     summary = distance_summary(distances, 0, cable.length)
     final = summary["final_median_pct"]
-    known = final is not None and np.isfinite(final)
+    landed = final is not None and np.isfinite(final)
     low, high = UNTUNED_RANGE_PCT
     return (
         cable.name,
         len(dataset),
-        final if known else "-",
+        final if landed else "-",
         "-" if published is None else published.default_final_pct,
         summary["mean_pct"],
         "-" if published is None else published.default_mean_pct,
-        "yes" if known and low <= final <= high else "no",
+        "yes" if landed and low <= final <= high else "no",
     )

@@ -1,13 +1,13 @@
-"""Motion capture of cables held at both ends: EngineWarp beside published figures.
+"""Motion capture of cables held at both ends: EngineWarp and published figures.
 
 The data are those of DEFORM (arXiv 2406.05931): a cable with 12 or so markers, of which the first
-two and the last two are held and moved, 5 s at 100 Hz. Some numbers of the cable are fitted to the
+two and the last two are held and moved, 5 s at 100 Hz. Parameters of the cable are fitted to the
 training sequences; then the engine plays the held-out ones from their first frame to their last
 with nothing but the motion of the held markers. The error is the data set's own: the mean absolute
 difference of a coordinate over all markers and frames.
 
 `--data` is a folder with NAME_train.npz and NAME_eval.npz for each cable: `positions`, an array
-[sequence, frame, marker, 3] in metres with z up, and `rate_hz`. docs/engine.md tells how to make
+[sequence, frame, marker, 3] in metres with z up, and `rate_hz`. docs/engine.md says how to make
 them.
 """
 
@@ -40,7 +40,7 @@ START_FRAMES = 5
 LENGTH_STEPS = 10
 """Steps of Newton's method towards equal segments."""
 SMOOTHING = 3.0
-"""Weight of the third differences of a shape beside its distance from the markers."""
+"""Weight of the third differences of a shape relative to its distance from the markers."""
 HELD = 2
 """Markers that are held at each end."""
 
@@ -144,7 +144,7 @@ class Sequences:
 
         Args:
             sequence: Number of the sequence.
-            held: Marker where the free part begins.
+            held: Marker where the free part starts.
             other: Marker behind it.
             offset: Distance from `held` to the end of the free part, into the cable [m].
             outward: 1 at the near end, whose direction points into the cable, -1 at the far end.
@@ -213,7 +213,7 @@ def inextensible(nodes: Array, rates: Array, length: float) -> CableState:
 
 
 def start_state(points: Array, ends: Array, times: Array, length: float, count: int) -> CableState:
-    """Return the state in which a sequence begins.
+    """Return the state in which a sequence starts.
 
     Args:
         points: Ends of the free part and free markers in the first frames [m], shape
@@ -223,7 +223,7 @@ def start_state(points: Array, ends: Array, times: Array, length: float, count: 
         length: Length of the cable [m].
         count: Number of segments.
     """
-    # A parabola over the first frames tells position and velocity.
+    # A parabola over the first frames gives position and velocity.
     powers = np.vander(times, 3, increasing=True)
     found = np.linalg.lstsq(powers, points.reshape(len(times), -1), rcond=None)[0]
     place, velocity = found[:2].reshape(2, *points.shape[1:])
@@ -239,7 +239,7 @@ def smooth(values: Array, along: Array, edges: Array, count: int) -> Array:
     """Return values at equal distances along a cable, as smooth as the noise of markers allows.
 
     Args:
-        values: Values at some points, the ends first and last, shape [point, 3].
+        values: Values at points, the ends first and last, shape [point, 3].
         along: Distance of each point along the cable, shape [point].
         edges: Difference of the values over the first and over the last segment, shape [2, 3].
         count: Number of segments.
@@ -267,7 +267,7 @@ class Scene:
         cable: Cable, as long as that of the sequence.
         near: Path of the near grip.
         far: Path of the far grip.
-        state: State in which the sequence begins.
+        state: State in which the sequence starts.
         along: Distance of both grips and of the free markers along the cable [m], shape [point].
     """
 
@@ -379,7 +379,7 @@ def markers_of(nodes: Array, at: Array, inner: Array) -> Array:
 
 
 def fit(player: Player, unknowns: tuple[Unknown, ...], iterations: int) -> dict[str, float]:
-    """Return the numbers with the least error on some sequences (Levenberg and Marquardt's method).
+    """Return the numbers with the least error on the sequences (Levenberg and Marquardt's method).
 
     Args:
         player: Plays the sequences.

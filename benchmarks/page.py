@@ -2,8 +2,8 @@
 
     python -m benchmarks page --session runs/cable_1/aim
 
-The session is one that `cablecast view` or `aim` prepared. Beside the wall time stands that of
-the processor for the same work, which a busy machine does not lengthen as much.
+The session is one that `cablecast view` or `aim` prepared. Each wall time is followed by the
+processor time of the same work, which a busy machine lengthens less.
 """
 
 import contextlib
@@ -46,7 +46,7 @@ class Args:
 
 def main(args: Args) -> None:
     if "OPENBLAS_NUM_THREADS" not in os.environ:
-        # As `cablecast view` does. NumPy reads it when it is imported, so all begins again.
+        # As `cablecast view` does. NumPy reads it on import, so restart the process.
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], environment)
     policy = ForwardSearchPolicy.load(args.session / "model")
@@ -57,10 +57,10 @@ def main(args: Args) -> None:
     ):
         desk = Desk(rig)
         page = Page(desk, Worker(), lambda report: None, pathlib.Path(folder), port=8690)
-        begun = time.perf_counter()
+        start = time.perf_counter()
         # As the page does at the end of getting ready.
         desk.open_session(AimSession(policy, out=pathlib.Path(folder) / "session"))
-        print(f"session opened in {time.perf_counter() - begun:.1f} s")
+        print(f"session opened in {time.perf_counter() - start:.1f} s")
         try:
             measure(page, policy, args)
         finally:
@@ -135,14 +135,14 @@ def measure_frames(page: Page, targets: np.ndarray) -> None:
 
 @contextlib.contextmanager
 def hidden(page: Page) -> Iterator[None]:
-    """Hide everything in the scene while it goes on being sent: what is left is the browser's."""
-    known = page.server.scene._handle_from_node_name
-    parts = [known[name] for name in known if known[name].visible]
+    """Hide everything in the scene while frames are still sent: what is left is the browser's."""
+    handles = page.server.scene._handle_from_node_name.values()
+    parts = [handle for handle in handles if handle.visible]
     for part in parts:
         part.visible = False
     yield
     for part in parts:
-        # A plan has replaced some of them.
+        # A plan may have replaced it.
         with contextlib.suppress(RuntimeError):
             part.visible = True
 
@@ -151,8 +151,8 @@ def frames_while_playing(page: Page, tab: TablePage, target: np.ndarray) -> str:
     """Return how many frames are drawn and sent while a plan plays slowly enough not to end."""
     page.stage.player.speed = SLOWLY
     page.aim(target)
-    before, begun = page.stage.player.frame_count, time.perf_counter()
+    before, start = page.stage.player.frame_count, time.perf_counter()
     drawn = tab.frames_per_second()
-    sent = (page.stage.player.frame_count - before) / (time.perf_counter() - begun)
+    sent = (page.stage.player.frame_count - before) / (time.perf_counter() - start)
     page.stage.player.speed = 1.0
     return f"{drawn:.1f} drawn, {sent:.1f} sent"

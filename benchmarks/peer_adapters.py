@@ -15,7 +15,7 @@ from cablecast.engines.mujoco_ import HAND_DOF_COUNT, SERVO_OMEGA, rod_model
 from cablecast.motion.grip_path import GripPath
 
 STRETCH_STIFFNESS = 2000.0
-"""EA of simulators that know no inextensible cable [N]: its weight stretches cable_1 by 0.03 %."""
+"""EA where a simulator has no inextensible cable [N]: its weight stretches cable_1 by 0.03 %."""
 
 CONTACT_STIFFNESS = 1e4
 """Stiffness of the table against a segment, where it is a spring [N/m]: it gives by micrometres."""
@@ -397,7 +397,7 @@ class PeerDismech(Peer):
         dt: Step [s].
         table: True for a table at height 0.
         iterations: Iterations of a step.
-        exact: Factorise anew in each iteration (Gauss-Newton).
+        exact: Factorise in each iteration (Gauss-Newton).
     """
 
     name = "dismech-newton"
@@ -545,7 +545,7 @@ class PeerMujocoWarp(Peer):
         positions[:, self.slides] = (nodes[:, 2:] - self.rest).reshape(len(nodes), -1)
 
     def _model(self, mujoco, cable: Cable, params: CableParams):
-        """Compile EngineMujoco's model with these parameters and the options known to Warp."""
+        """Compile EngineMujoco's model with these parameters and the options that Warp supports."""
         bend, twist, mass, end_mass, friction = (
             float(np.asarray(value))
             for value in (
@@ -571,7 +571,7 @@ class PeerMujocoWarp(Peer):
         model.flex_friction[:] = (friction, 0.0, 0.0)
         if not self.table:
             model.geom_pos[:, 2] = -DEPTH
-        # Warp's version knows neither this flag nor Newton's method for a rod on a hand.
+        # Warp's version supports neither this flag nor Newton's method for a rod on a hand.
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         model.opt.solver = mujoco.mjtSolver.mjSOL_CG
         model.opt.tolerance = TOLERANCE

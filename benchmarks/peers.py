@@ -1,10 +1,10 @@
-"""EngineWarp beside simulators of other authors: stable step, error, rate, on two common scenes.
+"""EngineWarp and simulators of other authors: stable step, error, rate, on two common scenes.
 
 Other programs on the machine slow whatever runs beside them. So rates are counted in the time that
 this process computes, on one thread, and EngineWarp plays before and after each of the others.
 
 A swing needs no table: a cable without damping, clamped at one end, is let go from straight. A cast
-needs Coulomb's friction, which is the only resistance here: few simulators know air, damped
+needs Coulomb's friction, which is the only resistance here: few simulators have air, damped
 rotation, rolling and spinning friction, and each has laws of its own for them.
 """
 
@@ -26,7 +26,7 @@ from cablecast.motion.grip_path import GripPath
 
 FINE = (160, 1.25e-4)
 NEXT_FINE = (120, 1.25e-4)
-"""Segments and step [s] of the converged solution, and of that whose distance tells its error."""
+"""Segments and step [s] of the converged solution, and of the one whose distance shows its error."""
 
 HEIGHT = 1.0
 SWING_TIME = 1.0
@@ -163,7 +163,7 @@ REST_SPEED = 5e-4
 """Speed up to which EngineWarp takes a world to be at rest by default [m/s]."""
 
 STEEPEST_DEG = 60.0
-"""Swings begin from here below the horizontal up to level, from where a cable whips [deg]."""
+"""Swings start from here below the horizontal up to level, from where a cable whips [deg]."""
 
 ENOUGH = 0.8
 IDLE = 2
@@ -173,7 +173,7 @@ many that were not the search ends."""
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Args:
-    """EngineWarp beside other simulators of cables: stable step, error, rate.
+    """EngineWarp and other simulators of cables: stable step, error, rate.
 
     Attributes:
         cable: Name of a preset, or a YAML file.
@@ -212,7 +212,7 @@ class Contender:
 
 
 def contenders() -> list[Contender]:
-    """Return every simulator that this benchmark knows."""
+    """Return every simulator of this benchmark."""
 
     def engine(name: str, module: str, **options: Any):
         def make(dt: float, table: bool) -> Any:

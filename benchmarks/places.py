@@ -99,7 +99,7 @@ class RigArgs(ModelArgs):
 
 
 class Luck:
-    """A rig whose n-th cast at each target draws other chances."""
+    """A rig whose n-th cast at each target has its own random draws."""
 
     def __init__(self, rig: CheckedRig, first: int):
         self.rig, self.first = rig, first
@@ -118,7 +118,7 @@ class Luck:
 
 
 def equal_casts(rig: Luck, motion: cc.Trajectory, count: int) -> list[NDArray[np.float64]]:
-    """Return the landings of repeated casts of one motion, each with other chances [m]."""
+    """Return the landings of repeated casts of one motion, each with its own random draws [m]."""
     landings = []
     for number in range(count):
         rig.seek(number, "aim")
@@ -158,8 +158,8 @@ def aimed_misses(
         full_gain: True to take every miss at face value.
 
     Returns:
-        Beside `miss_pct`, in `share`, the probability of the stated region that just holds each
-        landing; None without one.
+        `miss_pct`; and in `share` the probability of the stated region that just holds each
+        landing, None without one.
     """
     session = session.fork()
     rows: dict[str, list] = {"miss_pct": [], "share": []}

@@ -1,9 +1,9 @@
 """What limits a cast at a target: scatter, the error of the simulator, uneven friction.
 
 scatter: after the calibration casts the loop of `cablecast aim` chooses a first cast at each of the
-targets. Each is made several times, with other chances. The scatter of its landings, and the
+targets. Each is made several times, with other random draws. The scatter of its landings, and the
 distance from their middle to the landing that the simulators expect, are compared with what is
-known before: the sensitivity to the action, the friction, and how far the simulators part. The
+known before: the sensitivity to the action, the friction, and how far the simulators are apart. The
 stated scatter along each axis is that of the plan. No correction of one cast of a rig lands nearer
 than the casts scatter. Each target is kept in --out: the same command resumes where it was stopped,
 and shares fits and models with `benchmarks casts`.
@@ -12,7 +12,7 @@ uneven: the strange rig is cast at random actions without scatter, once as it is
 friction everywhere. The landings of both give the shift by the uneven friction; central differences
 about the action give the Jacobian of the landing. A correction by the Jacobian J of the even world
 moves the landing in the uneven one, whose Jacobian is J', so that the share |I - J' J^+| of a miss
-in the worst direction is left: what a learner with no other error would leave.
+in the worst direction is left: what a method with no other error would leave.
 """
 
 import dataclasses
@@ -37,13 +37,13 @@ from cablecast.runs.progress import Progress
 from cablecast.setup import Setup
 
 SCATTER_COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
-RANK_COLUMNS = ("told by", "with the scatter", "with the error")
+RANK_COLUMNS = ("predicted by", "with the scatter", "with the error")
 SIZE_COLUMNS = ("size along each axis", "targets", "error", "q1", "q3", "within 8 %")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ScatterArgs(RigArgs):
-    """Scatter of equal casts beside what is stated."""
+    """Scatter of equal casts, measured and stated."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
@@ -54,7 +54,7 @@ class ScatterArgs(RigArgs):
 
 
 def cast_again(place: Place, args: ScatterArgs) -> list[dict[str, Any]]:
-    """Return landings of equal casts at each target of a place, and what was known before."""
+    """Return landings of equal casts at each target of a place, and what predicted it."""
     session, rows = None, []
     length = place.setup.cable.length
     for index, target in enumerate(random_targets(args.targets, place.lab)):
@@ -107,23 +107,25 @@ def measured(rows: list[dict[str, Any]]) -> tuple[NDArray, NDArray, NDArray, NDA
 
 
 def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return the rank correlations of what was known before with scatter and error."""
+    """Return the rank correlations of predictors with scatter and error."""
     from scipy.stats import spearmanr
 
     deviation, _, error, _ = measured(rows)
-    known = np.isfinite(deviation) & np.isfinite(error)
-    told = {key: np.array([row[key] for row in rows]) for key in ("sensitivity", "friction")}
+    finite = np.isfinite(deviation) & np.isfinite(error)
+    sensitivity, friction = (
+        np.array([row[key] for row in rows]) for key in ("sensitivity", "friction")
+    )
     kinds = {
-        "sensitivity to the action": told["sensitivity"],
-        "friction": told["friction"],
-        "both": log_scatters(told["sensitivity"], told["friction"]),
+        "sensitivity to the action": sensitivity,
+        "friction": friction,
+        "both": log_scatters(sensitivity, friction),
         "spread of the simulators": np.array([row["spread"] for row in rows]),
     }
     return [
         (
             kind,
-            f"{spearmanr(values[known], deviation[known]).statistic:.2f}",
-            f"{spearmanr(values[known], error[known]).statistic:.2f}",
+            f"{spearmanr(values[finite], deviation[finite]).statistic:.2f}",
+            f"{spearmanr(values[finite], error[finite]).statistic:.2f}",
         )
         for kind, values in kinds.items()
     ]
@@ -134,9 +136,9 @@ def size_rows(rows: list[dict[str, Any]], parts: int = 3) -> list[tuple]:
     error = measured(rows)[2]
     spread, friction = (np.array([row[key] for row in rows]) for key in ("spread", "friction"))
     size = np.hypot(miss_sizes(spread), FRICTION_SIZE * friction)
-    known = np.flatnonzero(np.isfinite(error))
+    finite = np.flatnonzero(np.isfinite(error))
     found = []
-    for part in np.array_split(known[np.argsort(size[known])], parts):
+    for part in np.array_split(finite[np.argsort(size[finite])], parts):
         sizes, errors = 100.0 * size[part], 100.0 * error[part]
         quartiles = (f"{value:.1f}" for value in np.quantile(errors, (0.5, 0.25, 0.75)))
         near = f"{100.0 * np.mean(errors < 8.0):.0f} %"
@@ -164,7 +166,7 @@ def scatter(args: ScatterArgs) -> int:
     print(Table(title=title, columns=SCATTER_COLUMNS, rows=table))
     title = f"Rank correlation at {len(every)} targets"
     print(Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every)))
-    title = "Error by the size that spread and friction tell, in % of cable length"
+    title = "Error by the size that spread and friction predict, in % of cable length"
     print(Table(title=title, columns=SIZE_COLUMNS, rows=size_rows(every)))
     return 0
 
@@ -284,7 +286,7 @@ def compare(args: UnevenArgs) -> dict[str, NDArray[np.float64]]:
 def uneven(args: UnevenArgs) -> None:
     """Print medians and quartiles on both rigs."""
     table = Table(
-        f"Uneven friction beside one friction, {args.cable}: medians (quartiles)",
+        f"Uneven friction and one friction, {args.cable}: medians (quartiles)",
         ("rig", "actions", "shift of the landing [%]", "change of the Jacobian", "miss left"),
         [],
     )

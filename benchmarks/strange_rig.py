@@ -1,9 +1,9 @@
-"""A second world to judge methods in: quick, and strange in other ways than the virtual laboratory.
+"""A second world to evaluate methods in: fast, and different in other ways than the virtual rig.
 
-The rod has half as many segments as the simulator that learns from it, each of its parameters is
-another one than believed, friction differs from place to place on the table, the cable keeps a curl
-to one side, the arm lags and its base joint saturates, and equal casts scatter. Each of these is
-drawn from `lab_seed`. A cast takes about 20 ms, so that hundreds of targets can be cast at.
+The rod has half as many segments as the simulator that is fitted to it, each of its parameters
+differs from the believed one, friction differs from place to place on the table, the cable keeps a
+curl to one side, the arm lags and its base joint saturates, and equal casts scatter. Each of these
+is drawn from `lab_seed`. A cast takes about 20 ms, so that hundreds of targets can be cast at.
 """
 
 import dataclasses
@@ -78,7 +78,7 @@ class Scatter:
 
 
 class StrangeRig(RigLifecycle):
-    """A rig with physics that its learner does not know.
+    """A rig whose physics the fitted simulator lacks.
 
     Args:
         setup: Cable, workspace, arm and motion settings.

@@ -1,7 +1,7 @@
 """Times on this computer: from calibration casts to the first aimed one, and of a Ray cluster.
 
 preparation: the rig makes its casts before the clock starts. Then each part is timed: the fit with
-its six simulators, the simulated casts and the model that learns from them, and the choice of the
+its six simulators, the simulated casts and the training on them, and the choice of the
 first cast. A short warm-up run compiles missing kernels first; --cold skips it.
 
 cluster: simulates the same dataset with one thread here, then with one and with two Ray workers of
@@ -36,7 +36,7 @@ PREPARATION_COLUMNS = (
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PreparationArgs:
-    """Time from a few casts to the first aimed one."""
+    """Time from calibration casts to the first aimed one."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
@@ -45,7 +45,7 @@ class PreparationArgs:
     calibration: int = cc.AimConfig.calibration_count
     """Casts before the first aimed one."""
     count: int = cc.AimConfig.simulated_count
-    """Simulated casts that the model learns from."""
+    """Simulated casts that the model is trained on."""
     epochs: int = cc.AimConfig.epochs
     """Largest number of passes over them."""
     target: tuple[float, float] = (1.05, 15.0)
@@ -143,12 +143,12 @@ def time_cluster(
     folder: pathlib.Path, engine: EngineWarp, count: int, workers: int
 ) -> tuple[float, float]:
     """Return the time [s] that a cluster takes to start, and that of simulating with it."""
-    began = time.perf_counter()
+    start = time.perf_counter()
     if workers:
         import ray
 
         ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
-    started = time.perf_counter() - began
+    started = time.perf_counter() - start
     marks: list[float] = []
 
     def mark(progress: Progress) -> None:

@@ -38,7 +38,7 @@ def make_mujoco(segment_count: int, dt: float, gravity: float = GRAVITY) -> Engi
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """One number beside its closed form.
+    """One number and its closed form.
 
     Attributes:
         quantity: Name of the quantity.
@@ -67,7 +67,7 @@ class Curve:
     """Curve in the plot of a case: the closed form as a line, the engine as points.
 
     Attributes:
-        label: Name that tells it from the other curves of the case; empty where there is one.
+        label: Name among the curves of the case; empty where there is one.
         x: Abscissa of the closed form.
         exact: Values of the closed form.
         x_computed: Abscissa of the engine.

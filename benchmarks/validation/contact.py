@@ -137,7 +137,7 @@ def turned_rod(
     duration = rate / deceleration
     loads = (load, inertia_load, tip_force)
 
-    # Headings are counted from y to the right, as yaw is; the rod begins in its final shape.
+    # Headings are counted from y to the right, as yaw is; the rod starts in its final shape.
     def yaw(t):
         return rate * t - 0.5 * deceleration * t**2
 
@@ -441,7 +441,7 @@ def oblique_slip(duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     With slip s along and q across the cable, friction makes s' = -mu g s / |(s, q)| and
     q' = -3 mu g q / |(s, q)|, since a cylinder yields and turns. So q = SPEED (s / SPEED)^3, and
-    the slip along the cable tells the time by a quadrature.
+    the time follows from the slip along the cable by a quadrature.
     """
     from scipy.integrate import cumulative_trapezoid
 

@@ -31,7 +31,7 @@ BARE = CableParams(
 
 
 def make_cable(**params) -> Cable:
-    """Return a test cable with some parameters, shared or per world, and all others zero."""
+    """Return a test cable with these parameters, shared or per world, and all others zero."""
     worlds = {len(np.atleast_1d(value)) for value in params.values()} - {1}
     if worlds:
         (count,) = worlds
@@ -122,7 +122,7 @@ def pieces_along_x(knots: ArrayLike, coefficients: ArrayLike) -> GripPath:
 
     Args:
         knots: Bounds of the pieces [s], shape [piece + 1].
-        coefficients: Coefficients of 1, t and t² since the piece began, shape [piece, 3].
+        coefficients: Coefficients of 1, t and t² since the start of the piece, shape [piece, 3].
     """
     knots = np.asarray(knots, dtype=float)
     filled = np.zeros((1, len(knots) - 1, 5, 6))
@@ -144,9 +144,9 @@ def along_x(law, duration: float, height: float = RADIUS) -> GripPath:
 def rolls_after(
     engine: Engine, cable: Cable, path: GripPath, state: CableState, times, **options
 ) -> NDArray[np.float64]:
-    """Return the roll of every segment at some times [rad], shape [step, segment].
+    """Return the roll of every segment at given times [rad], shape [step, segment].
 
-    A rollout tells the roll at its end only, so each time is a rollout of its own.
+    A rollout returns the roll at its end only, so each time is a rollout of its own.
     """
     rolls = []
     for duration in times:

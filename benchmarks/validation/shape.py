@@ -300,7 +300,7 @@ def cantilever(make: MakeEngine, segment_count: int, dt: float) -> Measured:
                 computed=1e3 * nodes[:, 2],
             )
         )
-    # Both sag alike: stiffness and weight count by their ratio only. One curve tells all.
+    # Both sag alike: stiffness and weight count by their ratio only. One curve is all.
     return Measured(outcomes=tuple(outcomes), curves=tuple(curves[:1]))
 
 
