@@ -26,7 +26,7 @@ from cablecast.motion.grip_path import GripPath
 
 FINE = (160, 1.25e-4)
 NEXT_FINE = (120, 1.25e-4)
-"""Segments and step [s] of the converged solution, and of the one whose distance shows its error."""
+"""Segments and step [s] of the converged solution, and of one whose distance shows its error."""
 
 HEIGHT = 1.0
 SWING_TIME = 1.0
