@@ -86,7 +86,7 @@ def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
     )
     assert 0.0 < slow["share"] < fast["share"] < turning["share"] < 1.0
     assert (fast["with_psi"], turning["with_psi"], slow["v_max"]) == (False, True, 1.2)
-    assert turning["feasible_count"] <= turning["action_count"] == 648
+    assert turning["feasible_count"] <= 6 * 6 * 6 * 3
     low, high = sorted(turning["share_by_ratio"].values())
     assert low <= turning["share"] <= high
 

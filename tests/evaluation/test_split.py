@@ -6,9 +6,10 @@ import pytest
 
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
-from cablecast.evaluation.evaluate import PART_NAMES, Evaluation, TargetCast, split_errors
+from cablecast.evaluation.evaluate import Evaluation, TargetCast, split_errors
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
+from cablecast.report.tables import SPLIT_PARTS
 from cablecast.setup import Setup
 
 SETUP = Setup()
@@ -102,11 +103,11 @@ def test_the_parts_add_up_to_the_way_from_target_to_landing(trajectories):
         model=rng.normal(scale=0.02, size=shape),
         plan=rng.normal(scale=0.05, size=shape),
     )
-    assert tuple(split.parts) == PART_NAMES
+    assert tuple(split.parts) == tuple(SPLIT_PARTS)
     np.testing.assert_allclose(sum(split.parts.values()), split.total, atol=CLOSE)
     sizes = np.linalg.norm(split.total, axis=1)
     np.testing.assert_allclose(sizes, evaluation.errors_pct, atol=CLOSE)
-    shares = [split.to_dict()["parts"][name]["share_pct"] for name in PART_NAMES]
+    shares = [split.to_dict()["parts"][name]["share_pct"] for name in SPLIT_PARTS]
     assert sum(shares) == pytest.approx(100.0)
 
 
@@ -115,7 +116,7 @@ def test_a_planted_error_is_found_in_its_part_and_in_no_other(trajectories, name
     error = np.array([[0.062, 0.0], [0.0, -0.031], [0.031, 0.031]])
     _, split = planted(trajectories, **{name: error})
     _, without = planted(trajectories)
-    for part in PART_NAMES:
+    for part in SPLIT_PARTS:
         found = split.parts[part] - without.parts[part]
         expected = (part == name) * np.repeat(error, REPEATS, axis=0) * 100 / CABLE.length
         np.testing.assert_allclose(found, expected, atol=CLOSE)

@@ -84,7 +84,7 @@ class Evaluate:
         from cablecast.cli.options import cable_name, check_same_setup, load_lab
         from cablecast.errors import InputError
         from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy
-        from cablecast.runs.places import find_model
+        from cablecast.runs.places import find_input
 
         if self.policy == "polar":
             if self.model is not None:
@@ -92,7 +92,7 @@ class Evaluate:
                     f"--policy polar takes no model, but --model {self.model} is given"
                 )
             return PolarCastingPolicy(setup=load_lab(self.setup, self.cable))
-        folder = find_model(self.model, cable_name(self.setup, self.cable))
+        folder = find_input("model", self.model, cable_name(self.setup, self.cable))
         policy = ForwardSearchPolicy.load(folder)
         check_same_setup(self.setup, self.cable, policy.setup, folder)
         return policy

@@ -50,14 +50,14 @@ class PlanVerb:
             plan_motion,
             save_motion,
         )
-        from cablecast.runs.places import find_model
+        from cablecast.runs.places import find_input
 
         check_number("miss_max", self.miss_max, 0.0, 1e4, "%")
         lab = load_lab(self.setup, self.cable)
         if self.save is not None:
             check_measured(lab)
             check_writable(self.save, self.force)
-        folder = find_model(self.model, cable_name(self.setup, self.cable))
+        folder = find_input("model", self.model, cable_name(self.setup, self.cable))
         policy = ForwardSearchPolicy.load(folder)
         check_same_setup(self.setup, self.cable, policy.setup, folder)
         r, theta_deg = self.target

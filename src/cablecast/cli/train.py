@@ -61,15 +61,15 @@ class Train:
         from cablecast.data.dataset import read_dataset
         from cablecast.learning.network import ForwardModel
         from cablecast.pipeline.train import train
-        from cablecast.runs.places import cable_folder, find_casts, find_dataset
+        from cablecast.runs.places import cable_folder, find_input
 
         mode = self._mode()
         name = cable_name(self.setup, self.cable)
         folders = {}
         if mode != "real":
-            folders["simulated"] = find_dataset(self.dataset, name)
+            folders["simulated"] = find_input("simulated", self.dataset, name)
         if mode != "sim":
-            folders["real"] = find_casts(self.real, name, "real")
+            folders["real"] = find_input("real", self.real, name)
         casts = {kind: read_dataset(folder) for kind, folder in folders.items()}
         for kind, dataset in casts.items():
             check_same_setup(self.setup, self.cable, dataset.setup, folders[kind])

@@ -65,12 +65,12 @@ class Tune:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.tune import TRACKS_FILE, tune
-        from cablecast.runs.places import TUNE_FOLDER, cable_folder, find_casts
+        from cablecast.runs.places import TUNE_FOLDER, cable_folder, find_input
         from cablecast.tuning.fit import FitConfig
         from cablecast.tuning.tune import TuneConfig
         from cablecast.tuning.tuned import PARAMS_FILE
 
-        folder = find_casts(self.dataset, cable_name(self.setup, self.cable), "tune")
+        folder = find_input("tune", self.dataset, cable_name(self.setup, self.cable))
         casts = read_dataset(folder)
         check_same_setup(self.setup, self.cable, casts.setup, folder)
         # Made whatever the method: a number that no method can have is refused, not ignored.

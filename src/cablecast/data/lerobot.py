@@ -4,9 +4,9 @@ Layout and names follow version 3.0 of the format (huggingface/lerobot, `lerobot
 in `data/`, episodes in `meta/episodes/`, tasks in `meta/tasks.parquet`, films in `videos/`.
 """
 
-import dataclasses
 import json
 import pathlib
+import string
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,6 +26,8 @@ DATA_FILE = "data/chunk-000/file-000.parquet"
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 TASKS_FILE = "meta/tasks.parquet"
 VIDEO_FILE = f"videos/{VIDEO_KEY}/chunk-000/file-000.mp4"
+
+_CARD_FILE = pathlib.Path(__file__).with_name("lerobot_card.md")
 
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
@@ -61,24 +63,12 @@ _FEATURES: dict[str, dict[str, Any]] = {
 }
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Episode:
-    """Frames of one cast.
-
-    Attributes:
-        number: Number of the cast in the dataset.
-        columns: Values of each feature, shape [frame, ...].
-    """
-
-    number: int
-    columns: dict[str, NDArray]
-
-    def __len__(self) -> int:
-        return len(self.columns["timestamp"])
+Episode = dict[str, NDArray]
+"""Values of each feature of one cast, each of shape [frame, ...]."""
 
 
 def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
-    """Return the columns of each cast's episode by feature, each of shape [frame, ...].
+    """Return the episode of each cast.
 
     The track is sampled every 1/fps: interpolated between the samples of the rig, and kept where
     the endpoint was not seen. The state is the reported joints, or the commanded ones where none
@@ -119,17 +109,10 @@ def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
             "task_index": np.zeros(count, dtype=int),
         }
         first += count
-        typed = {
-            name: np.asarray(values, dtype=_FEATURES[name]["dtype"])
-            for name, values in columns.items()
-        }
-        episodes.append(Episode(number=row, columns=typed))
+        episodes.append(
+            {n: np.asarray(values, dtype=_FEATURES[n]["dtype"]) for n, values in columns.items()}
+        )
     return episodes
-
-
-def task_of(dataset: Dataset) -> str:
-    """Return the task of all episodes, in words."""
-    return f"Cast the free end of {dataset.cable.name} onto the table."
 
 
 def write_tables(
@@ -145,11 +128,9 @@ def write_tables(
 
     for file in (DATA_FILE, EPISODES_FILE, TASKS_FILE):
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
-    joined = {
-        name: np.concatenate([episode.columns[name] for episode in episodes]) for name in _FEATURES
-    }
+    joined = {name: np.concatenate([episode[name] for episode in episodes]) for name in _FEATURES}
     pq.write_table(_frames_table(joined), folder / DATA_FILE, compression="snappy")
-    task = task_of(dataset)
+    task = f"Cast the free end of {dataset.cable.name} onto the table."
     rows = [_episode_row(episode, task, fps, video is not None) for episode in episodes]
     pq.write_table(pa.Table.from_pylist(rows), folder / EPISODES_FILE, compression="snappy")
     # LeRobot reads the tasks with pandas, where they are the index of the table.
@@ -215,39 +196,16 @@ def statistics(values: NDArray) -> dict[str, list[float]]:
 def lerobot_card(dataset: Dataset, info: Mapping[str, Any]) -> str:
     """Return the card of an exported data set."""
     cable, source = dataset.cable, dataset.info
-    rig = source["settings"].get("rig", {}).get("rig", "unknown")
-    lines = [
-        "---",
-        "task_categories:",
-        "- robotics",
-        "tags:",
-        "- LeRobot",
-        "- cablecast",
-        "configs:",
-        "- config_name: default",
-        "  data_files: data/*/*.parquet",
-        "---",
-        "",
-        f"# Casts of {json.dumps(cable.name)[1:-1]}",
-        "",
-        f"{info['total_episodes']} casts of the free end of a cable of {cable.length:g} m, "
-        f"exported by cablecast from a dataset of kind `{source['kind']}` (fingerprint "
-        f"`{source['fingerprint']}`, rig `{rig}`), at {info['fps']} frames/s.",
-        "",
-        "No licence is stated: it is up to the owner of the recordings.",
-        "",
-        "| feature | unit | meaning |",
-        "|---|---|---|",
-        "| `observation.state` | rad | joints as the arm reported them, or as commanded |",
-        "| `observation.endpoint` | m | free end of the cable: x to the robot's right, y away |",
-        "| `observation.endpoint_seen` | - | whether it was seen; where not, the last place |",
-        "| `observation.cast` | rad, rad, m, rad | theta1, theta2, r2 and psi of the cast; 0 where "
-        "unknown |",
-        "| `action` | rad | commanded joints at the next frame |",
-        "| `next.success` | - | the free end came to rest on the table; at the last frame |",
-        "",
-    ]
-    return "\n".join(lines)
+    template = string.Template(_CARD_FILE.read_text(encoding="utf-8"))
+    return template.substitute(
+        cable=json.dumps(cable.name)[1:-1],
+        length=f"{cable.length:g}",
+        count=info["total_episodes"],
+        kind=source["kind"],
+        fingerprint=source["fingerprint"],
+        rig=source["settings"].get("rig", {}).get("rig", "unknown"),
+        fps=info["fps"],
+    )
 
 
 def _frames_table(joined: Mapping[str, NDArray]) -> Any:
@@ -262,15 +220,15 @@ def _frames_table(joined: Mapping[str, NDArray]) -> Any:
 
 
 def _episode_row(episode: Episode, task: str, fps: int, has_video: bool) -> dict[str, Any]:
-    first = int(episode.columns["index"][0])
+    first, length = int(episode["index"][0]), len(episode["index"])
     row: dict[str, Any] = {
-        "episode_index": episode.number,
+        "episode_index": int(episode["episode_index"][0]),
         "tasks": [task],
-        "length": len(episode),
+        "length": length,
         "data/chunk_index": 0,
         "data/file_index": 0,
         "dataset_from_index": first,
-        "dataset_to_index": first + len(episode),
+        "dataset_to_index": first + length,
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
     }
@@ -280,9 +238,9 @@ def _episode_row(episode: Episode, task: str, fps: int, has_video: bool) -> dict
             f"videos/{VIDEO_KEY}/chunk_index": 0,
             f"videos/{VIDEO_KEY}/file_index": 0,
             f"videos/{VIDEO_KEY}/from_timestamp": first / fps,
-            f"videos/{VIDEO_KEY}/to_timestamp": (first + len(episode)) / fps,
+            f"videos/{VIDEO_KEY}/to_timestamp": (first + length) / fps,
         }
-    for name, values in episode.columns.items():
+    for name, values in episode.items():
         row |= {f"stats/{name}/{key}": value for key, value in statistics(values).items()}
     return row
 

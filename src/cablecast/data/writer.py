@@ -9,6 +9,7 @@ into place. A missing shard of a finished dataset is made again.
 import contextlib
 import json
 import pathlib
+import string
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -34,6 +35,8 @@ from cablecast.files import write_bytes, write_json, write_text
 from cablecast.runs.folder import Claim, fingerprint, flat_settings, hold_folder, plain_settings
 from cablecast.setup import SECTIONS, Setup
 
+_CARD_FILE = pathlib.Path(__file__).with_name("card.md")
+
 _TITLES = {
     "sim": "Simulated casts (D_sim)",
     "real": "Casts on a rig for fine-tuning (D_real)",
@@ -55,68 +58,31 @@ _ON_A_RIG = (
 
 
 def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
-    """Return the card of a finished dataset.
-
-    Args:
-        info: Content of `meta/info.json`.
-        stats: Content of `meta/stats.json`.
-    """
+    """Return the card of a finished dataset, from its meta/info.json and meta/stats.json."""
     settings = info["settings"]
     cable = settings.get("cable", {})
     title = f"{_TITLES.get(info['kind'], 'Casts')}: {cable.get('name', 'a cable')}"
     statuses = ", ".join(f"{count} {code}" for code, count in info["status_counts"].items())
-    lines = [
-        "---",
-        # JSON strings are YAML strings; a cable may be called anything.
-        f"pretty_name: {json.dumps(title)}",
-        "task_categories:",
-        "- robotics",
-        "tags:",
-        "- cablecast",
-        "- deformable-objects",
-        "- LeRobot",
-        "configs:",
-        "- config_name: default",
-        "  data_files: data/*/*.parquet",
-        "---",
-        "",
-        f"# {title}",
-        "",
-        f"{info['total_episodes']} casts of a cable of {cable.get('length', '?')} m: a row is one "
-        f"action of the robot and where the cable's free end came to rest ({statuses}).",
-        "",
-        "```python",
-        "import datasets",
-        "",
-        'casts = datasets.load_dataset("parquet", data_files="data/*/*.parquet")["train"]',
-        "```",
-        "",
-        "The robot's base is at (0, 0), y points away from the robot over the table, x to the "
-        "right; angles are measured from the y axis, positive to the right.",
-        "",
-        "| column | unit | meaning | least | greatest |",
-        "|---|---|---|---|---|",
-    ]
+    columns = []
     for column in (*COLUMNS, *OPTIONAL_COLUMNS):
         if column.name not in info["features"]:
             continue
         entry = stats.get(column.name)
         low, high = (f"{entry[key][0]:.4g}" if entry else "" for key in ("min", "max"))
-        lines.append(f"| `{column.name}` | {column.unit} | {column.meaning} | {low} | {high} |")
-    lines += [
-        "",
-        _SIMULATED if info["kind"] == "sim" else _ON_A_RIG,
-        "",
-        "## Settings",
-        "",
-        f"Fingerprint `{info['fingerprint']}`; all of them are in `meta/info.json`.",
-        "",
-        "| setting | value |",
-        "|---|---|",
-        *(f"| `{name}` | {value} |" for name, value in flat_settings(settings)),
-        "",
-    ]
-    return "\n".join(lines)
+        columns.append(f"| `{column.name}` | {column.unit} | {column.meaning} | {low} | {high} |")
+    template = string.Template(_CARD_FILE.read_text(encoding="utf-8"))
+    return template.substitute(
+        # JSON strings are YAML strings; a cable may be called anything.
+        title_json=json.dumps(title),
+        title=title,
+        count=info["total_episodes"],
+        length=cable.get("length", "?"),
+        statuses=statuses,
+        columns="\n".join(columns),
+        remark=_SIMULATED if info["kind"] == "sim" else _ON_A_RIG,
+        fingerprint=info["fingerprint"],
+        settings="\n".join(f"| `{name}` | {value} |" for name, value in flat_settings(settings)),
+    )
 
 
 class DatasetWriter:

@@ -399,9 +399,6 @@ def save_trials(evaluation: Evaluation, path: pathlib.Path) -> None:
     write_csv(path, TRIAL_COLUMNS, [tuple(row.values()) for row in trial_rows(evaluation)])
 
 
-PART_NAMES = ("repeatability", "mismatch", "model", "plan")
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ErrorSplit:
     """Errors of the casts that landed, each as a sum of vectors on the table.

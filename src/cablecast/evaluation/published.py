@@ -1,10 +1,9 @@
 """Errors that the paper measured with a real UR5, for comparison with ours."""
 
-import dataclasses
+from typing import NamedTuple
 
 
-@dataclasses.dataclass(frozen=True)
-class PublishedRow:
+class PublishedRow(NamedTuple):
     """Row of the paper's error tables (`table` II or III); values in % of cable length."""
 
     cable: str
@@ -53,8 +52,7 @@ def published_row(cable_name: str, method: str = BEST_METHOD) -> PublishedRow | 
     return next(rows, None)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PublishedTuning:
+class PublishedTuning(NamedTuple):
     """Column of the paper's tuning table; values in % of cable length.
 
     Attributes:
@@ -72,15 +70,9 @@ class PublishedTuning:
 
 # Source: arXiv 2405.09581, table I: 20 validation trajectories of a real UR5 per cable.
 _PUBLISHED_TUNING = {
-    "cable_1": PublishedTuning(
-        default_final_pct=35.0, default_mean_pct=38.2, tuned_final_pct=14.7, tuned_mean_pct=28.4
-    ),
-    "cable_2": PublishedTuning(
-        default_final_pct=25.8, default_mean_pct=29.4, tuned_final_pct=12.2, tuned_mean_pct=23.4
-    ),
-    "cable_3": PublishedTuning(
-        default_final_pct=24.5, default_mean_pct=24.5, tuned_final_pct=14.5, tuned_mean_pct=18.7
-    ),
+    "cable_1": PublishedTuning(35.0, 38.2, 14.7, 28.4),
+    "cable_2": PublishedTuning(25.8, 29.4, 12.2, 23.4),
+    "cable_3": PublishedTuning(24.5, 24.5, 14.5, 18.7),
 }
 
 PUBLISHED_SIMULATION_COUNT = 30_000

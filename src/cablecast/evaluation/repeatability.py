@@ -181,10 +181,6 @@ class Repeatability:
         return 100.0 * np.array([a.scatter for a in self.actions]) / self.cable.length
 
     @property
-    def _known_scatters_pct(self) -> NDArray[np.float64]:
-        return self.scatters_pct[np.isfinite(self.scatters_pct)]
-
-    @property
     def scatter_pct(self) -> float:
         """Mean scatter over the actions [% of cable length], the paper's measure."""
         return _mean(self.scatters_pct)
@@ -192,7 +188,7 @@ class Repeatability:
     @property
     def scatter_standard_error_pct(self) -> float:
         """Standard error of `scatter_pct` due to the choice of actions [% of cable length]."""
-        known = self._known_scatters_pct
+        known = self.scatters_pct[np.isfinite(self.scatters_pct)]
         return float(known.std(ddof=1) / math.sqrt(len(known))) if len(known) > 1 else math.nan
 
     @property
@@ -212,12 +208,9 @@ class Repeatability:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for a JSON file; unknown values become None."""
-        known = self._known_scatters_pct
-        quartiles = np.quantile(known, [0.25, 0.5, 0.75]) if len(known) else [math.nan] * 3
         values = {
             "scatter_pct": self.scatter_pct,
             "scatter_standard_error_pct": self.scatter_standard_error_pct,
-            "scatter_quartiles_pct": [finite_or_none(value) for value in quartiles],
             "off_table_share": self.off_table_share,
             "along_arc_share": self.along_arc_share,
         }
@@ -228,11 +221,7 @@ class Repeatability:
             "with_psi": self.with_psi,
             "action_count": len(self.actions),
             "cast_count": self.cast_count,
-            "scattered_action_count": len(known),
-        } | {
-            name: finite_or_none(value) if isinstance(value, float) else value
-            for name, value in values.items()
-        }
+        } | {name: finite_or_none(value) for name, value in values.items()}
 
 
 def repeat_actions(

@@ -1,6 +1,6 @@
 """Dry run of a collection on a real arm: everything is checked and shown, and nothing moves."""
 
-import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,15 +17,8 @@ from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
 
 
-@dataclasses.dataclass(frozen=True)
-class Finding:
-    """One thing that was checked.
-
-    Attributes:
-        what: Thing that was checked.
-        problem: Reason for which it would not go; None where all is well.
-        detail: Facts for the person.
-    """
+class Finding(NamedTuple):
+    """Thing that was checked, why it would not go (None where all is well), and facts."""
 
     what: str
     problem: str | None = None

@@ -99,8 +99,8 @@ def _join_films(
     def frames() -> Iterator[Image]:
         for done, episode in enumerate(episodes):
             progress(Progress(task="Joining films", done=done, total=total, unit="casts"))
-            path = films / FILM_NAME.format(number=episode.number)
-            for frame in _film_frames(path, len(episode), fps):
+            path = films / FILM_NAME.format(number=done)
+            for frame in _film_frames(path, len(episode["index"]), fps):
                 height, width = frame.shape[:2]
                 size.setdefault("height", height)
                 size.setdefault("width", width)

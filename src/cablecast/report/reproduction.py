@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,29 +48,15 @@ _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "
 """Stages whose settings hold the set-up; those that decide the figures come first."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Figure:
-    """A picture inside the page.
-
-    Attributes:
-        uri: Picture as a data URI.
-        caption: Sentence below it.
-    """
+class Figure(NamedTuple):
+    """A picture inside the page, as a data URI, and the sentence below it."""
 
     uri: str
     caption: str
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Part:
-    """A section of the page.
-
-    Attributes:
-        title: Heading.
-        paragraphs: Text before tables and figures.
-        tables: Tables of the section.
-        figures: Figures of the section.
-    """
+class Part(NamedTuple):
+    """A section of the page: its heading, and text, tables and figures in this order."""
 
     title: str
     paragraphs: Sequence[str] = ()

@@ -6,7 +6,7 @@ Errors are in % of cable length. Rows of the paper stand below ours.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, published_candidate
 from cablecast.evaluation.published import (
@@ -17,6 +17,7 @@ from cablecast.evaluation.published import (
     published_rows,
     published_tuning,
 )
+from cablecast.runs.folder import flat_settings
 
 Metrics = Mapping[str, Any]
 """Contents of the metrics.json of one stage."""
@@ -66,21 +67,16 @@ def published_cells(row: PublishedRow) -> tuple[str, ...]:
     return tuple(f"{getattr(row, name):.0f}" for name in FIVE_NUMBERS)
 
 
-def flatten_settings(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flatten_settings(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return nested settings as lines of a table: dotted names and readable values.
 
     >>> flatten_settings({"arm": {"model": "ur5"}, "seed": 0})
     [('arm.model', 'ur5'), ('seed', '0')]
     """
-    lines: list[tuple[str, str]] = []
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            lines += flatten_settings(value, f"{name}.")
-        elif isinstance(value, Sequence) and not isinstance(value, str):
-            lines.append((name, ", ".join(_plain(item) for item in value)))
-        else:
-            lines.append((name, _plain(value)))
+    lines = []
+    for name, value in flat_settings(values):
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
+        lines.append((name, ", ".join(map(_plain, value)) if is_list else _plain(value)))
     return lines
 
 
@@ -88,13 +84,10 @@ def _plain(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Row:
-    """One row of a table.
+class Row(NamedTuple):
+    """One row of a table: its cells, the first being its name, and its kind, which is its style.
 
-    Attributes:
-        cells: Text of each cell, the first being the name of the row.
-        kind: "ours", "paper", "paper first" (below a line), or empty; decides its style.
+    The kind is "ours", "paper", "paper first" (below a line), or empty.
     """
 
     cells: tuple[str, ...]
@@ -108,14 +101,7 @@ def make_row(*cells: str, kind: str = "") -> Row:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table with a title.
-
-    Attributes:
-        title: Heading; may be empty in a report, which has its own.
-        heads: Names of the columns.
-        rows: Rows below the heads.
-        note: Text below the table.
-    """
+    """A table with a title, which is empty in a report that has its own, and a note below it."""
 
     title: str
     heads: tuple[str, ...]

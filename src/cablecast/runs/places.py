@@ -2,12 +2,9 @@
 
 import pathlib
 import re
-from typing import TYPE_CHECKING
+from typing import Literal
 
 from cablecast.errors import CheckpointError, DatasetError
-
-if TYPE_CHECKING:
-    from cablecast.errors import CablecastError
 
 RUNS_FOLDER = pathlib.Path("runs")
 CASTS_FOLDERS = {"tune": "tune-data", "real": "real-data"}
@@ -33,52 +30,34 @@ def rig_folder(verb: str, rig: str) -> str:
     return f"{verb}-" + re.sub(r"[^\w.-]+", "-", rig)
 
 
-def find_casts(folder: pathlib.Path | None, cable_name: str, purpose: str) -> pathlib.Path:
-    """Return the casts that were named, or those that `cablecast collect` writes by default.
-
-    Raises:
-        DatasetError: None were named and there are none by default; says how to make some.
-    """
-    command = f"cablecast collect --purpose {purpose} --cable {cable_name}"
-    option = "--dataset" if purpose == "tune" else "--real"
-    default = cable_folder(cable_name) / CASTS_FOLDERS[purpose]
-    return _find(folder, default, f"casts of {cable_name}", command, option, DatasetError)
+_INPUTS = {
+    "tune": ("casts", CASTS_FOLDERS["tune"], "collect --purpose tune", "--dataset", DatasetError),
+    "real": ("casts", CASTS_FOLDERS["real"], "collect --purpose real", "--real", DatasetError),
+    "simulated": ("dataset", DATASET_FOLDER, "simulate", "--dataset", DatasetError),
+    "model": ("model", MODEL_FOLDER, "train", "--model", CheckpointError),
+}
 
 
-def find_dataset(folder: pathlib.Path | None, cable_name: str) -> pathlib.Path:
-    """Return the dataset that was named, or the one that `cablecast simulate` writes by default.
-
-    Raises:
-        DatasetError: None was named and there is none by default; says how to make one.
-    """
-    command = f"cablecast simulate --cable {cable_name}"
-    default = cable_folder(cable_name) / DATASET_FOLDER
-    return _find(folder, default, f"dataset of {cable_name}", command, "--dataset", DatasetError)
-
-
-def find_model(folder: pathlib.Path | None, cable_name: str) -> pathlib.Path:
-    """Return the model that was named, or the one that `cablecast train` writes by default.
-
-    Raises:
-        CheckpointError: There is none; says how to make one.
-    """
-    command = f"cablecast train --cable {cable_name}"
-    default = cable_folder(cable_name) / MODEL_FOLDER
-    return _find(folder, default, f"model of {cable_name}", command, "--model", CheckpointError)
-
-
-def _find(
+def find_input(
+    kind: Literal["tune", "real", "simulated", "model"],
     folder: pathlib.Path | None,
-    default: pathlib.Path,
-    what: str,
-    command: str,
-    option: str,
-    error: "type[CablecastError]",
+    cable_name: str,
 ) -> pathlib.Path:
+    """Return the casts, dataset or model that was named, or that a verb writes by default.
+
+    Raises:
+        DatasetError: There are no such casts; says how to make some.
+        CheckpointError: There is no such model; says how to train one.
+    """
+    noun, name, command, option, error = _INPUTS[kind]
     if folder is not None:
         if not folder.is_dir():
-            raise error(f"no {what.split(' of ')[0]} at {folder}: there is no such folder")
+            raise error(f"no {noun} at {folder}: there is no such folder")
         return folder
+    default = cable_folder(cable_name) / name
     if not default.is_dir():
-        raise error(f"no {what} in {default}: make it with `{command}`, or name it with {option}")
+        raise error(
+            f"no {noun} of {cable_name} in {default}: make it with `cablecast {command} --cable "
+            f"{cable_name}`, or name it with {option}"
+        )
     return default
