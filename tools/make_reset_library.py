@@ -59,11 +59,21 @@ def cast_and_reset(
     trajectories, begins = [], []
     for cast in (cast_grip_paths(actions[i : i + 1], setup) for i in range(count)):
         end = cast.evaluate(cast.duration[:, None])[0, 0]
-        path = GripPath.chain([cast, GripPath.hold(end, REST_TIME), reset_path(end, setup)])
+        path = _chained([cast, GripPath.hold(end, REST_TIME), reset_path(end, setup)])
         joints = joint_path(path, setup)
         trajectories.append(Trajectory(action=None, grip_path=path, joint_path=joints))
         begins.append(float(cast.duration[0]) + REST_TIME)
     return trajectories, np.array(begins)
+
+
+def _chained(paths: list[GripPath]) -> GripPath:
+    """Return paths of one row, each of which starts where the last one ends, as one."""
+    ends = np.cumsum([0.0, *(float(path.duration[0]) for path in paths)])
+    knots = [end + path.knots[0, 1:] for end, path in zip(ends, paths, strict=False)]
+    coefficients = np.concatenate([path.coefficients for path in paths], axis=1)
+    return GripPath(
+        knots=np.concatenate([[0.0], *knots])[None], coefficients=coefficients
+    ).levelled()
 
 
 def simulate_resets(

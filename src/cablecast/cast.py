@@ -192,20 +192,16 @@ class RegionLaw:
         return cls(scale=scale, freedom=freedom)
 
     def square(self, share: float) -> float:
-        """Return the squared distance within which landings lie with some probability.
+        """Return the bound of d' C^-1 d [-] that landings keep with some probability [-].
 
-        Args:
-            share: Probability [-].
-
-        Returns:
-            Bound of d' C^-1 d [-], with C the covariance of this law.
+        C is the covariance of this law.
         """
         check_number("share", share, 0.01, 0.9999)
         return (self.freedom - 2.0) * math.expm1(-2.0 / self.freedom * math.log1p(-share))
 
-    def share(self, square: float) -> float:
-        """Return the probability of landings within a squared distance, as in `square`."""
-        return -math.expm1(-0.5 * self.freedom * math.log1p(square / (self.freedom - 2.0)))
+
+_NOTED_ARRAYS = ("target_xy", "expected_xy", "covariance")
+_NOTED_VALUES = ("scatter", "failure", "inside_coverage")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,50 +249,24 @@ class Proposal:
         """Return the ellipse that the landing lies in with some probability [-]."""
         return Ellipse.of_covariance(self.expected_xy, self.covariance, self.law.square(share))
 
-    @property
-    def expected_miss_pct(self) -> float:
-        """Root of the expected squared distance to the target [% of cable length]."""
-        left = float(np.sum((self.expected_xy - self.target_xy) ** 2))
-        root = math.sqrt(left + float(np.trace(self.covariance)))
-        return 100.0 * root / self.setup.cable.length
-
     def to_note(self) -> dict[str, Any]:
         """Return what a stored cast keeps of its proposal, beside number and action."""
         return {
             "try_number": self.try_number,
-            "target_xy": self.target_xy.tolist(),
-            "expected_xy": self.expected_xy.tolist(),
-            "covariance": self.covariance.tolist(),
+            **{name: getattr(self, name).tolist() for name in _NOTED_ARRAYS},
             "law": dataclasses.asdict(self.law),
-            "scatter": self.scatter,
-            "failure": self.failure,
-            "inside_coverage": self.inside_coverage,
+            **{name: getattr(self, name) for name in _NOTED_VALUES},
         }
 
     @classmethod
-    def from_note(
-        cls,
-        note: Mapping[str, Any],
-        *,
-        setup: Setup,
-        number: int,
-        action: Action,
-        within_pct: float,
-    ) -> "Proposal":
-        """Return the proposal of a stored cast; see `to_note`."""
+    def from_note(cls, note: Mapping[str, Any], **values: Any) -> "Proposal":
+        """Return the proposal of a stored cast, with what `to_note` leaves out."""
         return cls(
-            setup=setup,
-            number=number,
             try_number=int(note["try_number"]),
-            target_xy=np.array(note["target_xy"], dtype=float),
-            within_pct=within_pct,
-            action=action,
-            expected_xy=np.array(note["expected_xy"], dtype=float),
-            covariance=np.array(note["covariance"], dtype=float),
+            **{name: np.array(note[name], dtype=float) for name in _NOTED_ARRAYS},
             law=RegionLaw(**note["law"]),
-            scatter=float(note["scatter"]),
-            failure=float(note["failure"]),
-            inside_coverage=bool(note["inside_coverage"]),
+            **{name: note[name] for name in _NOTED_VALUES},
+            **values,
         )
 
 

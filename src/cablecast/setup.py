@@ -63,16 +63,6 @@ class MotionConfig:
             },
         )
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "MotionConfig":
-        """Make motion settings from plain values; missing keys take their defaults.
-
-        Raises:
-            InputError: A key is unknown, or a value out of bounds.
-        """
-        known = {field.name for field in dataclasses.fields(cls)}
-        return cls(**check_keys(values, known, "motion"))
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, init=False)
 class Setup:
@@ -144,10 +134,7 @@ class Setup:
             )
 
     def with_motion(self, **changes: float) -> "Setup":
-        """Return the set-up with other motion settings.
-
-        Args:
-            **changes: New values of `MotionConfig` by name, e.g. v_max=1.2.
+        """Return the set-up with other values of `MotionConfig`.
 
         >>> Setup().with_motion(v_max=1.2).motion.v_max
         1.2
@@ -194,6 +181,7 @@ class Setup:
         """
         values = check_keys(values, {*SECTIONS, *INSTRUMENTS}, "the set-up")
         robot, camera = values.get("robot"), values.get("camera")
+        known = {field.name for field in dataclasses.fields(MotionConfig)}
         cable = values.get("cable", DEFAULT_CABLE)
         if isinstance(cable, str):
             local = pathlib.Path(folder or ".") / cable
@@ -204,7 +192,7 @@ class Setup:
             cable=cable,
             workspace=Workspace.from_dict(values.get("workspace", {})),
             arm=ArmUR.from_dict(values.get("arm", {})),
-            motion=MotionConfig.from_dict(values.get("motion", {})),
+            motion=MotionConfig(**check_keys(values.get("motion", {}), known, "motion")),
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
@@ -321,10 +309,7 @@ def _end(node: yaml.Node) -> int:
 def _written(value: Any, indent: int, column: int | None = None) -> str:
     """Return a value as it follows the colon of its key: on the same line, or in a block below.
 
-    Args:
-        value: Plain value.
-        indent: Column of the key.
-        column: Column of a block; two right of the key where None.
+    The key stands in column `indent`, a block two columns right of it where `column` is None.
     """
     start = "\n" + " " * (indent + 2 if column is None else column)
     if isinstance(value, Mapping) and value:

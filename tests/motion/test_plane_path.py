@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.grip_path import PIECE_DURATION, GripPath, PlanePath
+from cablecast.motion.grip_path import PIECE_DURATION, PlanePath
 
 START = [0.3, 0.5, 0.02, 0.9, 0.0]
 # Quintics over a tenth of a second leave the exact curve by the sixth power of the angle turned.
@@ -59,14 +59,3 @@ def test_times_that_do_not_rise_and_empty_paths_are_refused():
         PlanePath(START).through([0.5, 0.4], radius=[0.5, 0.6])
     with pytest.raises(InputError, match="at least one move"):
         PlanePath(START).grip_path()
-
-
-def test_a_chain_of_paths_plays_them_one_after_the_other():
-    first = PlanePath(START).move(1.0, height=0.2).grip_path()
-    middle = PlanePath(first.evaluate([1.0])[0, 0]).move(0.7, radius=0.5).grip_path()
-    chain = GripPath.chain([first, middle])
-    assert chain.duration[0] == pytest.approx(1.7)
-    times = np.linspace(0.0, 0.7, 20)
-    np.testing.assert_allclose(chain.evaluate(1.0 + times), middle.evaluate(times), atol=1e-12)
-    with pytest.raises(InputError, match="cannot follow"):
-        GripPath.chain([middle, first])

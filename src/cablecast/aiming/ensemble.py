@@ -75,20 +75,14 @@ class LandingEstimate:
 
 
 def miss_sizes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the usual size of misses along each axis [cable lengths].
-
-    Args:
-        spreads: Standard deviations of the simulated landings along each axis [cable lengths].
-    """
+    """Return the usual size of misses along each axis, from spreads along each [cable lengths]."""
     return np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
 
 
 def miss_factor(distance: float, track_count: int) -> float:
-    """Return the size of misses over the usual one [-].
+    """Return the size of misses over the usual one [-] of a fit.
 
-    Args:
-        distance: Mean distance from a fit to its tracks [cable lengths].
-        track_count: Number of tracks.
+    `distance` is the mean distance from the fit to its tracks [cable lengths].
     """
     ratio = distance / float(np.clip(distance, *USUAL_DISTANCES))
     least, most = FACTORS
@@ -148,7 +142,11 @@ class EnsembleLandings:
         )
 
     def tracks(
-        self, actions: NDArray[np.float64], side: NDArray[np.float64] | None = None
+        self,
+        actions: NDArray[np.float64],
+        side: NDArray[np.float64] | None = None,
+        members: Sequence[Dynamics] = (),
+        engine: Engine | None = None,
     ) -> NDArray[np.float64]:
         """Return how the free end moves in each simulator [m], shape [member, action, sample, 2].
 
@@ -156,20 +154,14 @@ class EnsembleLandings:
             actions: Actions to the right, shape [action, 4].
             side: +1, or -1 for those that are cast to the left, shape [action]; all to the right
                 where None.
+            members: Simulators; those of the ensemble where empty.
+            engine: Engine that simulates them; that of the members where None.
 
         Returns:
             Positions every `_SAMPLE_DT`, the landing last; NaN where a simulation broke off.
         """
         side = np.ones(len(actions)) if side is None else side
-        return self._tracks(self.engine, self.members, actions, side)
-
-    def _tracks(
-        self,
-        engine: Engine,
-        members: Sequence[Dynamics],
-        actions: NDArray[np.float64],
-        side: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        members = members or self.members
         paths = members[0].follow(cast_grip_paths(actions, self.setup), self.setup)
         count = len(members)
         # One batch: neighbouring worlds follow the same motion, and rest at about the same time.
@@ -177,18 +169,14 @@ class EnsembleLandings:
         rows = np.arange(count) + np.where(side < 0, count, 0)[:, None]
         worlds = Dynamics.stack([*members, *left]).rows(rows.ravel())
         paths = paths[np.repeat(np.arange(len(actions)), count)]
-        rollout = worlds.rollout(engine, self.setup, paths, sample_dt=_SAMPLE_DT)
+        rollout = worlds.rollout(engine or self.engine, self.setup, paths, sample_dt=_SAMPLE_DT)
         xy = rollout.endpoint_xy
         return np.swapaxes(xy.reshape(len(actions), count, *xy.shape[1:]), 0, 1)
 
     def updated(self, tracks: MeasuredTracks) -> "EnsembleLandings":
-        """Return the simulators after a step towards a few more casts.
+        """Return the simulators after one step each towards casts that they were not fitted to.
 
-        Each takes one step from its parameters towards the tracks (`ParamUpdate`). Simulators
-        without a posterior stay as they are.
-
-        Args:
-            tracks: Casts that they were not fitted to.
+        Simulators without a posterior stay as they are.
         """
         if not self._updates or not tracks.compared.any():
             return self
@@ -218,13 +206,7 @@ class EnsembleLandings:
     def evaluate(
         self, actions: NDArray[np.float64], side: NDArray[np.float64] | None = None
     ) -> LandingEstimate:
-        """Simulate casts, or look up those that were simulated before.
-
-        Args:
-            actions: Actions to the right, shape [action, 4].
-            side: +1, or -1 for those that are cast to the left, shape [action]; all to the right
-                where None.
-        """
+        """Simulate casts, as `tracks`, or look up those that were simulated before."""
         side = np.ones(len(actions)) if side is None else side
         keys = [row.tobytes() for row in np.column_stack([actions, side])]
         row_of = {key: row for row, key in enumerate(keys) if key not in self._known}
@@ -235,9 +217,9 @@ class EnsembleLandings:
             # A few casts do not fill the cores, so both resolutions run side by side.
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
                 best = pool.submit(
-                    self._tracks, self.fine_engine, (self.best,), actions[new], side[new]
+                    self.tracks, actions[new], side[new], (self.best,), self.fine_engine
                 )
-                tracks = self._tracks(self.engine, played, actions[new], side[new])
+                tracks = self.tracks(actions[new], side[new], played)
             found = estimate_landings(
                 tracks[:count],
                 self.setup,
@@ -304,10 +286,7 @@ def estimate_landings(
     )
     passed = np.any(setup.workspace.edge_distance(tracks) < 0.0, axis=2)
     return LandingEstimate(
-        landing_xy=landing_xy,
-        frictions=frictions,
-        spreads=spread,
-        leaving=passed.mean(axis=0),
+        landing_xy=landing_xy, frictions=frictions, spreads=spread, leaving=passed.mean(axis=0)
     )
 
 

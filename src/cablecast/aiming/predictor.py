@@ -190,11 +190,7 @@ class Beliefs:
         return float(np.median(self.policy.sensitivity))
 
     def sensitivities(self, actions: _Array) -> _Array:
-        """Return sensitivities of the landing to the action over the usual one, shape [action].
-
-        Args:
-            actions: Actions to the right, shape [action, 4].
-        """
+        """Return sensitivities of the landing to actions to the right over the usual, [action]."""
         return self.model.sensitivity(actions, self.changes) / self.usual_sensitivity
 
     def simulated_xy(self, candidates: Candidates) -> _Array:
@@ -206,12 +202,7 @@ class Beliefs:
 
         The ensemble may trust one of two actions more that land at one place. The size is the
         geometric mean of its own and the usual one there, because the action that it trusts most
-        of many is trusted too much (docs/aim.md).
-
-        Args:
-            candidates: Candidates.
-            simulated_xy: Their simulated landings to the right [m], shape [action, 2].
-            sensitivity: Sensitivity of each over the usual one, shape [action].
+        of many is trusted too much (docs/aim.md). `simulated_xy` are landings to the right [m].
         """
         usual = self.size.log_sizes(simulated_xy)
         own = np.where(np.isnan(candidates.log_sizes), usual, candidates.log_sizes)
@@ -262,9 +253,7 @@ class LandingPredictor:
     def of(cls, beliefs: Beliefs) -> "LandingPredictor":
         """Return the predictor before any cast."""
         return cls(
-            beliefs=beliefs,
-            ensemble=beliefs.ensemble,
-            experience=Experience.empty(beliefs.scales),
+            beliefs=beliefs, ensemble=beliefs.ensemble, experience=Experience.empty(beliefs.scales)
         )
 
     def with_casts(
@@ -314,26 +303,22 @@ class LandingPredictor:
 
         Simulators that follow the casts near a target predict better what a small change of these
         does. Elsewhere they are no better than before, so casts far from the target are left out,
-        which saves the time to simulate them.
-
-        Args:
-            target_xy: Target [m], shape [2].
-            tracks: Casts near the target that the simulators were not fitted to.
+        which saves the time to simulate them. The simulators were not fitted to those of `tracks`.
         """
         if self.ensemble is None:
             return self
         rows = self._rows_near(target_xy)
-        experience = Experience.empty(self.beliefs.scales)
-        scales = self.experience.residual.scales
+        start = LandingPredictor.of(self.beliefs)
+        residual = dataclasses.replace(
+            start.experience.residual, scales=self.experience.residual.scales
+        )
+        start = dataclasses.replace(
+            start,
+            ensemble=self.ensemble.updated(tracks),
+            experience=dataclasses.replace(start.experience, residual=residual),
+        )
         ages = iter(self.experience.ages)
         age_of = [next(ages) if cast.landed else 1.0 for cast in self.casts]
-        start = LandingPredictor(
-            beliefs=self.beliefs,
-            ensemble=self.ensemble.updated(tracks),
-            experience=dataclasses.replace(
-                experience, residual=dataclasses.replace(experience.residual, scales=scales)
-            ),
-        )
         return start.with_casts(
             [self.casts[row] for row in rows],
             fitted=[self.fitted[row] for row in rows],
@@ -355,12 +340,7 @@ class LandingPredictor:
         return np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
 
     def evaluate(self, actions: _Array, side: _Array) -> Candidates:
-        """Return candidates with what the ensemble says of them, if there is one.
-
-        Args:
-            actions: Actions to the right, shape [action, 4].
-            side: Side that each is cast to, +1 right and -1 left, shape [action].
-        """
+        """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
             return Candidates.unsimulated(actions, side)
         found = self.ensemble.evaluate(actions, side)
@@ -375,23 +355,16 @@ class LandingPredictor:
         )
 
     def expected(self, candidates: Candidates) -> tuple[Places, _Array, _Array]:
-        """Return places, expected landings to the right [m], and how surely these are known.
+        """Return places, expected landings to the right [m], [action, 2], and their variance.
 
-        Returns:
-            Places; landings [m], shape [action, 2]; their variance along each axis without the
-            scatter [square cable lengths], shape [action].
+        The variance is that along each axis without the scatter [square cable lengths], [action].
         """
         places, simulated_xy = self._located(candidates)
         mean, variance = self.experience.residual.predict(places)
         return places, simulated_xy + self.beliefs.length * mean, variance
 
     def landings(self, candidates: Candidates, sensitivity: _Array) -> _Array:
-        """Return the expected landings of candidates to the right [m], shape [action, 2].
-
-        Args:
-            candidates: Candidates.
-            sensitivity: Sensitivity of each over the usual one, shape [action].
-        """
+        """Return the expected landings of candidates of a sensitivity, to the right [m]."""
         simulated_xy = self.beliefs.simulated_xy(candidates)
         places = self.beliefs.places(candidates, simulated_xy, sensitivity)
         return simulated_xy + self.beliefs.length * self.experience.residual.means(places)

@@ -114,10 +114,7 @@ def propose(
 
 
 def _risks(
-    predictor: LandingPredictor,
-    candidates: Candidates,
-    target: _Array,
-    sight: CameraSight | None,
+    predictor: LandingPredictor, candidates: Candidates, target: _Array, sight: CameraSight | None
 ) -> tuple[_Array, _Array]:
     """Return the expected loss of candidates, and their chance of no landing, [action].
 
@@ -255,11 +252,8 @@ def expected_loss(
 
     Args:
         distance: Distance from expected landing to target [cable lengths], shape [action].
-        variance: Variance of the landing along each axis [square cable lengths], [action].
+        variance: Variance of the landing along each axis [square cable lengths], shape [action].
         failure: Chance of a cast without a landing [-], shape [action].
-
-    Returns:
-        Loss [-], shape [action].
     """
     width = NEAR**2 + variance
     near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
@@ -275,7 +269,8 @@ def lost_chance(
 ) -> NDArray[np.float64]:
     """Return the chance that a landing lies off the table, or is not seen.
 
-    What the resting arm hides is not seen, and what lies in a blind place of the camera.
+    What the resting arm hides is not seen, and what lies in a blind place of the camera. An arm
+    that cannot follow an action hides nothing.
 
     Args:
         actions: Actions on either side, shape [action, 4].
@@ -284,9 +279,6 @@ def lost_chance(
         setup: Set-up with the arm and the table.
         sight: Limits of the camera's sight; those of a camera above the middle of the table,
             without blind places, where None.
-
-    Returns:
-        Chance [-], shape [action]. An arm that cannot follow an action hides nothing.
     """
     paths = cast_grip_paths(actions, setup)
     poses = paths.evaluate(paths.duration[:, None])[:, 0]

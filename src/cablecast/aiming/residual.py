@@ -141,11 +141,7 @@ class FewCastResidual:
 
     @classmethod
     def empty(cls, believed: ResidualScales | None = None) -> "FewCastResidual":
-        """Return the process before any cast.
-
-        Args:
-            believed: Parameters that are expected; the defaults where None.
-        """
+        """Return the process before any cast, with parameters that are expected."""
         believed = believed or ResidualScales()
         return cls(
             places=Places(
@@ -166,13 +162,7 @@ class FewCastResidual:
     def with_cast(
         self, place: Places, residual: NDArray[np.float64], scatter: float = 1.0
     ) -> "FewCastResidual":
-        """Return the process with one more cast.
-
-        Args:
-            place: Place of the cast.
-            residual: Measured minus simulated landing [cable lengths], shape [2].
-            scatter: Factor of its noise.
-        """
+        """Return the process with one more cast, its residual [cable lengths], shape [2]."""
         return dataclasses.replace(
             self,
             places=Places.join([self.places, place]),
@@ -181,14 +171,10 @@ class FewCastResidual:
         )
 
     def predict(self, places: Places) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict residuals.
+        """Return expected residuals [cable lengths], shape [action, 2], and their variance.
 
-        Args:
-            places: Places of actions.
-
-        Returns:
-            Expected residuals, shape [action, 2], and their variance along each of x and y, without
-            scatter, shape [action]; [cable lengths] and their square.
+        The variance is that along each of x and y, without scatter [square cable lengths], shape
+        [action].
         """
         kernel = self._kernel(places)
         explained = np.einsum("ai,ai->a", kernel @ self._inverse, kernel)
@@ -197,11 +183,7 @@ class FewCastResidual:
         return kernel @ self._solved, np.maximum(prior - explained, 0.0)
 
     def means(self, places: Places) -> NDArray[np.float64]:
-        """Return the expected residuals alone, for very many actions, shape [action, 2].
-
-        Args:
-            places: Places of actions.
-        """
+        """Return the expected residuals alone, for very many actions, shape [action, 2]."""
         return self._kernel(places) @ self._solved
 
     def scatter_variance(self, places: Places) -> NDArray[np.float64]:
@@ -209,24 +191,15 @@ class FewCastResidual:
         return (np.exp(places.log_scatters) * self.scales.noise) ** 2
 
     def correlation(self, places: Places, others: Places | None = None) -> NDArray[np.float64]:
-        """Return the correlation of g between places and others.
-
-        Args:
-            places: Places of actions.
-            others: Places to compare with; those of the casts where None.
-
-        Returns:
-            Correlation, shape [action, other].
-        """
+        """Return the correlation of g with other places, or those of the casts, [action, other]."""
         others = self.places if others is None else others
         return _correlation(places, others, self.scales.length)
 
     def fitted(self, rows: NDArray[np.bool_] | None = None) -> "FewCastResidual":
         """Return the process with the most likely scales, given the prior and the casts.
 
-        Args:
-            rows: Casts that tell the scales, shape [cast]; all where None. Those that the simulator
-                was fitted to do not: their residuals are smaller than those of others will be.
+        `rows` are the casts that tell the scales, shape [cast]; all where None. Those that the
+        simulator was fitted to do not: their residuals are smaller than those of others will be.
         """
         chosen = np.ones(len(self), dtype=bool) if rows is None else rows
         if np.count_nonzero(chosen) < 2:
@@ -316,11 +289,7 @@ class LocalSize:
         return float(np.median(self.values))
 
     def log_sizes(self, landing_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the logarithm of the size over that of a usual landing, shape [action].
-
-        Args:
-            landing_xy: Simulated landings of actions to the right [m], shape [action, 2].
-        """
+        """Return the logarithm of the size over the usual of landings to the right, [action]."""
         # Beyond the landings that are known the map would grow without bounds.
         found = self._map((landing_xy - self._middle) / self._scale)
         return np.asarray(np.clip(found, *self._bounds), dtype=float)
@@ -395,11 +364,7 @@ class Experience:
 
     @classmethod
     def empty(cls, believed: ResidualScales | None = None) -> "Experience":
-        """Return the experience before any cast.
-
-        Args:
-            believed: Scales of the residual that are expected; the defaults where None.
-        """
+        """Return the experience before any cast, with scales that are expected."""
         residual = FewCastResidual.empty(believed)
         return cls(
             residual=residual,

@@ -5,8 +5,7 @@ import copy
 import dataclasses
 import itertools
 import os
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,12 +56,12 @@ _SCALE_GROWTH = 1.3
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatorConfig:
-    """Settings of the simulators of a session.
+    """Settings of the simulators of a session; those of the verbs where None.
 
     Attributes:
-        fit: Settings of the fit; the usual ones where None.
-        segment_count: Segments of the simulated cable; those of the verbs where None.
-        dt: Time step [s]; that of the verbs where None.
+        fit: Settings of the fit.
+        segment_count: Segments of the simulated cable.
+        dt: Time step [s].
         spread_count: Casts that tell how far apart the simulators of an ensemble usually land.
     """
 
@@ -97,20 +96,9 @@ class FittedModel:
         return bool(self.fitted_to) and cast.origin.partition("/")[0] == self.fitted_to
 
 
-class Refitting(Protocol):
-    """Makes a new model from all casts of a session, as `prepare_aim` gives it."""
-
-    def __call__(
-        self, casts: Dataset, count: int, progress: ProgressCallback = ignore
-    ) -> FittedModel:
-        """Fit the simulator to casts, and learn from it.
-
-        Args:
-            casts: Casts to fit to.
-            count: Number of casts of the session, with those that were taken back.
-            progress: Told how far each step is.
-        """
-        ...
+Refitting = Callable[[Dataset, int, ProgressCallback], FittedModel]
+"""Fits the simulator to casts, and learns from it; the count is that of all casts of the session,
+with those that were taken back."""
 
 
 class AimSession:
@@ -171,8 +159,7 @@ class AimSession:
     def use(self, model: FittedModel) -> None:
         """Plan with another model from now on, conditioned on all casts."""
         self.model = model
-        beliefs = Beliefs.of(model.policy, model.tuned, count=self.simulators.spread_count)
-        self._beliefs = beliefs
+        self._beliefs = Beliefs.of(model.policy, model.tuned, count=self.simulators.spread_count)
         self._condition()
 
     def _condition(self) -> None:
@@ -193,12 +180,9 @@ class AimSession:
                 self._add(kept, part[-1][0] + 1, always=not is_aimed)
 
     def _add(self, casts: Sequence[tuple[int, Cast]], count: int, *, always: bool = False) -> None:
-        """Condition on more casts; fit the scales of the process where there are enough new ones.
+        """Condition on casts that were made together, with which the session has `count`.
 
-        Args:
-            casts: Casts that were made together, with their numbers.
-            count: Number of casts of the session with them.
-            always: Fit the scales whatever the number of casts.
+        The scales of the process are fitted anew where there are enough new ones, or `always`.
         """
         # The scales change slowly: fitting them at each cast would be wasted.
         fit_scales = always or count >= _SCALE_GROWTH * self._scaled_count
@@ -226,13 +210,7 @@ class AimSession:
         return sum(self.model.has_fitted(*row) for row in enumerate(self.store.casts))
 
     def add_casts(self, casts: Dataset) -> int:
-        """Take in casts of this cable that were made for something else.
-
-        Args:
-            casts: Casts on a rig, with the set-up of the session. Those that it knows are left out.
-
-        Returns:
-            The number of casts that are new.
+        """Take in casts that were made for something else, and return how many are new.
 
         Raises:
             InputError: The casts were simulated, or made with another set-up.
@@ -250,13 +228,7 @@ class AimSession:
         return other
 
     def undo(self, number: int | None = None) -> Cast:
-        """Take a cast back: it is kept, and counts for nothing from now on.
-
-        Args:
-            number: Number of the cast in the session; the last aimed one where None.
-
-        Returns:
-            The cast.
+        """Take a cast back, the last aimed one by default: it is kept, and counts for nothing.
 
         Raises:
             InputError: There is no such cast, or it was taken back before.
@@ -355,10 +327,7 @@ class AimSession:
     def play(self, rig: CheckedRig, motion: Trajectory, number: int) -> EndpointTrack:
         """Reset a rig and play one motion; a cast that fails is repeated.
 
-        Args:
-            rig: Rig that `make_rig` returned, with the set-up of the session.
-            motion: Motion to play.
-            number: Number of the cast, which a rig that draws by chance draws from.
+        A rig that draws by chance draws from the number of the cast.
 
         Raises:
             RigError: The cast failed too often.
@@ -438,10 +407,6 @@ def casts_near(casts: Sequence[tuple[int, Cast]], target_xy: NDArray[np.float64]
 
     Those that were aimed at it come first, the latest before earlier ones, then those that landed
     nearest to it.
-
-    Args:
-        casts: Casts to choose from, with their numbers.
-        target_xy: Target [m], shape [2].
     """
     aimed, landed = [], []
     for number, cast in casts:

@@ -80,14 +80,6 @@ class Tag:
             f"tag {self.id}",
         )
 
-    @classmethod
-    def from_row(cls, row: Any) -> "Tag":
-        """Make a tag from one entry of a layout's file, whose `yaw_deg` is in degrees."""
-        keys = {"id", "x", "y", "yaw_deg", "size"}
-        row = check_keys(row, keys, "a tag", required={"id", "x", "y"})
-        yaw_deg = check_number("yaw_deg", row.pop("yaw_deg", 0.0), -360.0, 360.0, "deg")
-        return cls(**row, yaw=math.radians(yaw_deg))
-
     @property
     def corners(self) -> NDArray[np.float64]:
         """Corners of the black square, clockwise from its upper left [m], shape [4, 3]."""
@@ -142,7 +134,12 @@ class TagLayout:
         """
         if not isinstance(rows, list):
             raise InputError(f"tags must be a list, not {str(rows)[:40]!r}")
-        return cls(tags=tuple(Tag.from_row(row) for row in rows))
+        keys, tags = {"id", "x", "y", "yaw_deg", "size"}, []
+        for row in rows:
+            row = check_keys(row, keys, "a tag", required={"id", "x", "y"})
+            yaw_deg = check_number("yaw_deg", row.pop("yaw_deg", 0.0), -360.0, 360.0, "deg")
+            tags.append(Tag(**row, yaw=math.radians(yaw_deg)))
+        return cls(tags=tuple(tags))
 
     def save(self, path: pathlib.Path) -> None:
         """Write the layout as YAML, for a person to edit."""
@@ -168,9 +165,7 @@ class TagLayout:
 def default_layout(workspace: Workspace | None = None) -> TagLayout:
     """Return tags of 10 cm, or less on a small table, along its edges and clear of the robot.
 
-    Args:
-        workspace: Gives the table's size and place; the paper's table, which has eleven tags, where
-            None.
+    The paper's table, which is the default, has eleven.
     """
     workspace = workspace or Workspace()
     right = workspace.half_width - _EDGE_X

@@ -132,12 +132,7 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
 
 
 def mirror_actions(actions: ArrayLike, side: ArrayLike = -1.0) -> NDArray[np.float64]:
-    """Mirror actions about the workspace axis: (-theta1, -theta2, r2, -psi).
-
-    Args:
-        actions: Actions, shape [..., 4].
-        side: -1 for the actions to mirror and +1 for those to leave, shape [...].
-    """
+    """Mirror actions, shape [..., 4], about the workspace axis where `side`, shape [...], is -1."""
     side = np.asarray(side, dtype=float)[..., None]
     return np.asarray(actions, dtype=float) * np.where([True, True, False, True], side, 1.0)
 
@@ -145,14 +140,9 @@ def mirror_actions(actions: ArrayLike, side: ArrayLike = -1.0) -> NDArray[np.flo
 def mirror_to_right(
     actions: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return actions mirrored to theta2 > 0, the half that models predict, and their sides.
+    """Return actions mirrored to theta2 > 0, shape [action, 4], and their sides, shape [action].
 
-    Args:
-        actions: Actions on either side, shape [action, 4].
-
-    Returns:
-        Actions, shape [action, 4], and the side each was on, +1 right and -1 left, shape [action].
-        `mirror_actions(*mirror_to_right(actions))` gives back the actions.
+    `mirror_actions(*mirror_to_right(actions))` gives back the actions.
     """
     side = np.where(actions[:, 1] < 0, -1.0, 1.0)
     return mirror_actions(actions, side), side
@@ -203,11 +193,8 @@ class ActionRanges:
         """Return the ranges that sweep the same part of the reach about another polar origin.
 
         r2 grows with the reach of the arm. Moving the origin back flattens the arcs: r2 shifts with
-        r0, and the angles shrink to keep the sideways extent of the sweep, r0 sin(theta).
-
-        Args:
-            setup: Gives the reach r_max and the distance r0 of the polar origin.
-            with_psi: Whether the wrist turns (action set A2) or not (A1).
+        r0, and the angles shrink to keep the sideways extent of the sweep, r0 sin(theta). The wrist
+        turns (action set A2) unless `with_psi` is False (A1).
         """
         reach = setup.workspace.r_max / Workspace().r_max
         usual = cls()

@@ -49,9 +49,6 @@ class SweepPaths:
     second: Profiles
     wrist: Profiles
 
-    def __len__(self) -> int:
-        return len(self.r2)
-
     @property
     def arc_duration(self) -> NDArray[np.float64]:
         """Time at which theta and the radius come to rest [s], shape [action]."""
@@ -117,18 +114,11 @@ class SweepPaths:
 
 
 def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
-    """Plan casting motions in polar coordinates.
+    """Plan casting motions of actions, shape [action, 4], in polar coordinates.
 
     The limits of angular velocity and jerk are v_max and jerk divided by the largest radius. The
     radial motion adds to the speed. Where the sum could exceed v_max, the whole motion is slowed
     down by the factor that keeps it below.
-
-    Args:
-        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Workspace and motion settings.
-
-    Raises:
-        ActionError: An action is not a casting motion; see `check_action_values`.
     """
     actions, config = check_action_values(actions), setup.motion
     theta1, theta2, r2, psi = actions.T
@@ -166,7 +156,7 @@ def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Set-up with the reset position, the grip height and the system parameters.
+        setup: Workspace and motion settings.
 
     Raises:
         ActionError: An action is not a casting motion; see `check_action_values`.

@@ -12,11 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.ur import JOINT_NAMES, ArmUR, JointMotion, LimitKind
 from cablecast.errors import InputError, check_count, check_seed
-from cablecast.motion.action import (
-    ActionRanges,
-    check_action_values,
-    grid_actions,
-)
+from cablecast.motion.action import ActionRanges, check_action_values, grid_actions
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.setup import Setup
@@ -125,12 +121,7 @@ class Feasibility:
         return dict(collections.Counter(names).most_common())
 
 
-def check_grip_paths(
-    grip_path: GripPath,
-    setup: Setup,
-    *,
-    both_sides: bool = False,
-) -> Feasibility:
+def check_grip_paths(grip_path: GripPath, setup: Setup, *, both_sides: bool = False) -> Feasibility:
     """Check motions against the reach and the joint limits of the arm.
 
     Args:
@@ -147,17 +138,12 @@ def check_grip_paths(
     )
 
 
-def check_actions(
-    actions: ArrayLike,
-    setup: Setup,
-    *,
-    both_sides: bool = True,
-) -> Feasibility:
+def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) -> Feasibility:
     """Check casting motions against the reach and the joint limits of the arm.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Arm, workspace and motion settings.
+        setup: Arm and its limits, workspace and motion settings.
         both_sides: Whether the mirror image of an action must be feasible too, so that it serves
             targets on either side.
 
@@ -179,14 +165,7 @@ def check_actions(
 
 
 def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]:
-    """Return the feasible actions of a full grid over `ActionRanges.for_setup`.
-
-    Args:
-        counts: Number of values of each action variable; see `grid_actions`.
-        setup: Arm, workspace and motion settings.
-
-    Returns:
-        Actions in grid order, shape [action, 4].
+    """Return the feasible actions of a `grid_actions` of the set-up's ranges, shape [action, 4].
 
     Raises:
         InputError: The counts are out of bounds, or no action of the grid is feasible.
@@ -203,10 +182,7 @@ def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]
 
 
 def feasible_grid(
-    count: int,
-    setup: Setup,
-    ranges: ActionRanges | None = None,
-    seed: int = 0,
+    count: int, setup: Setup, ranges: ActionRanges | None = None, seed: int = 0
 ) -> NDArray[np.float64]:
     """Return feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
 
@@ -253,10 +229,7 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
 
 
 def feasible_uniform(
-    count: int,
-    setup: Setup,
-    ranges: ActionRanges | None = None,
-    seed: int = 0,
+    count: int, setup: Setup, ranges: ActionRanges | None = None, seed: int = 0
 ) -> NDArray[np.float64]:
     """Return feasible actions drawn uniformly from the ranges (section V-C).
 

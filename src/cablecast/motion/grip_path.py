@@ -53,24 +53,17 @@ class Profiles:
         return np.abs(self.evaluate(self.duration[:, None] / 2)[1][:, 0])
 
     def dilated(self, factor: NDArray[np.float64]) -> "Profiles":
-        """Return the moves slowed down by a factor.
-
-        Args:
-            factor: Factor of all times, at least 1 [-], shape [move].
-        """
+        """Return the moves slowed down by a factor of all times, at least 1 [-], shape [move]."""
         factor = factor[:, None]
         return Profiles(durations=self.durations * factor, jerks=self.jerks / factor**3)
 
     def evaluate(
         self, times: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return position, velocity and acceleration; at rest before the start and after the end.
+        """Return position [rad], velocity and acceleration, each of shape [move, step].
 
-        Args:
-            times: Times since the start of each move [s], shape [move, step].
-
-        Returns:
-            Position [rad], velocity [rad/s], acceleration [rad/s²], each of shape [move, step].
+        The moves are at rest before the start and after the end. `times` since the start of each
+        move [s] have the same shape.
         """
         knots = self.knots
         position, velocity, acceleration = self._states
@@ -83,11 +76,7 @@ class Profiles:
             for values in (position, velocity, acceleration, self.jerks, knots)
         )
         t = times - start
-        return (
-            p + t * (v + t * (a / 2 + t * j / 6)),
-            v + t * (a + t * j / 2),
-            a + t * j,
-        )
+        return (p + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j)
 
     @functools.cached_property
     def _states(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -282,10 +271,7 @@ class GripPath:
                 [_derivative(self.coefficients[:, :, channel], local, k) for k in orders]
                 for channel, orders in ((3, (1, 2)), (4, (0, 1)))
             )
-            return (
-                -np.sin(pitch) * yaw1,
-                -np.cos(pitch) * pitch1 * yaw1 - np.sin(pitch) * yaw2,
-            )
+            return (-np.sin(pitch) * yaw1, -np.cos(pitch) * pitch1 * yaw1 - np.sin(pitch) * yaw2)
 
         points, weights = np.polynomial.legendre.leggauss(8)
         turned = sum(
@@ -298,11 +284,7 @@ class GripPath:
         starts, ends = rates(np.zeros_like(h)), rates(h)
         return dataclasses.replace(
             self,
-            roll=_hermite(
-                h,
-                (roll[:, :-1], starts[0], starts[1]),
-                (roll[:, 1:], ends[0], ends[1]),
-            ),
+            roll=_hermite(h, (roll[:, :-1], starts[0], starts[1]), (roll[:, 1:], ends[0], ends[1])),
         )
 
     @classmethod
@@ -356,12 +338,7 @@ class GripPath:
 
     @classmethod
     def hold(cls, pose: ArrayLike, duration: float) -> "GripPath":
-        """Return a path that holds one pose, for one world.
-
-        Args:
-            pose: x, y, z [m], yaw, pitch [rad], shape [5].
-            duration: Duration [s].
-        """
+        """Return a path, for one world, that holds x, y, z [m], yaw, pitch [rad] for a time [s]."""
         coefficients = np.zeros((1, 1, len(CHANNELS), DEGREE + 1))
         coefficients[0, 0, :, 0] = np.asarray(pose, dtype=float)
         return cls(knots=np.array([[0.0, duration]]), coefficients=coefficients)
@@ -383,38 +360,6 @@ class GripPath:
             knots=np.concatenate(knots),
             coefficients=np.concatenate(coefficients),
             roll=None if all(p.roll is None for p in paths) else np.concatenate(rolls),
-        )
-
-    @classmethod
-    def chain(cls, paths: Sequence["GripPath"]) -> "GripPath":
-        """Chain several paths into one, for one world.
-
-        Args:
-            paths: Paths of one row; each must start where the previous one ends.
-        """
-        knots, coefficients, end, before = [np.zeros(1)], [], 0.0, np.zeros(len(CHANNELS))
-        rolls, turned = [], 0.0
-        for path in paths:
-            if len(path) != 1:
-                raise InputError(f"a chain takes paths of one row, not a batch of {len(path)}")
-            start = path.evaluate(path.knots[:, :1])[0, 0]
-            if coefficients and np.max(np.abs(start - before)) > 1e-6:
-                raise InputError(
-                    f"a path that starts at {start.round(4).tolist()} cannot follow one that ends "
-                    f"at {before.round(4).tolist()}"
-                )
-            before = path.evaluate(path.duration[:, None])[0, 0]
-            knots.append(path.knots[0, 1:] - path.knots[0, 0] + end)
-            coefficients.append(path.coefficients)
-            roll = path._rolls(1)
-            roll[..., 0] += turned - roll[0, 0, 0]
-            rolls.append(roll[:, :-1])
-            turned = float(roll[0, -1, 0])
-            end = knots[-1][-1]
-        return cls(
-            knots=np.concatenate(knots)[None],
-            coefficients=np.concatenate(coefficients, axis=1),
-            roll=None if all(p.roll is None for p in paths) else np.concatenate(rolls, axis=1),
         )
 
     def _rolls(self, pad: int) -> NDArray[np.float64]:

@@ -49,16 +49,11 @@ def grip_path_from_joints(joint_path: JointPath, arm: ArmUR) -> GripPath:
 
 
 def grip_path_from_poses(times: NDArray[np.float64], poses: NDArray[np.float64]) -> GripPath:
-    """Fit a smooth gripper path of few pieces to poses that a camera tracked.
-
-    As `grip_path_from_joints`, for a grip that no arm moved.
+    """Fit a path as `grip_path_from_joints` to poses that a camera tracked, of a grip without arm.
 
     Args:
         times: Times of the poses [s], shape [sample].
         poses: x, y, z [m], yaw and pitch [rad], shape [sample, 5].
-
-    Raises:
-        InputError: Too few samples, times that do not ascend, or values that are not finite.
     """
     return _fit_path(times, poses, "grip poses")
 

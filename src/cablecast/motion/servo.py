@@ -74,15 +74,8 @@ def joint_response(
     """
     start = q[..., :1]
     if math.isfinite(acceleration_max) or math.isfinite(speed_max):
-        return start + _limited(
-            q - start,
-            dt,
-            delay=delay,
-            frequency=frequency,
-            damping=damping,
-            acceleration_max=acceleration_max,
-            speed_max=speed_max,
-        )
+        motor = acceleration_max, speed_max
+        return start + _limited(q - start, dt, delay, frequency, damping, *motor)
     delayed = _delayed(q - start, delay / dt)
     # The filter is exact for set points joined by straight lines. A smooth curve differs from its
     # chords, on average by a twelfth of the second difference.
@@ -93,7 +86,6 @@ def joint_response(
 def _limited(
     q: NDArray[np.float64],
     dt: float,
-    *,
     delay: float,
     frequency: float,
     damping: float,
@@ -136,13 +128,10 @@ def _limited(
 def _oscillator_filter(
     frequency: float, damping: float, dt: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the digital filter that equals the oscillator for piecewise linear input.
+    """Return the filter (numerator, denominator) that equals the oscillator for lines as input.
 
     SciPy's `cont2discrete(..., method="foh")` gives the same coefficients, but its matrix
     exponential costs more than filtering a hundred motions.
-
-    Returns:
-        Numerator and denominator, each of shape [3], lowest delay first.
     """
     lag = 2.0 * damping / frequency
     slow, fast, sine = _decays(frequency, damping, dt)
@@ -157,11 +146,10 @@ def _oscillator_filter(
 
 
 def _decays(frequency: float, damping: float, dt: float) -> tuple[complex, complex, complex]:
-    """Return by how much a free oscillator decays in one interval.
+    """Return by what factor the slow and the fast part of a free oscillator decay in one interval.
 
-    Returns:
-        Factors of its slow and of its fast part, and their difference over that of their rates
-        [s], which is the angle that a speed of 1 rad/s leads to.
+    The third number is their difference over that of their rates [s], which is the angle that a
+    speed of 1 rad/s leads to.
     """
     # The poles are -damping * frequency +- split; split is imaginary where the joint oscillates.
     split = frequency * np.sqrt(complex(damping**2 - 1.0))
@@ -275,26 +263,12 @@ class ServoModel:
         return float(min(np.max(self.delay + np.log(1.0 / _SETTLED) / decay), _SETTLE_MAX))
 
     def respond(self, q: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-        """Return the joint angles that follow evenly spaced set points.
-
-        Args:
-            q: Set points, which start at rest [rad], shape [..., tick, 6].
-            dt: Interval between set points [s].
-
-        Returns:
-            Joint angles at the same times [rad], shape [..., tick, 6].
-        """
+        """Return the angles that follow set points every dt [s], both [rad], [..., tick, 6]."""
         result = np.empty_like(q)
+        names = ("delay", "frequency", "damping", "acceleration_max", "speed_max")
         for joint in range(JOINT_COUNT):
-            result[..., joint] = joint_response(
-                q[..., joint],
-                dt,
-                delay=self.delay[joint],
-                frequency=self.frequency[joint],
-                damping=self.damping[joint],
-                acceleration_max=self.acceleration_max[joint],
-                speed_max=self.speed_max[joint],
-            )
+            values = {name: getattr(self, name)[joint] for name in names}
+            result[..., joint] = joint_response(q[..., joint], dt, **values)
         return result
 
     def apply(self, grip_path: GripPath, arm: ArmUR) -> GripPath:
@@ -366,9 +340,6 @@ class ServoModel:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "ServoModel":
         """Return the model that `to_dict` described.
-
-        Args:
-            values: One list of six numbers per attribute; None stands for one that is unknown.
 
         Raises:
             InputError: A value is missing, unknown or out of bounds.

@@ -112,13 +112,7 @@ def plan_trajectory(action: Action, setup: Setup) -> Trajectory:
 def follow(
     grip_path: GripPath, setup: Setup, what: str, action: Action | None = None
 ) -> Trajectory:
-    """Add the joint set points that follow a grip path.
-
-    Args:
-        grip_path: Path of one row.
-        setup: Set-up with the arm and the control cycle.
-        what: Name of the motion in the error.
-        action: Action that the path was planned from, if any.
+    """Add the joint set points that follow a grip path of one row; `what` names it in the error.
 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.

@@ -212,7 +212,7 @@ def _later_model(
         InputError: There are no casts yet to fit the simulator to, or fewer than the fit had.
     """
     folder = learning.folder
-    newest = 0 if folder is None else newest_fit(folder)
+    newest = 0 if folder is None else _newest_fit(folder)
     if not (fit_all or newest):
         return None
     if folder is None or not (folder / SESSION_FOLDER).exists():
@@ -229,12 +229,8 @@ def _later_model(
     return learning(store.dataset(), len(store), progress)
 
 
-def newest_fit(folder: pathlib.Path) -> int:
-    """Return the number of casts of the newest finished fit to all casts; 0 where there is none.
-
-    Args:
-        folder: Folder of the session.
-    """
+def _newest_fit(folder: pathlib.Path) -> int:
+    """Return the number of casts of the newest finished fit to all casts; 0 where there is none."""
     counts = [
         int(file.parent.parent.name)
         for file in (folder / FITS_FOLDER).glob(f"*/{MODEL_FOLDER}/{METRICS_FILE}")
@@ -273,9 +269,7 @@ class _Learning:
             waits=waits,
         )
 
-    def __call__(
-        self, casts: Dataset, count: int, progress: ProgressCallback = ignore
-    ) -> FittedModel:
+    def __call__(self, casts: Dataset, count: int, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
         folder = self._fit_folder(count)
         tuned = self._fitted(casts, folder, progress, validation_count=0)
@@ -320,11 +314,7 @@ class _Learning:
         self, tuned: Tuned, folder: pathlib.Path | None, progress: ProgressCallback
     ) -> ForwardSearchPolicy:
         config = self.config
-        shared: dict[str, Any] = {
-            "seed": config.seed,
-            "device": config.device,
-            "progress": progress,
-        }
+        shared: Any = {"seed": config.seed, "device": config.device, "progress": progress}
         progress(Progress(task="3/4 simulate"))
         simulated = simulate_to_aim(
             self.setup,
@@ -411,7 +401,7 @@ def aim(
     )
 
 
-def aim_evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
+def _evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
     """Return all casts at some targets as an evaluation; `repeat` counts the tries from 0."""
     setup = result.session.setup
     inside = result.session.model.policy.inside_coverage(result.target_xy)
@@ -441,10 +431,7 @@ def write_aim_report(
 ) -> Evaluation:
     """Write metrics, casts, the map of the tries, and the report of the last tries.
 
-    Args:
-        result: Casts at the targets.
-        rig: Rig that made them.
-        folder: Folder of the report; an earlier one is overwritten.
+    An earlier report in the folder is overwritten.
 
     Returns:
         The last cast at each target, with metrics; `tries` among these has one row per try.
@@ -458,7 +445,7 @@ def write_aim_report(
     from cablecast.report.style import png_bytes, svg_uri
 
     folder, session = pathlib.Path(folder), result.session
-    every = aim_evaluation(result, rig)
+    every = _evaluation(result, rig)
     by_target = {trial.target_index: trial for trial in every.trials}
     last = dataclasses.replace(every, trials=tuple(by_target[key] for key in sorted(by_target)))
     metrics = evaluation_metrics(last) | {

@@ -87,16 +87,8 @@ def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Datase
     """Simulate the casts that the model of `aim` is trained on.
 
     They are those of the first simulator of the ensemble, at its resolution: what the others add to
-    a landing leads from there. Without an ensemble they are those of `simulate`.
-
-    Args:
-        setup: Cable, workspace, arm and motion settings.
-        tuned: Simulator that `tune` found; the believed cable where None.
-        **options: Arguments of `simulate`; a resolution that is given holds.
-
-    Raises:
-        DatasetError: See `simulate`.
-        InputError: See `simulate`.
+    a landing leads from there. Without an ensemble they are those of `simulate`, whose arguments
+    the options are; a resolution that is given holds.
     """
     if tuned is None or tuned.ensemble is None:
         return simulate(setup, tuned, **options)

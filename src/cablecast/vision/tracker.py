@@ -201,7 +201,7 @@ def track_samples(
     sample_times: NDArray[np.float64],
     workspace: Workspace,
 ) -> tuple[NDArray[np.float64], TrialStatus]:
-    """Return the samples of a track, and how its trial ended.
+    """Return the samples of a track [m], shape [sample, 2], and how its trial ended.
 
     No landing hangs on a single frame: where the last sample is missing, it is the place at which
     the endpoint rested in the frames before it.
@@ -211,9 +211,6 @@ def track_samples(
         xy: Positions in the frames, NaN where not seen [m], shape [frame, 2].
         sample_times: Times of the samples, rising [s], shape [sample].
         workspace: Gives the table's edges.
-
-    Returns:
-        Samples [m], shape [sample, 2], and the status.
     """
     samples = sample_path(times, xy, sample_times)
     if len(samples) and np.isnan(samples[-1]).any():
