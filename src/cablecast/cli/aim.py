@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import pathlib
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -180,11 +180,9 @@ def print_result(result: "AimResult") -> None:
     from cablecast.cli import tables
     from cablecast.conventions import xy_to_polar
 
-    table: Any = tables.make_table("Miss of each try, in % of cable length")
-    table.add_column("target", no_wrap=True)
     tries = max((len(casts) for casts in result.casts), default=0)
-    for number in range(1, tries + 1):
-        table.add_column(str(number), justify="right")
+    heads = ("target", *(str(number) for number in range(1, tries + 1)))
+    table = tables.make_table("Miss of each try, in % of cable length", *heads)
     for target, casts in zip(result.target_xy, result.casts, strict=True):
         r, theta = xy_to_polar(target)
         cells = [f"{cast.miss_pct:.1f}" if cast.landed else cast.status.code for cast in casts]

@@ -118,12 +118,10 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     from cablecast.cli import tables
     from cablecast.report.tables import five_cells, published_cells
 
-    table = tables.make_table("Distance from target to landing, in % of cable length")
-    if published:
-        table.caption = "The paper's rows are casts of a real UR5."
-    table.add_column("", no_wrap=True)
-    for name in ("casts", "median", "q1", "q3", "min", "max"):
-        table.add_column(name, justify="right", no_wrap=True)
+    title = "Distance from target to landing, in % of cable length"
+    caption = "The paper's rows are casts of a real UR5." if published else None
+    heads = ("", "casts", "median", "q1", "q3", "min", "max")
+    table = tables.make_table(title, *heads, caption=caption)
     rig = str(metrics["rig"].get("rig", "own"))
     for label, key, style in (
         (f"{rig} rig", "errors_pct", "bold"),

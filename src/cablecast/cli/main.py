@@ -91,14 +91,10 @@ def _commands(*, brief: bool) -> Any:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a verb.
+    """Run the verb of the words after `cablecast`, and return the exit status.
 
-    Args:
-        arguments: Words after `cablecast` on the command line.
-
-    Returns:
-        0 if all went well, 2 for bad input, 3 for a result that falls short, 128 and the
-        number of the signal where it was stopped (130 for Ctrl-C, 141 where the reader has closed).
+    It is 0 if all went well, 2 for bad input, 3 for a result that falls short, 128 and the number
+    of the signal where it was stopped (130 for Ctrl-C, 141 where the reader has closed).
     """
     _stop_on_signals()
     prepare_streams()

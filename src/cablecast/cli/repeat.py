@@ -92,11 +92,10 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
     from cablecast.evaluation.coverage import published_candidate
     from cablecast.report.tables import pct, share_pct
 
-    table = tables.make_table("Scatter of equal casts, in % of cable length")
-    table.caption = "The paper's figures are those of cable 1 on a real UR5."
-    table.add_column("v_max", no_wrap=True)
-    for name in ("casts", "scatter", "paper", "off table", "paper", "along arc"):
-        table.add_column(name, justify="right", no_wrap=True)
+    title = "Scatter of equal casts, in % of cable length"
+    caption = "The paper's figures are those of cable 1 on a real UR5."
+    heads = ("v_max", "casts", "scatter", "paper", "off table", "paper", "along arc")
+    table = tables.make_table(title, *heads, caption=caption)
     for values in combinations:
         published = published_candidate(values["v_max"], values["with_psi"])
         off_table = None if published is None else published.off_table_share

@@ -1,22 +1,20 @@
 """Printing of tables: whole numbers at any width, and names with brackets as they are."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 
-def make_table(title: str, **options: Any) -> "Table":
-    """Return an empty table in the style of all verbs.
-
-    Args:
-        title: Title above it.
-        **options: Further options of a rich table.
-    """
+def make_table(title: str, *heads: str, caption: str | None = None) -> "Table":
+    """Return a table in the style of all verbs: names in the first column, then numbers."""
     from rich import box
     from rich.table import Table
 
-    return Table(title=title, box=box.SIMPLE, **options)
+    table = Table(title=title, caption=caption, box=box.SIMPLE)
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="right" if number else "left", no_wrap=True)
+    return table
 
 
 def print_table(table: "Table", *notes: str) -> None:

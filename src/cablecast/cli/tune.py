@@ -135,10 +135,9 @@ def print_table(metrics: dict[str, Any], cable_name: str) -> None:
 
     validation = metrics["validation"]
     kind = "validation" if metrics["held_out_count"] else "fitted"
-    table = tables.make_table("Distance from simulated to measured endpoint, in % of cable length")
-    table.add_column(f"{kind} casts", no_wrap=True)
-    for name in ("at rest, median", "q1", "q3", "on the way, mean", "simulations"):
-        table.add_column(name, justify="right")
+    title = "Distance from simulated to measured endpoint, in % of cable length"
+    heads = ("at rest, median", "q1", "q3", "on the way, mean", "simulations")
+    table = tables.make_table(title, f"{kind} casts", *heads)
     published = published_tuning(cable_name)
     for row in ("default", "tuned"):
         values = validation[row]

@@ -20,7 +20,6 @@ from cablecast.data.schema import (
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
     INFO_PATH,
-    content_fingerprint,
     read_info,
     read_shard,
     shard_path,
@@ -353,7 +352,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
         table, digest = read_shard(path / shard_path(shard), rows, settings, known)
         tables.append(table)
         digests.append(digest)
-    if content_fingerprint(settings, digests) != info["fingerprint"]:
+    if fingerprint([settings, *digests]) != info["fingerprint"]:
         raise DatasetError(
             f"{path / INFO_PATH} is damaged: its fingerprint is not that of the rows"
         )

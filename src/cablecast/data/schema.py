@@ -8,7 +8,6 @@ rows lie in shards, Parquet files that are checked when they are read.
 import hashlib
 import io
 import pathlib
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 
 from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
-from cablecast.runs.folder import fingerprint
 
 SCHEMA_VERSION = 3
 """Version of the schema; datasets of other versions are refused."""
@@ -278,13 +276,3 @@ def _rows_digest(table: Any) -> str:
         else:
             digest.update(repr(column.to_pylist()).encode("utf-8", "surrogatepass"))
     return digest.hexdigest()[:32]
-
-
-def content_fingerprint(settings_fingerprint: str, digests: Sequence[str]) -> str:
-    """Return the fingerprint of a dataset's content: its settings and all its rows.
-
-    Args:
-        settings_fingerprint: Fingerprint of the settings.
-        digests: Digest of each shard, in order.
-    """
-    return fingerprint([settings_fingerprint, *digests])

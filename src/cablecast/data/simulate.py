@@ -60,19 +60,11 @@ def simulate_dataset(
 ) -> Dataset:
     """Simulate a dataset, or resume an earlier run of the same settings.
 
-    Args:
-        path: Folder of the dataset: new, empty, or with an earlier run of the same settings.
-        setup: Cable, workspace, arm and motion settings.
-        dynamics: Cable and servo of the arm, or parameters of the cable alone; the cable's own
-            where None.
-        engine: Simulator.
-        count: Number of actions.
-        seed: Seed of the choice of actions among the feasible ones.
-        ranges: Ranges of the actions; those that suit the set-up where None.
-        shard_rows: Rows of each shard; what takes the engine's device a few seconds where None.
-        workers: Who simulates the shards; see `check_workers`. The rows are equal to the bit on
-            processors of one kind.
-        progress: Receives the number of casts done, at the start and after every shard.
+    Its actions are `count` feasible ones, chosen by the seed from ranges that suit the set-up where
+    None. The dynamics may be parameters of the cable alone; they are the cable's own where None.
+    Shards take the engine's device a few seconds each, unless their rows are given. They may be
+    simulated on a cluster (see `check_workers`): rows are equal to the bit on processors of one
+    kind.
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
@@ -90,7 +82,13 @@ def simulate_dataset(
     _check_mirrored(dynamics)
     actions = feasible_grid(count, setup, ranges, seed)
     settings = {
-        **_settings(setup, dynamics, engine, ranges),
+        "schema_version": SCHEMA_VERSION,
+        **setup.to_settings(),
+        **dynamics.to_dict(),
+        "engine": engine_settings(engine),
+        "ranges": dataclasses.asdict(ranges),
+        "sample_dt": SAMPLE_DT,
+        "settle_time": SETTLE_TIME,
         "count": count,
         "seed": seed,
         "actions_sha256": actions_digest(actions),
@@ -121,21 +119,6 @@ def simulate_dataset(
         else:
             progress(Progress(task=task, note=DONE_NOTE))
     return read_dataset(path)
-
-
-def _settings(
-    setup: Setup, dynamics: Dynamics, engine: Engine, ranges: ActionRanges
-) -> dict[str, Any]:
-    """Return the plain values that decide how actions are chosen and simulated."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        **setup.to_settings(),
-        **dynamics.to_dict(),
-        "engine": engine_settings(engine),
-        "ranges": dataclasses.asdict(ranges),
-        "sample_dt": SAMPLE_DT,
-        "settle_time": SETTLE_TIME,
-    }
 
 
 def _check_mirrored(dynamics: Dynamics) -> None:

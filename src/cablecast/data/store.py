@@ -111,16 +111,12 @@ def _table(columns: dict[str, list[Any]]) -> Any:
 
 
 class CastStore:
-    """Casts of one set-up, in the order in which they came.
-
-    Args:
-        setup: Cable, workspace, arm and motion settings of the casts.
-        folder: Folder that keeps them; none where None.
-        within_pct: Distance from a target at which a cast has hit [% of cable length].
+    """Casts of one set-up in the order in which they came, kept in a folder unless it is None.
 
     Attributes:
         casts: All casts.
         undone: Numbers of those that were taken back: they are kept, and count for nothing.
+        within_pct: Distance from a target at which a cast has hit [% of cable length].
 
     Raises:
         InputError: The folder holds something else, or casts of another set-up.

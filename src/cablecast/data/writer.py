@@ -25,7 +25,6 @@ from cablecast.data.schema import (
     Column,
     arrow_schema,
     check_info,
-    content_fingerprint,
     read_shard,
     shard_bytes,
     shard_path,
@@ -202,7 +201,7 @@ class DatasetWriter:
         }
         info = self._info(complete=True) | {
             "status_counts": dict(sorted(counts.items())),
-            "fingerprint": content_fingerprint(self._settings_fingerprint, digests),
+            "fingerprint": fingerprint([self._settings_fingerprint, *digests]),
             "shard_digests": digests,
         }
         info["features"] |= _features(

@@ -140,16 +140,11 @@ rejected 3.70."""
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """Combination of system parameters, with its coverage and scatter.
+    """Combination of r0 [m], v_max [m/s] and use of the wrist (the action set A2).
 
-    Attributes:
-        r0: Distance of the polar origin [m].
-        v_max: Largest speed of the grip [m/s].
-        with_psi: Whether the wrist turns (the action set A2).
-        coverage: Share of the reachable half disc [-].
-        scatter_pct: Mean over actions of the standard deviation of repeated landings [% of cable
-            length]; None if not measured.
-        off_table_share: Share of repeated casts that left the table [-]; None if not measured.
+    It has a coverage, the share of the reachable half disc [-], and if repeated casts were made the
+    mean over actions of their standard deviation [% of cable length] and the share of them that
+    left the table [-].
     """
 
     r0: float

@@ -53,13 +53,9 @@ def published_row(cable_name: str, method: str = BEST_METHOD) -> PublishedRow | 
 
 
 class PublishedTuning(NamedTuple):
-    """Column of the paper's tuning table; values in % of cable length.
+    """Distances of the paper's table I, of PyBullet's default parameters and the tuned ones.
 
-    Attributes:
-        default_final_pct: Median final distance with PyBullet's default parameters.
-        default_mean_pct: Equation 4 with PyBullet's default parameters.
-        tuned_final_pct: Median final distance after Differential Evolution.
-        tuned_mean_pct: Equation 4 after Differential Evolution.
+    Final: median final distance; mean: equation 4 [% of cable length].
     """
 
     default_final_pct: float

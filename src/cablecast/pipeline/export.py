@@ -32,18 +32,10 @@ def export_dataset(
     films: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = ignore,
 ) -> pathlib.Path:
-    """Write the casts of a rig as a data set of another library.
+    """Write casts of a rig as a data set of another library.
 
-    Args:
-        dataset: Casts that `collect`, `evaluate` or `import_casts` made.
-        out: New or empty folder; it is written whole or not at all.
-        format: "lerobot", version 3 of its layout.
-        fps: Frames per second.
-        films: Folder with a film of each cast, 000000.mp4 and so on, which starts with the motion.
-        progress: Receives the number of films done.
-
-    Returns:
-        The folder.
+    The folder must be new or empty, is written whole or not at all, and is returned. Films, a
+    folder with 000000.mp4 and so on, start with the motion of their cast.
 
     Raises:
         InputError: An unknown format, a number out of bounds, a missing film, or a folder that is

@@ -27,15 +27,9 @@ def import_casts(
     *,
     out: str | os.PathLike[str] | None = None,
 ) -> Dataset:
-    """Make a dataset of casts that were recorded elsewhere, for `tune`.
+    """Make a dataset of kind "tune" of casts that were recorded elsewhere; see `read_recordings`.
 
-    Args:
-        table: CSV or Parquet file of samples; see `read_recordings` for its columns.
-        setup: Cable, table and arm of the casts.
-        out: Folder that keeps the dataset; none where None.
-
-    Returns:
-        The casts, of kind "tune".
+    It is kept in a folder unless `out` is None.
 
     Raises:
         InputError: There is no such file, or it cannot be understood.

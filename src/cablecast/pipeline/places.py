@@ -34,10 +34,6 @@ def folder_or_temporary(out: str | os.PathLike[str] | None) -> Iterator[pathlib.
 def require(purpose: str, *modules: str) -> None:
     """Refuse work whose libraries are missing, before it starts.
 
-    Args:
-        purpose: Name of the work, for the error.
-        *modules: Names of the modules that it will import.
-
     Raises:
         MissingExtraError: A module is not installed; names the extra that holds it.
     """

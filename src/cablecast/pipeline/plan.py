@@ -42,14 +42,9 @@ def save_motion(
 ) -> None:
     """Write the motion for one target as CSV for a robot: t [s], q1..q6 [rad], qd1..qd6 [rad/s].
 
-    The header states the arm's geometry that the joint angles hold for.
-
-    Args:
-        plan: Result of `plan_motion`.
-        path: File to write.
-        setup: Set-up of the robot, whose arm a person has measured. Its geometry must be that
-            of the plan: with another gripper the same angles drive into the table.
-        force: Whether a regular file that exists is overwritten.
+    The header states the arm's geometry that the joint angles hold for. A person must have measured
+    the arm of the set-up, and its geometry must be that of the plan: with another gripper the same
+    angles drive into the table. Only `force` overwrites a file.
 
     Raises:
         InputError: The arm was not measured or is another one, the file exists, or the motion has

@@ -124,14 +124,10 @@ def hold_folder(
 ) -> Iterator[None]:
     """Lock a folder against other processes, and delete the leftovers of killed writes.
 
-    The lock lies on the folder itself and leaves no file behind; the system releases it when the
-    process dies, however it dies. Windows has no such lock; one process at a time is assumed there.
-
-    Args:
-        path: Folder; it is created if it does not exist.
-        error: Class of the error.
-        role: Purpose of the lock. A process may lock a folder once for each purpose: it does so
-            before it connects a rig, and again when it starts to write.
+    The folder is created if it does not exist. The lock lies on the folder itself and leaves no
+    file behind; the system releases it when the process dies, however it dies. Windows has no such
+    lock; one process at a time is assumed there. A process may lock a folder once for each role: it
+    does so before it connects a rig, and again when it starts to write.
 
     Raises:
         CablecastError: The folder is locked already; an instance of `error`.
@@ -179,13 +175,9 @@ def _lock(path: pathlib.Path, error: type[CablecastError]) -> int | None:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Claim:
-    """Folder that one kind of work may fill.
+    """Folder that one kind of work ("run" or "dataset") may fill, and the file that describes it.
 
-    Attributes:
-        path: Folder.
-        file: Path of the description within the folder.
-        noun: Kind of work, for errors: "run" or "dataset".
-        error: Class of the errors that refuse the folder.
+    A folder of other work is refused with the class of errors.
     """
 
     path: pathlib.Path

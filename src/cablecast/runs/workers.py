@@ -23,9 +23,8 @@ _STARTED_TASKS_MIN = 4
 def check_workers(workers: str) -> str:
     """Return the workers of a run if they can be had.
 
-    Args:
-        workers: "local" for this process, "ray" for a cluster on this machine or the one that the
-            process is already connected to, or "ray:ADDRESS" for a cluster.
+    They are "local" for this process, "ray" for a cluster on this machine or the one that the
+    process is already connected to, or "ray:ADDRESS" for a cluster.
 
     Raises:
         InputError: They are none of these.
