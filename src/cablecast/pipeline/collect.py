@@ -91,12 +91,8 @@ def collect(
             progress=progress,
         )
         if out is not None:
-            record_run(
-                folder,
-                "collect",
-                {**dataset.settings.values, "purpose": purpose},
-                {"cast_count": len(dataset), "status_counts": dataset.status_counts},
-            )
+            settings = {**dataset.settings.values, "purpose": purpose}
+            record_run(folder, "collect", settings, dataset.status_counts)
     return dataset
 
 

@@ -8,13 +8,8 @@ from typing import Any
 from cablecast.cast import EndpointTrack
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.recordings import Recording, file_digest, read_recordings
-from cablecast.data.schema import (
-    ACTION_COLUMNS,
-    ENDPOINT_COLUMNS,
-    EXTENT_COLUMNS,
-    SCHEMA_VERSION,
-    track_extent,
-)
+from cablecast.data.schema import SCHEMA_VERSION
+from cablecast.data.store import track_row
 from cablecast.data.writer import DatasetWriter
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
@@ -59,12 +54,7 @@ def import_casts(
                 writer.finish()
         dataset = read_dataset(folder)
         if out is not None:
-            record_run(
-                folder,
-                "import",
-                dataset.settings.values,
-                {"cast_count": len(dataset), "status_counts": dataset.status_counts},
-            )
+            record_run(folder, "import", dataset.settings.values, dataset.status_counts)
     return dataset
 
 
@@ -72,15 +62,8 @@ def _row(number: int, cast: Recording, rig: dict[str, Any]) -> dict[str, Any]:
     track = EndpointTrack(times=cast.times, endpoint_xy=cast.endpoint_xy, status=cast.status)
     return {
         "index": number,
-        **dict(zip(ACTION_COLUMNS, cast.action, strict=True)),
-        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
-        "status": cast.status.code,
-        "duration": cast.duration,
-        **dict(zip(EXTENT_COLUMNS, track_extent(cast.endpoint_xy[None])[0], strict=True)),
+        **track_row(cast.action, cast.duration, track),
         "repeat": 0,
-        "times": cast.times,
-        "track_x": cast.endpoint_xy[:, 0],
-        "track_y": cast.endpoint_xy[:, 1],
         "actual_times": cast.joint_times,
         "actual_q": None if cast.q is None else cast.q.ravel(),
         "grip_times": cast.grip_times,

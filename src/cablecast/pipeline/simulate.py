@@ -74,12 +74,8 @@ def simulate(
             progress=progress,
         )
         if out is not None:
-            record_run(
-                folder,
-                "simulate",
-                {**dataset.settings.values, "device": device},
-                {"cast_count": len(dataset), "status_counts": dataset.status_counts},
-            )
+            settings = {**dataset.settings.values, "device": device}
+            record_run(folder, "simulate", settings, dataset.status_counts)
     return dataset
 
 

@@ -405,9 +405,10 @@ def record_run(
     path: str | os.PathLike[str],
     command: str,
     settings: Mapping[str, Any],
-    metrics: dict[str, Any],
+    status_counts: Mapping[str, int],
 ) -> None:
     """Write config.json and metrics.json beside a dataset, which checks its own settings."""
+    metrics = {"cast_count": sum(status_counts.values()), "status_counts": dict(status_counts)}
     run = RunFolder(
         path=pathlib.Path(path),
         config={"command": command, "settings": plain_settings(settings), **run_facts()},
