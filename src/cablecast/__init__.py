@@ -47,39 +47,17 @@ _HOMES = {
     "cablecast.aiming.config": ("AimConfig",),
     "cablecast.aiming.session": ("AimSession",),
     "cablecast.arm.ur": ("ArmUR",),
-    "cablecast.cable": (
-        "Cable",
-        "CableParams",
-        "load_cable",
-    ),
+    "cablecast.cable": ("Cable", "CableParams", "load_cable"),
     "cablecast.camera.settings": ("CameraSight",),
-    "cablecast.cast": (
-        "Cast",
-        "EndpointTrack",
-        "Proposal",
-        "TrialStatus",
-    ),
-    "cablecast.data.dataset": (
-        "Dataset",
-        "read_dataset",
-    ),
+    "cablecast.cast": ("Cast", "EndpointTrack", "Proposal", "TrialStatus"),
+    "cablecast.data.dataset": ("Dataset", "read_dataset"),
     "cablecast.engines.warp_.engine": ("EngineWarp",),
     "cablecast.errors": ("CablecastError",),
     "cablecast.evaluation.evaluate": ("Evaluation",),
-    "cablecast.learning.policy": (
-        "ForwardSearchPolicy",
-        "Plan",
-        "PolarCastingPolicy",
-    ),
+    "cablecast.learning.policy": ("ForwardSearchPolicy", "Plan", "PolarCastingPolicy"),
     "cablecast.motion.action": ("Action",),
-    "cablecast.motion.trajectory": (
-        "Trajectory",
-        "plan_trajectory",
-    ),
-    "cablecast.pipeline.aim": (
-        "aim",
-        "prepare_aim",
-    ),
+    "cablecast.motion.trajectory": ("Trajectory", "plan_trajectory"),
+    "cablecast.pipeline.aim": ("aim", "prepare_aim"),
     "cablecast.pipeline.collect": ("collect",),
     "cablecast.pipeline.evaluate": ("evaluate",),
     "cablecast.pipeline.plan": ("plan_motion",),
@@ -90,28 +68,14 @@ _HOMES = {
     "cablecast.pipeline.track_video": ("track_video",),
     "cablecast.pipeline.train": ("train",),
     "cablecast.pipeline.tune": ("tune",),
-    "cablecast.rigs.base": (
-        "Rig",
-        "RigLifecycle",
-    ),
+    "cablecast.rigs.base": ("Rig", "RigLifecycle"),
     "cablecast.rigs.make": ("make_rig",),
     "cablecast.runs.progress": ("Progress",),
-    "cablecast.setup": (
-        "MotionConfig",
-        "Setup",
-        "load_setup",
-        "save_setup",
-    ),
+    "cablecast.setup": ("MotionConfig", "Setup", "load_setup", "save_setup"),
     "cablecast.tuning.fit": ("FitConfig",),
     "cablecast.tuning.tune": ("TuneConfig",),
-    "cablecast.tuning.tuned": (
-        "Tuned",
-        "load_tuned",
-    ),
-    "cablecast.workspace": (
-        "Workspace",
-        "load_targets",
-    ),
+    "cablecast.tuning.tuned": ("Tuned", "load_tuned"),
+    "cablecast.workspace": ("Workspace", "load_targets"),
 }
 
 __all__ = [
