@@ -147,13 +147,13 @@ def test_it_counts_the_simulators_in_which_the_free_end_leaves_the_table():
 def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     first = ensemble.evaluate(ACTIONS)
     simulated = []
-    tracks = ensemble._tracks
+    tracks = ensemble.tracks
 
-    def counted(engine, members, actions, side):
+    def counted(actions, side, members, engine=COARSE):
         simulated.append((engine, len(members), len(actions)))
-        return tracks(engine, members, actions, side)
+        return tracks(actions, side, members, engine)
 
-    monkeypatch.setattr(ensemble, "_tracks", counted)
+    monkeypatch.setattr(ensemble, "tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
     again = ensemble.evaluate(new)
     # The best; three simulators, and the first with less and more friction.

@@ -80,7 +80,7 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
     updated = ensemble.updated(MeasuredTracks.from_dataset(lesson))
     true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
     both = np.concatenate([ACTION, NEARBY])
-    true_xy = ensemble._tracks(ensemble.engine, [true], both, np.ones(2))[0, :, -1]
+    true_xy = ensemble.tracks(both, members=[true])[0, :, -1]
     before, after = (
         np.linalg.norm(some.tracks(both)[:, :, -1] - true_xy, axis=-1)
         for some in (ensemble, updated)
@@ -93,7 +93,8 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
 def test_landings_are_expected_where_the_fit_says_after_it_learned(tuned, lesson):
     ensemble = session_of(tuned).predictor.ensemble
     updated = ensemble.updated(MeasuredTracks.from_dataset(lesson))
-    simulated = updated._tracks(updated.fine_engine, [updated.best], NEARBY, np.ones(1))[0, :, -1]
+    best = updated.tracks(NEARBY, members=[updated.best], engine=updated.fine_engine)
+    simulated = best[0, :, -1]
     said = updated.evaluate(NEARBY).landing_xy
     np.testing.assert_allclose(said, simulated, rtol=0, atol=1e-12)
     assert np.linalg.norm(said - ensemble.evaluate(NEARBY).landing_xy) > 0.001 * LENGTH
