@@ -180,11 +180,9 @@ class RegionLaw:
 
     @classmethod
     def after(cls, squares: Iterable[float]) -> "RegionLaw":
-        """Return the law after some misses.
+        """Return the law after misses of some d' C^-1 d [-].
 
-        Args:
-            squares: d' C^-1 d of each, with d the offset from the expected landing and C the
-                covariance that was stated before any miss [-].
+        d is the offset from the expected landing, and C the covariance that was stated before any.
         """
         last = list(squares)[-MISS_MEMORY:]
         freedom = TAIL_FREEDOM + 2.0 * MISS_WEIGHT * len(last)

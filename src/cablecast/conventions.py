@@ -57,14 +57,9 @@ def xy_to_polar(xy: ArrayLike) -> Array:
 
 
 def mirror_xy(xy: ArrayLike, side: ArrayLike = -1.0) -> Array:
-    """Mirror points about the workspace axis (x -> -x).
+    """Mirror points [m], shape [..., 2] or [..., 3], about the workspace axis (x -> -x).
 
-    Args:
-        xy: Points whose first component is x [m], shape [..., 2] or [..., 3].
-        side: -1 for the points to mirror and +1 for those to leave, shape [...].
-
-    Returns:
-        Mirrored points [m], in the broadcast shape of `xy` and `side`.
+    Points are left where `side`, shape [...], is +1, and mirrored where it is -1.
 
     Example:
         >>> mirror_xy([[0.2, 0.9], [-0.1, 1.1]])

@@ -370,10 +370,7 @@ class LandingPredictor:
         return simulated_xy + self.beliefs.length * self.experience.residual.means(places)
 
     def predict(self, actions: ArrayLike) -> tuple[_Array, _Array, _Array]:
-        """Predict landings.
-
-        Args:
-            actions: Actions on either side, shape [action, 4].
+        """Predict the landings of actions on either side, shape [action, 4].
 
         Returns:
             Expected landings [m], shape [action, 2]; their covariances, scatter included [m²],

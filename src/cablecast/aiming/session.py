@@ -311,11 +311,7 @@ class AimSession:
         return self._local[1]
 
     def cast(self, rig: CheckedRig, proposal: Proposal) -> Cast:
-        """Make a proposed cast on a rig, and take it in.
-
-        Args:
-            rig: Rig that `make_rig` returned, with the set-up of the session.
-            proposal: Cast that `propose` returned.
+        """Make a proposed cast on a rig with the set-up of the session, and take it in.
 
         Raises:
             RigError: The cast failed too often.
@@ -350,11 +346,7 @@ class AimSession:
             self.sight = rig.sight()
 
     def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
-        """Take in a proposed cast that was made.
-
-        Args:
-            proposal: Cast that `propose` returned.
-            track: What the rig saw of it.
+        """Take in a proposed cast that was made, and what the rig saw of it.
 
         Raises:
             InputError: The proposal is not the next cast of the session.
@@ -386,9 +378,6 @@ class AimSession:
 
         Takes as long as the first fit; the session stays as it is. A fit that was stopped goes on
         where it was when this is called again before the next cast.
-
-        Args:
-            progress: Told how far each step is.
 
         Raises:
             InputError: The session was not prepared by `prepare_aim`, or has too few casts.

@@ -169,27 +169,18 @@ class CameraView:
             raise InputError(f"camera position {self.position} must be three finite numbers")
 
     def to_image(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the pixels at which points appear.
+        """Return the pixels u, v [px], shape [..., 2], at which points [m], shape [..., 3], appear.
 
-        Args:
-            points: Points in the base frame [m], shape [..., 3].
-
-        Returns:
-            u and v [px], shape [..., 2]; NaN for points beside or behind the camera.
+        They are NaN for points beside or behind the camera.
         """
         seen = (np.asarray(points, dtype=float) - self.position) @ np.asarray(self.rotation).T
         depth = np.where(seen[..., 2] > 1e-3, seen[..., 2], np.nan)
         return self.lens.distort(seen[..., :2] / depth[..., None])
 
     def to_table(self, pixels: ArrayLike, z: float = 0.0) -> NDArray[np.float64]:
-        """Return the points of a level plane that appear at some pixels.
+        """Return the points of a level plane at a height [m] that appear at pixels, shape [..., 2].
 
-        Args:
-            pixels: Pixels u and v [px], shape [..., 2].
-            z: Height of the plane above the table's surface [m].
-
-        Returns:
-            x and y [m], shape [..., 2]; NaN where the line of sight does not meet the plane.
+        Their x and y [m], shape [..., 2], are NaN where the line of sight does not meet the plane.
         """
         ideal = self.lens.undistort(pixels)
         ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)

@@ -413,10 +413,8 @@ class PlanePath:
     """Grip path under construction in a vertical plane that turns about the robot's base.
 
     Plane coordinates are the azimuth of the plane, radius and height in it, the heading of the
-    cable relative to the azimuth, and pitch. Every move is appended and returns the path.
-
-    Args:
-        pose: Start pose: x, y, z [m], yaw, pitch [rad], shape [5].
+    cable relative to the azimuth, and pitch. Every move is appended and returns the path. It starts
+    at a pose x, y, z [m], yaw, pitch [rad], shape [5].
     """
 
     def __init__(self, pose: ArrayLike):
@@ -439,12 +437,7 @@ class PlanePath:
         return self.move(duration)
 
     def move(self, duration: float, **goal: float) -> "PlanePath":
-        """Move with minimum jerk from rest to rest.
-
-        Args:
-            duration: Duration [s].
-            goal: New values of some coordinates [m], [rad]; the others are kept.
-        """
+        """Move for a duration [s] with minimum jerk from rest to rest, to new coordinates."""
         start = self._before[-1][0]
         end = start.copy()
         for name, value in goal.items():

@@ -349,11 +349,6 @@ def polar_cast_path(
 ) -> GripPath:
     """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`.
 
-    Args:
-        endpoint_xy: Resting point of the endpoint [m], shape [2].
-        setup: Set-up with the cable, the table and the arm.
-        config: Settings of the lift, the swing and the pull; those for the arm's reach where None.
-
     Raises:
         InputError: The point lies outside the region.
     """

@@ -81,9 +81,7 @@ class AimResult:
         """Return the miss of one try at each target [% of cable length], shape [target].
 
         A target that was hit before keeps the miss of that cast. A cast without a landing is NaN.
-
-        Args:
-            try_number: Number of the try, from 1.
+        Tries count from 1.
         """
         return np.array(
             [
@@ -277,11 +275,7 @@ class _Learning:
         return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
 
     def kept(self, count: int, progress: ProgressCallback) -> FittedModel:
-        """Return the model of a later fit that is finished.
-
-        Raises:
-            InputError: A file of it is missing or damaged.
-        """
+        """Return the model of a later fit that is finished."""
         folder = self._fit_folder(count)
         if folder is None:
             raise InputError("fits are kept in the folder of a session: it has none")

@@ -99,9 +99,6 @@ class LiveCamera:
 
     Frames that are not fetched in time are dropped and counted, except those of a film.
 
-    Args:
-        settings: Camera to read.
-
     Raises:
         CameraError: It cannot be opened; says what to do in one line.
         MissingExtraError: OpenCV is not installed.
@@ -263,10 +260,7 @@ class FrameWatch:
     """Looks at each frame for a camera that is frozen, dark, or exposed anew.
 
     A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
-
-    Args:
-        source: Name of the camera in errors.
-        usual: Brightness at the time of the calibration; not compared where None.
+    `usual` is the brightness at the time of the calibration; it is not compared where None.
     """
 
     def __init__(self, source: str, usual: Brightness | None = None):

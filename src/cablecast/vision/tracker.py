@@ -333,14 +333,11 @@ class EndpointTracker:
         self._area_min = min(_AREA_MIN, 1.0 - _GRID / (marker.width * self._px_per_m))
 
     def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
-        """Look at the next frame, and return the endpoint in it.
+        """Look at the next frame, and return the endpoint in it [m], shape [2]; NaN if not seen.
 
         Args:
             time: Middle of the exposure of the frame's middle row [s]; must rise.
             grab: Returns pieces of the frame. The tracker asks for no more than it looks at.
-
-        Returns:
-            Endpoint on the table [m], shape [2]; NaN if it was not seen.
         """
         if self._times and time <= self._frame_time:
             raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
