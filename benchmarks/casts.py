@@ -51,7 +51,7 @@ class CastsArgs(ModelArgs):
     """Error at targets against the number of real casts."""
 
     rigs: tuple[str, ...] = ("virtual", "strange")
-    """Rigs among virtual, strange, scattering, even, patchy, engine, example."""
+    """Rigs among virtual, strange, even, patchy, engine, example."""
     labs: tuple[int, ...] = (0, 1, 2)
     """Seeds of the laboratories."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")

@@ -366,40 +366,23 @@ def agreement(job: Job) -> Table:
     return table
 
 
-def scaling(job: Job, world_count: int) -> list[Table]:
-    """Measure EngineWarp at its defaults over threads, worlds and segments."""
-    cores = core_count()
+def scaling(job: Job, world_count: int) -> Table:
+    """Measure EngineWarp at its defaults over threads."""
+    cores, paths = core_count(), job.many(world_count)
     counts = sorted({1, 2, cores, *[2**k for k in range(1, 8) if 2**k <= cores]})
 
-    def rate(worlds: int, **options) -> float:
-        engine = EngineWarp(**options)
-        paths = job.many(worlds)
-        job.play(engine)
-        return worlds / min(job.play(engine, paths)[1] for _ in range(REPEATS))
-
-    threads = Table(
+    table = Table(
         f"EngineWarp at its defaults over threads, {world_count} worlds",
         ("threads", "rollouts/s", "x one thread", f"{DATASET_SIZE} transitions [s]"),
         [],
     )
     for thread_count in counts:
-        value = rate(world_count, thread_count=thread_count)
-        first = threads.rows[0][1] if threads.rows else value
-        threads.rows.append((thread_count, value, value / first, DATASET_SIZE / value))
-    worlds = Table(
-        "EngineWarp at its defaults over worlds, one thread", ("worlds", "rollouts/s"), []
-    )
-    for count in (1, 8, 64, 512, 4096):
-        worlds.rows.append((count, rate(count, thread_count=1)))
-    segments = Table(
-        f"EngineWarp over segments, one thread, {DEFAULT_DT * 1e3:g} ms, {world_count} worlds",
-        ("segments", "rollouts/s", "node steps/s"),
-        [],
-    )
-    for count in (10, 20, 40, 80, 160):
-        value = rate(world_count, thread_count=1, segment_count=count)
-        segments.rows.append((count, value, value * count * job.duration / DEFAULT_DT))
-    return [threads, worlds, segments]
+        engine = EngineWarp(thread_count=thread_count)
+        job.play(engine)
+        value = world_count / min(job.play(engine, paths)[1] for _ in range(REPEATS))
+        first = table.rows[0][1] if table.rows else value
+        table.rows.append((thread_count, value, value / first, DATASET_SIZE / value))
+    return table
 
 
 def cuda(job: Job) -> Table | None:
@@ -443,8 +426,7 @@ def main(args: Args) -> None:
     show(compared(job, args.world_count))
     if args.convergence and has("mujoco"):
         show(agreement(job))
-    for table in scaling(job, args.world_count):
-        show(table)
+    show(scaling(job, args.world_count))
     show(footprint())
     show(robust(job.cable, job.duration, args.robust_count, args.seed))
     show(cuda(job))

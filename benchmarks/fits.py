@@ -63,7 +63,7 @@ class MaterialArgs:
     """Fits with and without a material.
 
     Attributes:
-        rig: Rig: virtual, strange, scattering, even, patchy, engine or example.
+        rig: Rig: virtual, strange, even, patchy, engine or example.
         cables: Names of the cables.
         labs: Seeds of the laboratories.
         fitted: Casts to fit.
@@ -182,7 +182,7 @@ class SamplerArgs:
     actions: int = 60
     """Random casts whose landings the draws are compared by."""
     rig: str = "virtual"
-    """Rig: virtual, strange, scattering, even, patchy, engine or example."""
+    """Rig: virtual, strange, even, patchy, engine or example."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/casts")
     """Folder of casts and fits, which it shares with `benchmarks casts`."""
 

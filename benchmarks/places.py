@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 import cablecast as cc
 from benchmarks.strange_rig import (
     SAMPLE_DT,
-    Scatter,
     StrangeRig,
     other_params,
     world_draws,
@@ -37,14 +36,13 @@ METHODS = (*LOOPS, "simulated", "fine-tuning", "paper")
 """simulated: the policy of the fitted simulator alone. fine-tuning: `train` with the real casts.
 paper: Differential Evolution, then fine-tuning where there are enough casts."""
 
-RIGS = ("virtual", "strange", "scattering", "even", "patchy", "engine", "example")
+RIGS = ("virtual", "strange", "even", "patchy", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
-scatter. scattering: strange with three times the scatter. even: strange with one friction
-everywhere. patchy: strange with the mean friction along the way of the free end. engine: the
-package's engine with other parameters. example: the rig of the documentation's example."""
+scatter. even: strange with one friction everywhere. patchy: strange with the mean friction along
+the way of the free end. engine: the package's engine with other parameters. example: the rig of the
+documentation's example."""
 DIFFERENCES: dict[str, dict[str, Any]] = {
     "strange": {},
-    "scattering": {"scatter": Scatter().times(3.0)},
     "even": {"unevenness": 0.0},
     "patchy": {"along": True},
 }
@@ -91,7 +89,7 @@ class RigArgs(ModelArgs):
     """Rig, laboratories, and casts before the first target."""
 
     rig: str = "virtual"
-    """Rig: virtual, strange, scattering, even, patchy, engine or example."""
+    """Rig: virtual, strange, even, patchy, engine or example."""
     labs: tuple[int, ...] = (0, 1, 2)
     """Seeds of the laboratories."""
     calibration: int = 5

@@ -24,9 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.common import Table
 from benchmarks.places import DIFFERENCES, Luck, Place, RigArgs, equal_casts, random_targets
 from benchmarks.strange_rig import Scatter, StrangeRig
-from cablecast.aiming.ensemble import miss_sizes
 from cablecast.aiming.predictor import log_scatters
-from cablecast.aiming.residual import FRICTION_SIZE
 from cablecast.cast import TrialStatus
 from cablecast.cli.progress import console_progress
 from cablecast.errors import JointLimitError
@@ -38,7 +36,6 @@ from cablecast.setup import Setup
 
 SCATTER_COLUMNS = ("rig", "cable", "targets", "scatter", "stated", "distance", "lost", "error")
 RANK_COLUMNS = ("predicted by", "with the scatter", "with the error")
-SIZE_COLUMNS = ("size along each axis", "targets", "error", "q1", "q3", "within 8 %")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -131,21 +128,6 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
     ]
 
 
-def size_rows(rows: list[dict[str, Any]], parts: int = 3) -> list[tuple]:
-    """Return error statistics of the targets, grouped by the expected size of the error."""
-    error = measured(rows)[2]
-    spread, friction = (np.array([row[key] for row in rows]) for key in ("spread", "friction"))
-    size = np.hypot(miss_sizes(spread), FRICTION_SIZE * friction)
-    finite = np.flatnonzero(np.isfinite(error))
-    found = []
-    for part in np.array_split(finite[np.argsort(size[finite])], parts):
-        sizes, errors = 100.0 * size[part], 100.0 * error[part]
-        quartiles = (f"{value:.1f}" for value in np.quantile(errors, (0.5, 0.25, 0.75)))
-        near = f"{100.0 * np.mean(errors < 8.0):.0f} %"
-        found.append((f"{sizes[0]:.1f} to {sizes[-1]:.1f}", len(part), *quartiles, near))
-    return found
-
-
 def scatter(args: ScatterArgs) -> int:
     """Run the benchmark and print its tables."""
     every, table = [], []
@@ -166,8 +148,6 @@ def scatter(args: ScatterArgs) -> int:
     print(Table(title=title, columns=SCATTER_COLUMNS, rows=table))
     title = f"Rank correlation at {len(every)} targets"
     print(Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every)))
-    title = "Error by the size that spread and friction predict, in % of cable length"
-    print(Table(title=title, columns=SIZE_COLUMNS, rows=size_rows(every)))
     return 0
 
 

@@ -70,12 +70,6 @@ class Scatter:
     bow: float = 0.04
     friction: float = 0.01
 
-    def times(self, factor: float) -> "Scatter":
-        """Return all deviations multiplied by a factor."""
-        return Scatter(
-            angle=factor * self.angle, bow=factor * self.bow, friction=factor * self.friction
-        )
-
 
 class StrangeRig(RigLifecycle):
     """A rig whose physics the fitted simulator lacks.
