@@ -1,12 +1,11 @@
 """From the first cast to an aimed one with `--rig ur`, through the twin's sockets and camera."""
 
-import json
-
 import numpy as np
 import pytest
 
 from cablecast.cli.main import main
 from cablecast.data.dataset import read_dataset
+from cablecast.data.store import CastStore
 from cablecast.rigs.ur.rig import REPORT_GAP_MAX
 from cablecast.setup import save_setup
 
@@ -68,13 +67,12 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
 
     assert not cablecast("tune", "--segment-count", "10", "--dt", "0.002", rig=())
     known = ("--casts", "runs/cable_1/tune-data", "--params", "runs/cable_1/tune")
-    few = ("--count", "50", "--candidate-count", "500", "--tries", "1")
+    few = ("--simulated-count", "50", "--candidate-count", "500", "--tries", "1")
     # What so small a model aims at, it may miss: 3 says so.
     assert cablecast("aim", *known, *few, "--target", "1.10", "16.7") in (0, 3)
     assert "2 casts of cable_1 are known; the simulator is fitted to 2" in capsys.readouterr().out
-    aimed = json.loads((lab / "runs/cable_1/aim/session/casts/00002.json").read_text())
-    assert aimed["purpose"] == "aim"
-    assert len(aimed["values"]["speed_scaling"]) == len(aimed["values"]["actual_times"])
-    if aimed["values"]["status"] == "ok":
-        landing = np.array([aimed["values"][name] for name in ("endpoint_x", "endpoint_y")])
-        assert np.linalg.norm(landing - admin.state()["tip"][:2]) < LANDING_ERROR_MAX
+    aimed = CastStore(setup, lab / "runs/cable_1/aim/session").casts[2]
+    assert aimed.purpose == "aim"
+    assert len(aimed.track.controller_log.speed_scaling) == len(aimed.track.joint_path.times)
+    if aimed.landed:
+        assert np.linalg.norm(aimed.final_xy - admin.state()["tip"][:2]) < LANDING_ERROR_MAX
