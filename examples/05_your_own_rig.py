@@ -92,8 +92,10 @@ def main(out: pathlib.Path = pathlib.Path("runs/examples")) -> None:
         # Polar casting needs no model; a policy that cc.train returns is given in the same way.
         policy = cc.PolarCastingPolicy(setup=setup)
         evaluation = cc.evaluate(policy, rig, cc.load_targets()[:4])
-    for trial, error in zip(evaluation.trials, evaluation.errors_pct, strict=True):
-        print(f"target {trial.target_index}: {trial.status.code}, error {error:.1f} % of length")
+    for number, (cast, error) in enumerate(
+        zip(evaluation.casts, evaluation.errors_pct, strict=True)
+    ):
+        print(f"target {number}: {cast.status.code}, error {error:.1f} % of length")
     summary = evaluation.summary
     print(f"median {summary.median_pct:.1f} % over {summary.count} casts")
 

@@ -93,7 +93,7 @@ def test_every_cast_begins_with_a_reset(evaluate, make_rig_stub):
     rig = make_rig_stub(np.repeat(TARGETS, 2, axis=0))
     evaluation = evaluate(rig, repeats=2)
     assert rig.calls == ["reset", "execute"] * 6
-    assert [(trial.target_index, trial.repeat) for trial in evaluation.trials] == [
+    assert list(zip(evaluation.target_index, evaluation.repeat, strict=True)) == [
         (0, 0),
         (0, 1),
         (1, 0),
@@ -166,7 +166,7 @@ def test_an_aborted_cast_is_made_again_and_never_counted(evaluate):
 def test_what_the_rig_saw_is_kept_with_the_nodes_of_the_cable(evaluate):
     first = evaluate(ChanceRig())
     again = evaluate(ChanceRig(fails_at=0))
-    for made, read in zip(first.trials, again.trials, strict=True):
+    for made, read in zip(first.casts, again.casts, strict=True):
         assert made.track.nodes.shape == (2, 5, 3)
         np.testing.assert_array_equal(made.track.nodes, read.track.nodes)
         np.testing.assert_array_equal(made.track.endpoint_xy, read.track.endpoint_xy)

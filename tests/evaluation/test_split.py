@@ -4,9 +4,9 @@ import json
 import numpy as np
 import pytest
 
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.errors import InputError
-from cablecast.evaluation.evaluate import Evaluation, TargetCast, split_errors
+from cablecast.evaluation.evaluate import Evaluation, split_errors
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.report.tables import SPLIT_PARTS
@@ -55,24 +55,22 @@ def trajectories():
 
 def evaluation_of(trajectories, landed, predicted, status=None, repeats=REPEATS):
     """Casts that landed at `landed`, shape [target, repeat, 2]."""
-    trials = tuple(
-        TargetCast(
-            target_index=target,
-            repeat=repeat,
-            target_xy=TARGETS[target],
-            predicted_xy=predicted[target],
-            track=track(landed[target, repeat], (status or {}).get(target, TrialStatus.OK)),
-            trajectory=trajectories[target],
-        )
+    index = np.repeat(np.arange(len(TARGETS)), repeats)
+    motions = tuple(trajectories[target] for target in index)
+    tracks = [
+        track(landed[target, repeat], (status or {}).get(target, TrialStatus.OK))
         for target in range(len(TARGETS))
         for repeat in range(repeats)
-    )
+    ]
     return Evaluation(
         setup=SETUP,
         rig={},
         target_xy=TARGETS,
         inside_coverage=np.array([True, True, False]),
-        trials=trials,
+        casts=tuple(Cast.of_motion(m, t, "evaluate") for m, t in zip(motions, tracks, strict=True)),
+        motions=motions,
+        target_index=index,
+        predicted_xy=np.asarray(predicted)[index],
     )
 
 
@@ -169,7 +167,6 @@ def test_casts_that_no_model_planned_are_refused(trajectories):
     landed = np.repeat(TARGETS[:, None], REPEATS, axis=1)
     evaluation = evaluation_of(trajectories, landed, TARGETS)
     motion = dataclasses.replace(trajectories[0], action=None)
-    trials = tuple(dataclasses.replace(trial, trajectory=motion) for trial in evaluation.trials)
-    evaluation = dataclasses.replace(evaluation, trials=trials)
+    evaluation = dataclasses.replace(evaluation, motions=(motion,) * len(evaluation.casts))
     with pytest.raises(InputError, match="a model planned"):
         split_errors(evaluation, EnginePlaysTargets(TARGETS))

@@ -81,11 +81,11 @@ def test_an_evaluation_plays_it_and_leaves_the_cells_of_the_action_empty(tmp_pat
     rig = RigEngine(EngineWarp(segment_count=30, dt=1e-3), SETUP)
     targets = [[0.3, 1.15], [0.6, 1.043], [0.0, 0.8]]
     evaluation = evaluate_policy(tmp_path / "casts", POLICY, rig, targets)
-    assert all(trial.status is TrialStatus.OK for trial in evaluation.trials)
+    assert all(trial.status is TrialStatus.OK for trial in evaluation.casts)
     assert np.max(evaluation.prediction_errors_pct) < ASTRAY_PCT
     # The third target is nearer than the cable can be pulled.
     short = (SETUP.workspace.support_depth + CABLE.length - 0.8) / CABLE.length * 100
     assert evaluation.planned_errors_pct[2] == pytest.approx(short, abs=1e-3)
     row = trial_rows(evaluation)[0]
     assert (row["theta1_deg"], row["psi_deg"]) == ("", "")
-    assert row["duration_s"] == pytest.approx(evaluation.trials[0].trajectory.duration, abs=1e-4)
+    assert row["duration_s"] == pytest.approx(evaluation.motions[0].duration, abs=1e-4)

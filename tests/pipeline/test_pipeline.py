@@ -143,8 +143,8 @@ def test_an_evaluation_has_a_summary_and_files_where_it_is_asked_to(policy, tmp_
     pytest.importorskip("matplotlib")
     with make_rig(lateral_friction=0.7) as rig:
         evaluation = cc.evaluate(policy, rig, TARGETS, repeats=2, out=tmp_path / "out")
-        assert len(evaluation.trials) == 2 * len(TARGETS)
-        assert evaluation.summary.count <= len(evaluation.trials)
+        assert len(evaluation.casts) == 2 * len(TARGETS)
+        assert evaluation.summary.count <= len(evaluation.casts)
         assert evaluation.metrics["error_split"]["repeats"] == 2
         assert {"metrics.json", "trials.csv", "landings.png", "report.html"} <= {
             file.name for file in (tmp_path / "out").iterdir()

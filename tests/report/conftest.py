@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.evaluation.evaluate import Evaluation, TargetCast
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
+from cablecast.evaluation.evaluate import Evaluation
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
@@ -31,32 +31,23 @@ def make_evaluation():
 
     def make(lost=(8, 9), with_nodes=True, rig=None, setup=setup):
         rng = np.random.default_rng(1)
-        trials = []
+        casts = []
         for index, target in enumerate(targets):
             path = nodes[:, -1, :2].copy()
             path[-1] = target + rng.normal(scale=0.05, size=2)
             status = TrialStatus.OFF_TABLE if index in lost else TrialStatus.OK
-            trials.append(
-                TargetCast(
-                    target_index=index,
-                    repeat=0,
-                    target_xy=target,
-                    predicted_xy=target + 0.002,
-                    track=EndpointTrack(
-                        times=TIMES,
-                        endpoint_xy=path,
-                        status=status,
-                        nodes=nodes if with_nodes else None,
-                    ),
-                    trajectory=trajectory,
-                )
-            )
+            shown = nodes if with_nodes else None
+            track = EndpointTrack(times=TIMES, endpoint_xy=path, status=status, nodes=shown)
+            casts.append(Cast.of_motion(trajectory, track, "evaluate"))
         return Evaluation(
             setup=setup,
             rig=rig or {"rig": "virtual", "seed": 0},
             target_xy=targets,
             inside_coverage=np.arange(len(targets)) < 28,
-            trials=tuple(trials),
+            casts=tuple(casts),
+            motions=(trajectory,) * len(casts),
+            target_index=np.arange(len(targets)),
+            predicted_xy=targets + 0.002,
         )
 
     return make

@@ -32,7 +32,7 @@ TABLES = {
 def draw_ellipses(evaluation, workspace):
     xy = {
         "target": evaluation.target_xy,
-        "landed": np.stack([trial.landed_xy for trial in evaluation.trials]),
+        "landed": evaluation.landed_xy,
     }
     columns = {f"{name}_{axis}_m": xy[name][:, i] for name in xy for i, axis in enumerate("xy")}
     columns["target"] = np.arange(len(evaluation.target_xy))
@@ -46,7 +46,7 @@ def draw_coverage(evaluation, workspace):
 
 
 def draw_tracks(evaluation, workspace):
-    xy = np.stack([trial.track.endpoint_xy for trial in evaluation.trials[:2]])
+    xy = np.stack([trial.track.endpoint_xy for trial in evaluation.casts[:2]])
     tracks = types.SimpleNamespace(endpoint_xy=xy, compared=np.isfinite(xy).all(axis=2))
     return track_panels(tracks, [("tuned", xy + 0.01)], workspace, [0, 1], 0.62)
 
@@ -92,9 +92,9 @@ def test_the_map_shows_every_target_and_every_landing(make_evaluation):
     evaluation = make_evaluation()
     figure = landing_map(evaluation)
     points = points_drawn(figure.axes[0])
-    for trial in evaluation.trials:
-        assert has_point(points, trial.target_xy)
-        assert has_point(points, trial.track.endpoint_xy[-1]) == np.isfinite(trial.landed_xy[0])
+    for cast, target in zip(evaluation.casts, evaluation.aimed_xy, strict=True):
+        assert has_point(points, target)
+        assert has_point(points, cast.track.endpoint_xy[-1]) == cast.landed
 
 
 def test_the_map_numbers_the_targets_as_the_table_of_trials_does(make_evaluation):
@@ -112,8 +112,8 @@ def test_a_dashed_line_joins_each_target_with_its_landing(make_evaluation):
         for line in axes.lines
         if line.is_dashed() and len(line.get_xdata()) == 2
     }
-    for trial in evaluation.trials:
-        assert tuple(np.round([*trial.target_xy, *trial.landed_xy], 9)) in joins
+    for target, landed in zip(evaluation.aimed_xy, evaluation.landed_xy, strict=True):
+        assert tuple(np.round([*target, *landed], 9)) in joins
 
 
 def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
@@ -160,9 +160,9 @@ def test_a_frame_shows_the_cable_at_every_sample_and_the_whole_path_of_the_gripp
     axes = cast_frames(evaluation, [3]).axes[0]
     drawn = [line.get_xydata() for line in axes.lines]
     drawn += [path.vertices for shapes in axes.collections for path in shapes.get_paths()]
-    for nodes in evaluation.trials[3].track.nodes:
+    for nodes in evaluation.casts[3].track.nodes:
         assert any(len(xy) == len(nodes) and np.allclose(xy, nodes[:, :2]) for xy in drawn)
-    path = evaluation.trials[3].trajectory.grip_path
+    path = evaluation.motions[3].grip_path
     ends = path.evaluate([0.0, path.duration[0]])[0, :, :2]
     assert any(np.allclose(xy[[0, -1]], ends) for xy in drawn)
 

@@ -103,7 +103,7 @@ def test_names_from_a_users_file_cannot_break_out_of_the_page(make_evaluation):
 def test_the_player_holds_every_cast_in_millimetres(page, make_evaluation):
     data = re.search(r'<script type="application/json" id="casts">(.*?)</script>', page, re.S)
     casts = json.loads(data.group(1))["casts"]
-    trials = make_evaluation().trials
+    trials = make_evaluation().casts
     assert len(casts) == len(trials)
     for cast, trial in zip(casts, trials, strict=True):
         assert len(cast["nodes_mm"]) == len(cast["times"]) == len(trial.track.times)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import Cast, TrialStatus
 from cablecast.conventions import finite_or_none, xy_to_polar
 from cablecast.data.record import TrialPlan, record_trials
+from cablecast.data.store import dataset_cast
 from cablecast.errors import InputError, check_count
 from cablecast.files import write_csv
 from cablecast.learning.policy import Policy
@@ -145,37 +146,6 @@ def _ends(draws: NDArray[np.float64]) -> tuple[float, float]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TargetCast:
-    """One cast at one target.
-
-    Attributes:
-        target_index: Index of the target, from 0.
-        repeat: Index of the cast at this target, from 0.
-        target_xy: Target of the endpoint [m], shape [2].
-        predicted_xy: Predicted resting point of the endpoint [m], shape [2].
-        track: Track measured by the rig.
-        trajectory: Executed motion.
-    """
-
-    target_index: int
-    repeat: int
-    target_xy: NDArray[np.float64]
-    predicted_xy: NDArray[np.float64]
-    track: EndpointTrack
-    trajectory: Trajectory
-
-    @property
-    def status(self) -> TrialStatus:
-        """End of the trial."""
-        return self.track.status
-
-    @property
-    def landed_xy(self) -> NDArray[np.float64]:
-        """Point where the endpoint came to rest [m], NaN unless the status is OK, shape [2]."""
-        return self.track.final_xy
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Evaluation:
     """All casts of one policy on one rig.
 
@@ -184,7 +154,10 @@ class Evaluation:
         rig: Description of the rig.
         target_xy: Targets [m], shape [target, 2].
         inside_coverage: Whether each target lies inside the simulated coverage, shape [target].
-        trials: Casts, target by target.
+        casts: Casts, target by target.
+        motions: Executed motion of each cast.
+        target_index: Index of the target of each cast, shape [cast].
+        predicted_xy: Predicted resting point of each cast [m], shape [cast, 2].
         fingerprint: Fingerprint of the casts.
         metrics: Metrics of the evaluation, as stored in metrics.json.
     """
@@ -193,7 +166,10 @@ class Evaluation:
     rig: dict[str, Any]
     target_xy: NDArray[np.float64]
     inside_coverage: NDArray[np.bool_]
-    trials: tuple[TargetCast, ...]
+    casts: tuple[Cast, ...]
+    motions: tuple[Trajectory, ...]
+    target_index: NDArray[np.int_]
+    predicted_xy: NDArray[np.float64]
     fingerprint: str = ""
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -204,38 +180,49 @@ class Evaluation:
 
     @property
     def landed_xy(self) -> NDArray[np.float64]:
-        """Resting point of each cast [m], NaN unless its status is OK, shape [trial, 2]."""
-        return np.array([trial.landed_xy for trial in self.trials]).reshape(-1, 2)
-
-    @property
-    def predicted_xy(self) -> NDArray[np.float64]:
-        """Predicted resting point of each cast [m], shape [trial, 2]."""
-        return np.array([trial.predicted_xy for trial in self.trials]).reshape(-1, 2)
+        """Resting point of each cast [m], NaN unless its status is OK, shape [cast, 2]."""
+        return np.array([cast.final_xy for cast in self.casts]).reshape(-1, 2)
 
     @property
     def aimed_xy(self) -> NDArray[np.float64]:
-        """Target of each cast [m], shape [trial, 2]."""
-        return np.array([trial.target_xy for trial in self.trials]).reshape(-1, 2)
+        """Target of each cast [m], shape [cast, 2]."""
+        return self.target_xy[self.target_index]
+
+    @property
+    def repeat(self) -> NDArray[np.int_]:
+        """Number of earlier casts at the target of each cast, shape [cast]."""
+        earlier = np.tril(self.target_index[:, None] == self.target_index, -1)
+        return earlier.sum(axis=1)
+
+    def rows(self, chosen: NDArray[np.int_]) -> "Evaluation":
+        """Return the evaluation of some casts."""
+        return dataclasses.replace(
+            self,
+            casts=tuple(self.casts[row] for row in chosen),
+            motions=tuple(self.motions[row] for row in chosen),
+            target_index=self.target_index[chosen],
+            predicted_xy=self.predicted_xy[chosen],
+        )
 
     @property
     def errors_pct(self) -> NDArray[np.float64]:
-        """Distance from target to landing [% of cable length], NaN unless OK, shape [trial]."""
+        """Distance from target to landing [% of cable length], NaN unless OK, shape [cast]."""
         return target_error_pct(self.landed_xy, self.aimed_xy, self.cable.length)
 
     @property
     def planned_errors_pct(self) -> NDArray[np.float64]:
-        """Distance from target to predicted endpoint [% of cable length], shape [trial]."""
+        """Distance from target to predicted endpoint [% of cable length], shape [cast]."""
         return target_error_pct(self.predicted_xy, self.aimed_xy, self.cable.length)
 
     @property
     def prediction_errors_pct(self) -> NDArray[np.float64]:
-        """Distance from predicted endpoint to landing [% of cable length], shape [trial]."""
+        """Distance from predicted endpoint to landing [% of cable length], shape [cast]."""
         return target_error_pct(self.landed_xy, self.predicted_xy, self.cable.length)
 
     @property
     def status_counts(self) -> dict[TrialStatus, int]:
         """Number of casts by status."""
-        statuses = [trial.status for trial in self.trials]
+        statuses = [cast.status for cast in self.casts]
         return {status: statuses.count(status) for status in TrialStatus}
 
     @property
@@ -251,7 +238,7 @@ class Evaluation:
     @property
     def summary_inside_coverage(self) -> ErrorSummary:
         """Error summary of the casts whose target lies inside the simulated coverage."""
-        inside = self.inside_coverage[[trial.target_index for trial in self.trials]]
+        inside = self.inside_coverage[self.target_index]
         return summarise_errors(np.where(inside, self.errors_pct, np.nan))
 
 
@@ -294,23 +281,16 @@ def evaluate_policy(
         "durations": [round(motion.duration, 9) for motion in motions],
     }
     dataset = record_trials(path, rig, trials, settings, progress)
-    casts = tuple(
-        TargetCast(
-            target_index=row // repeats,
-            repeat=row % repeats,
-            target_xy=target_xy[row // repeats],
-            predicted_xy=np.asarray(plan.predicted_xy[row // repeats], dtype=float),
-            track=dataset.track(row),
-            trajectory=motions[row // repeats],
-        )
-        for row in range(len(dataset))
-    )
+    target_index = np.arange(len(dataset)) // repeats
     return Evaluation(
         setup=setup,
         rig=dataset.settings.rig,
         target_xy=target_xy,
         inside_coverage=inside,
-        trials=casts,
+        casts=tuple(dataset_cast(dataset, row) for row in range(len(dataset))),
+        motions=tuple(motions[index] for index in target_index),
+        target_index=target_index,
+        predicted_xy=plan.predicted_xy[target_index],
         fingerprint=dataset.fingerprint,
     )
 
@@ -346,7 +326,7 @@ def evaluation_metrics(evaluation: Evaluation) -> dict:
         "rig": evaluation.rig,
         "target_count": len(evaluation.target_xy),
         "targets_inside_coverage": int(np.sum(evaluation.inside_coverage)),
-        "trial_count": len(evaluation.trials),
+        "trial_count": len(evaluation.casts),
         "casts_fingerprint": evaluation.fingerprint,
         "status_counts": {
             status.code: count for status, count in evaluation.status_counts.items() if count
@@ -362,28 +342,25 @@ def evaluation_metrics(evaluation: Evaluation) -> dict:
 def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
     """Return one row per trial with the columns `TRIAL_COLUMNS`, in metres and degrees."""
     rows = []
-    for trial, error_pct, prediction_error_pct in zip(
-        evaluation.trials,
-        evaluation.errors_pct,
-        evaluation.prediction_errors_pct,
-        strict=True,
-    ):
-        r, theta = xy_to_polar(trial.target_xy)
+    errors_pct, prediction_errors_pct = evaluation.errors_pct, evaluation.prediction_errors_pct
+    aimed_xy, repeat = evaluation.aimed_xy, evaluation.repeat
+    for row, cast in enumerate(evaluation.casts):
+        r, theta = xy_to_polar(aimed_xy[row])
         # A motion without an action has empty cells.
-        action = trial.trajectory.action
-        theta1, theta2, r2, psi = np.full(4, np.nan) if action is None else action.to_array()
+        theta1, theta2, r2, psi = cast.action
+        target = int(evaluation.target_index[row])
         values = (
-            trial.target_index,
-            trial.repeat,
-            *rounded_cells(trial.target_xy),
+            target,
+            int(repeat[row]),
+            *rounded_cells(aimed_xy[row]),
             *rounded_cells((r, math.degrees(theta))),
-            str(bool(evaluation.inside_coverage[trial.target_index])).lower(),
+            str(bool(evaluation.inside_coverage[target])).lower(),
             *rounded_cells((math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))),
-            *rounded_cells(trial.trajectory.grip_path.duration),
-            *rounded_cells(trial.predicted_xy),
-            *rounded_cells(trial.landed_xy),
-            *rounded_cells((error_pct, prediction_error_pct)),
-            trial.status.code,
+            *rounded_cells((cast.duration,)),
+            *rounded_cells(evaluation.predicted_xy[row]),
+            *rounded_cells(cast.final_xy),
+            *rounded_cells((errors_pct[row], prediction_errors_pct[row])),
+            cast.status.code,
         )
         rows.append(dict(zip(TRIAL_COLUMNS, values, strict=True)))
     return rows
@@ -463,27 +440,27 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
     Raises:
         InputError: A cast was not planned by a model.
     """
-    trials = evaluation.trials
-    if any(trial.trajectory.action is None for trial in trials):
+    if any(motion.action is None for motion in evaluation.motions):
         raise InputError("only casts that a model planned can be split")
-    targets = sorted({trial.target_index for trial in trials})
-    first = {target: next(t for t in trials if t.target_index == target) for target in targets}
-    simulated = run_trials(engine_rig, [first[target].trajectory for target in targets])
+    targets, first = np.unique(evaluation.target_index, return_index=True)
+    simulated = run_trials(engine_rig, [evaluation.motions[row] for row in first])
     # The engine's table has no edge: a cast that leaves the table still has a landing.
-    engine_xy = dict(zip(targets, (track.endpoint_xy[-1] for track in simulated), strict=True))
+    ends = (track.endpoint_xy[-1] for track in simulated)
+    engine_xy = dict(zip(targets.tolist(), ends, strict=True))
 
-    landed = [
-        trial
-        for trial in trials
-        if trial.status is TrialStatus.OK and np.all(np.isfinite(engine_xy[trial.target_index]))
-    ]
-    if not landed:
+    landed = np.array(
+        [
+            cast.status is TrialStatus.OK and np.all(np.isfinite(engine_xy[target]))
+            for cast, target in zip(evaluation.casts, evaluation.target_index.tolist(), strict=True)
+        ],
+        dtype=bool,
+    )
+    if not landed.any():
         return None
-    index = np.array([trial.target_index for trial in landed])
-    xy = np.array([trial.landed_xy for trial in landed])
+    index = evaluation.target_index[landed]
+    xy = evaluation.landed_xy[landed]
     means = {target: xy[index == target].mean(axis=0) for target in set(index.tolist())}
-    predicted = np.array([trial.predicted_xy for trial in landed])
-    target_xy = np.array([trial.target_xy for trial in landed])
+    predicted, target_xy = evaluation.predicted_xy[landed], evaluation.aimed_xy[landed]
 
     def by_target(values: dict[int, NDArray[np.float64]]) -> NDArray[np.float64]:
         return np.array([values[target] for target in index.tolist()])
@@ -499,5 +476,5 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
         parts={name: scale * vectors for name, vectors in parts.items()},
         total=scale * (xy - target_xy),
         inside_coverage=evaluation.inside_coverage[index],
-        repeats=1 + max(trial.repeat for trial in trials),
+        repeats=1 + int(evaluation.repeat.max()),
     )

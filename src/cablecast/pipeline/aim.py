@@ -18,7 +18,6 @@ from cablecast.data.store import CastStore
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import (
     Evaluation,
-    TargetCast,
     evaluation_metrics,
     save_trials,
     summarise_errors,
@@ -398,25 +397,16 @@ def aim(
 def _evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
     """Return all casts at some targets as an evaluation; `repeat` counts the tries from 0."""
     setup = result.session.setup
-    inside = result.session.model.policy.inside_coverage(result.target_xy)
-    trials = [
-        TargetCast(
-            target_index=index,
-            repeat=cast.try_number - 1,
-            target_xy=result.target_xy[index],
-            predicted_xy=cast.expected_xy,
-            track=cast.track,
-            trajectory=plan_trajectory(Action.from_array(cast.action), setup),
-        )
-        for index, casts in enumerate(result.casts)
-        for cast in casts
-    ]
+    casts = [cast for casts in result.casts for cast in casts]
     return Evaluation(
         setup=setup,
         rig=dict(rig.description),
         target_xy=result.target_xy,
-        inside_coverage=inside,
-        trials=tuple(trials),
+        inside_coverage=result.session.model.policy.inside_coverage(result.target_xy),
+        casts=tuple(casts),
+        motions=tuple(plan_trajectory(Action.from_array(cast.action), setup) for cast in casts),
+        target_index=np.repeat(np.arange(len(result.casts)), [len(c) for c in result.casts]),
+        predicted_xy=np.array([cast.expected_xy for cast in casts]).reshape(-1, 2),
     )
 
 
@@ -440,8 +430,7 @@ def write_aim_report(
 
     folder, session = pathlib.Path(folder), result.session
     every = _evaluation(result, rig)
-    by_target = {trial.target_index: trial for trial in every.trials}
-    last = dataclasses.replace(every, trials=tuple(by_target[key] for key in sorted(by_target)))
+    last = every.rows(np.cumsum([len(casts) for casts in result.casts]) - 1)
     metrics = evaluation_metrics(last) | {
         "tries": result.try_rows,
         "cast_count": len(session.casts),

@@ -66,8 +66,8 @@ def error_boxes(
 def target_errors(evaluation: Evaluation) -> "Figure":
     """Draw the error of every cast by target, and the error that the policy had planned for."""
     figure = new_figure(PAGE_WIDTH, 2.9)
-    places = np.array([trial.target_index for trial in evaluation.trials])
-    lost = np.array([trial.status is not TrialStatus.OK for trial in evaluation.trials])
+    places = evaluation.target_index
+    lost = np.array([cast.status is not TrialStatus.OK for cast in evaluation.casts])
     errors_pct, planned_pct = evaluation.errors_pct, evaluation.planned_errors_pct
     axes = figure.add_subplot()
     axes.vlines(places, 0.0, errors_pct, color=SKY, linewidth=3.2, zorder=2)

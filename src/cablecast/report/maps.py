@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cablecast.cast import TrialStatus
 from cablecast.conventions import mirror_xy
-from cablecast.evaluation.evaluate import Evaluation, TargetCast
+from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.repeatability import Repeatability, confidence_ellipse
 from cablecast.report.style import (
     BLUE,
@@ -67,15 +67,17 @@ def landing_map(
     top = max(10.0, float(np.nanmax(errors_pct, initial=0.0)))
     scale = color_scale("plasma", 0.0, 0.82, top)
     lost: set[int] = set()
-    for trial, error_pct in zip(evaluation.trials, errors_pct, strict=True):
-        if trial.status is not TrialStatus.OK:
-            lost.add(trial.target_index)
+    for cast, target, error_pct in zip(
+        evaluation.casts, evaluation.target_index.tolist(), errors_pct, strict=True
+    ):
+        if cast.status is not TrialStatus.OK:
+            lost.add(target)
             continue
         color = scale.to_rgba(error_pct)
-        line = np.stack([trial.target_xy, trial.landed_xy])
+        line = np.stack([evaluation.target_xy[target], cast.final_xy])
         axes.plot(*line.T, color=color, linewidth=1.1, linestyle=_DASHED, zorder=3)
         axes.plot(
-            *trial.landed_xy,
+            *cast.final_xy,
             "o",
             color=color,
             markersize=5,
@@ -151,9 +153,8 @@ def tries_map(evaluation: Evaluation) -> "Figure":
     table, curves = figure.subplots(2, height_ratios=heights)
     draw_workspace(table, workspace, view)
     for index, target in enumerate(evaluation.target_xy):
-        own = [trial for trial in evaluation.trials if trial.target_index == index]
-        landed = np.array([trial.landed_xy for trial in own if trial.status is TrialStatus.OK])
-        landed = landed.reshape(-1, 2)
+        own = evaluation.landed_xy[evaluation.target_index == index]
+        landed = own[np.isfinite(own).all(axis=1)]
         table.plot(*landed.T, "-", color=BLUE, linewidth=0.9, zorder=3)
         for number, xy in enumerate(landed):
             color = BLUE if number == len(landed) - 1 else FAINT
@@ -169,12 +170,11 @@ def _draw_try_curves(axes: "Axes", evaluation: Evaluation) -> None:
     count = len(evaluation.target_xy)
     last = np.full(count, np.inf)
     errors = np.nan_to_num(evaluation.errors_pct, nan=np.inf)
-    tries = 1 + max(trial.repeat for trial in evaluation.trials)
+    repeat = evaluation.repeat
+    tries = 1 + int(repeat.max())
     scale = color_scale("viridis", 0.85, 0.1, max(tries - 1, 1))
     for number in range(tries):
-        for trial, error in zip(evaluation.trials, errors, strict=True):
-            if trial.repeat == number:
-                last[trial.target_index] = error
+        last[evaluation.target_index[repeat == number]] = errors[repeat == number]
         known = np.sort(last[np.isfinite(last)])
         share = 100.0 * np.arange(1, len(known) + 1) / count
         label = "first try" if number == 0 else f"try {number + 1}, or the hit before it"
@@ -381,30 +381,30 @@ def chosen_casts(evaluation: Evaluation, count: int = 6) -> list[int]:
 @styled()
 def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure":
     """Draw the shapes of the cable over time and the path of the gripper, a panel per trial."""
-    trials = [evaluation.trials[index] for index in trial_indices]
+    casts = [evaluation.casts[index] for index in trial_indices]
     workspace = evaluation.setup.workspace
     options: dict[str, Any] = {"columns": 2, "below": 0.5, "ticks": False}
     view = workspace_view(workspace)
-    figure, panels = workspace_panels(workspace, view, len(trials), **options)
+    figure, panels = workspace_panels(workspace, view, len(casts), **options)
     # From pale to dark: the last shape, which is the result, stands out.
-    end = max(float(trial.track.times[-1]) for trial in trials)
+    end = max(float(cast.track.times[-1]) for cast in casts)
     scale = color_scale("viridis", 0.95, 0.05, end)
-    for axes, trial, index in zip(panels, trials, trial_indices, strict=True):
-        _draw_cast(axes, trial, scale)
-        landed = trial.status is TrialStatus.OK
+    for axes, cast, index in zip(panels, casts, trial_indices, strict=True):
+        _draw_cast(axes, evaluation, index, scale)
+        landed = cast.status is TrialStatus.OK
         result = f"error {evaluation.errors_pct[index]:.1f} %"
-        result = result if landed else trial.status.code.replace("_", " ")
-        axes.set_title(f"target {trial.target_index}: {result}")
+        result = result if landed else cast.status.code.replace("_", " ")
+        axes.set_title(f"target {evaluation.target_index[index]}: {result}")
     label = "time since the motion started [s]"
     options = {"orientation": "horizontal", "shrink": 0.35, "aspect": 40, "pad": 0.02}
     draw_color_bar(figure, figure.axes, scale, label, **options)
     return figure
 
 
-def _draw_cast(axes: "Axes", trial: TargetCast, scale: Any) -> None:
+def _draw_cast(axes: "Axes", evaluation: Evaluation, index: int, scale: Any) -> None:
     from matplotlib.collections import LineCollection
 
-    track = trial.track
+    track = evaluation.casts[index].track
     if track.nodes is not None:
         # One collection: a line for each shape would take seconds.
         shapes = LineCollection(
@@ -418,14 +418,15 @@ def _draw_cast(axes: "Axes", trial: TargetCast, scale: Any) -> None:
         axes.add_collection(shapes, autolim=False)
         last = {"color": scale.to_rgba(track.times[-1]), "solid_capstyle": "round"}
         axes.plot(*track.nodes[-1, :, :2].T, linewidth=1.9, zorder=3, **last)
-    path = trial.trajectory.grip_path
+    path = evaluation.motions[index].grip_path
     grip = path.evaluate(np.linspace(0.0, float(path.duration[0]), 120))[0]
     axes.plot(grip[:, 0], grip[:, 1], color=INK, linewidth=1.3, linestyle=(0, (1, 1)), zorder=4)
     axes.plot(*grip[0, :2], "o", color="white", markeredgecolor=INK, markersize=3.5, zorder=5)
     axes.plot(*grip[-1, :2], "o", color=INK, markersize=3.5, zorder=5)
     seen = np.isfinite(track.endpoint_xy).all(axis=1)
     axes.plot(*track.endpoint_xy[seen].T, color=MUTED, linewidth=0.6, zorder=1.5)
-    axes.plot(*trial.target_xy, "+", color=VERMILLION, markersize=11, markeredgewidth=2, zorder=6)
-    if trial.status is TrialStatus.OK:
+    target = evaluation.aimed_xy[index]
+    axes.plot(*target, "+", color=VERMILLION, markersize=11, markeredgewidth=2, zorder=6)
+    if track.status is TrialStatus.OK:
         dot = {"color": VERMILLION, "markersize": 4, "markeredgecolor": "white"}
-        axes.plot(*trial.landed_xy, "o", zorder=7, **dot)
+        axes.plot(*track.final_xy, "o", zorder=7, **dot)

@@ -106,7 +106,7 @@ def report_page(
         summary=evaluation.summary,
         inside_count=int(np.sum(evaluation.inside_coverage)),
         target_count=len(evaluation.target_xy),
-        trial_count=len(evaluation.trials),
+        trial_count=len(evaluation.casts),
         statuses=[(s, count) for s, count in evaluation.status_counts.items() if count],
         ok_count=evaluation.status_counts[TrialStatus.OK],
         published=bool(published),
@@ -176,20 +176,21 @@ def _player_data(evaluation: Evaluation) -> dict[str, Any]:
     Casts whose rig does not see the cable's shape are left out.
     """
     casts = []
-    for trial, error_pct in zip(evaluation.trials, evaluation.errors_pct, strict=True):
-        nodes = trial.track.nodes
-        if trial.repeat or nodes is None:
+    errors_pct, aimed_xy, repeat = evaluation.errors_pct, evaluation.aimed_xy, evaluation.repeat
+    for row, cast in enumerate(evaluation.casts):
+        nodes = cast.track.nodes
+        if repeat[row] or nodes is None:
             continue
         shapes = np.round(1000.0 * nodes[..., :2])
         finite = np.isfinite(shapes).all(axis=(1, 2))
         casts.append(
             {
-                "target": trial.target_index,
-                "target_mm": _millimetres(trial.target_xy),
-                "predicted_mm": _millimetres(trial.predicted_xy),
-                "error": pct(error_pct),
-                "status": trial.status.code.replace("_", " "),
-                "times": [round(float(time), 3) for time in trial.track.times[finite]],
+                "target": int(evaluation.target_index[row]),
+                "target_mm": _millimetres(aimed_xy[row]),
+                "predicted_mm": _millimetres(evaluation.predicted_xy[row]),
+                "error": pct(errors_pct[row]),
+                "status": cast.status.code.replace("_", " "),
+                "times": [round(float(time), 3) for time in cast.track.times[finite]],
                 "nodes_mm": shapes[finite].reshape(int(finite.sum()), -1).astype(int).tolist(),
             }
         )
