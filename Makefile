@@ -17,7 +17,8 @@ help: ## Show what can be made
 install: $(STAMP) ## Create .venv and install cablecast into it
 
 demo: $(STAMP) ## Five casts, a fit, a model, then casts at 32 targets with cable_1, into runs/demo-cable_1
-	$(BIN)/cablecast aim --paper-targets --tries 3 --no-refit --out runs/demo-cable_1
+	@# Status 3 says that a target was missed by all tries.
+	$(BIN)/cablecast aim --paper-targets --tries 3 --no-refit --out runs/demo-cable_1 || [ $$? -eq 3 ]
 
 test: $(STAMP) ## Run the tests
 	$(BIN)/python -m pytest $(PARALLEL)
