@@ -4,6 +4,7 @@ A dataset has a number of rows that is known before its first cast. A store grow
 soon as it is done. Its files are shards of one row in the schema of datasets.
 """
 
+import dataclasses
 import json
 import os
 import pathlib
@@ -239,11 +240,8 @@ class CastStore:
                 action=Action.from_array(casts.actions[0]),
                 within_pct=self.within_pct,
             )
-            return Cast(
-                action=casts.actions[0],
-                duration=float(casts.duration[0]),
-                joint_path=casts.commanded_joints(0),
-                track=casts.track(0),
+            return dataclasses.replace(
+                dataset_cast(casts, 0),
                 purpose=row["purpose"],
                 proposal=proposal,
                 origin=row["origin"],
