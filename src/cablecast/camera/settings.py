@@ -17,6 +17,9 @@ from cablecast.errors import InputError, check_count, check_keys, check_number, 
 CLOCKS = ("device", "arrival")
 """Sources of frame times: the stamps of camera or stream, or the time at which frames arrive."""
 
+MARKER_HUE = 122.0
+"""Hue of green tape on a white table [deg]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraSettings:

@@ -1,6 +1,7 @@
 """The camera over the virtual table, and the model of its errors."""
 
 import dataclasses
+import itertools
 import json
 
 import numpy as np
@@ -10,6 +11,7 @@ from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
+from cablecast.rigs.virtual.config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.sensing import CameraErrorModel
 
 CABLE_RADIUS = 0.0055
@@ -179,6 +181,64 @@ def test_films_of_equal_seeds_are_equal_and_others_differ_in_light_and_noise(vir
     one, same, other = (virtual_camera.film(trial, seed).piece(9, window) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)
+
+
+STEADY = LightConfig(drift=0.0, flicker=0.0, step=0.0)
+
+
+def small_film(light=STEADY, duration=1.0, **changes):
+    """Return a film of a cable at rest, of few pixels and without noise."""
+    pytest.importorskip("cv2")
+    from cablecast.cable import load_cable
+    from cablecast.rigs.virtual.camera import VirtualCamera
+    from cablecast.rigs.virtual.drawing import FilmedTrial
+
+    config = dataclasses.replace(CameraConfig(noise=0.0).resized(320), light=light, **changes)
+    times = np.arange(round(duration / 0.02) + 1) * 0.02
+    line = np.linspace([0.0, 0.6, 0.005], [0.0, 1.2, 0.005], 6)
+    nodes = np.repeat(line[None], len(times), axis=0)
+    trial = FilmedTrial(cable=load_cable("cable_1"), times=times, nodes=nodes, joint_path=None)
+    return VirtualCamera(config).film(trial)
+
+
+def test_lamps_flicker_as_much_as_the_exposure_leaves_of_it():
+    for exposure, left in ((0.001, 0.984), (0.005, 0.637), (0.01, 0.0)):
+        light = dataclasses.replace(STEADY, lamp_flicker=0.1)
+        film = small_film(light, exposure=exposure)
+        bright = np.array([film.frame(i).mean() for i in range(film.LEAD, film.LEAD + 30)])
+        swing = np.ptp(bright) / 2 / bright.mean()
+        # Frames at 60 1/s meet the lamp's 100 Hz at three phases, of which two are 1.5 A apart.
+        assert 0.75 * 0.1 * left - 1e-3 < swing < 0.1 * left + 0.01
+
+
+def test_a_rolling_shutter_makes_bands_of_the_flicker():
+    row_time = 0.9 / 60 / 180
+    light = dataclasses.replace(STEADY, lamp_flicker=0.3)
+    bands, even = (small_film(light, row_time=t, exposure=0.001).frame(20) for t in (row_time, 0.0))
+    ratio = bands[:, 40:280].mean(axis=(1, 2)) / even[:, 40:280].mean(axis=(1, 2))
+    peaks = np.abs(np.fft.rfft(ratio - ratio.mean()))
+    # 15 ms from the first row to the last are one and a half periods of 100 Hz.
+    assert int(peaks.argmax()) in (1, 2)
+    assert np.ptp(ratio) > 0.4
+
+
+def test_a_white_balance_drifts_within_its_time_and_stays():
+    light = dataclasses.replace(STEADY, balance=(1.0, 0.8, 1.0), balance_time=0.5)
+    film = small_film(light)
+    first, half, last = (film.frame(film.LEAD + i).mean(axis=(0, 1)) for i in (0, 15, 55))
+    assert (half / first)[1] == pytest.approx(0.8**0.5, abs=0.02)
+    np.testing.assert_allclose(last / first, [1.0, 0.8, 1.0], atol=0.03)
+
+
+def test_frames_are_left_out_and_repeated_as_often_as_it_was_asked():
+    film = small_film(duration=5.0, dropped=0.2, repeated=0.1)
+    count = len(film.arrivals)
+    # Four standard deviations of 300 draws.
+    assert 1 - count / film.frame_count == pytest.approx(0.2, abs=0.1)
+    film = small_film(duration=2.0, repeated=0.3, noise=3.0)
+    pieces = [film.piece(i, (150, 20, 180, 40)) for i in range(film.frame_count)]
+    same = [np.array_equal(a, b) for a, b in itertools.pairwise(pieces)]
+    assert np.mean(same) == pytest.approx(0.3, abs=0.17)
 
 
 def test_shapes_too_far_apart_in_time_are_not_filmed(cable):

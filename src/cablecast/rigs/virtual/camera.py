@@ -155,18 +155,29 @@ class VirtualCamera:
         return self.expose(image, (0, 0), np.ones(3), seed, 0)
 
     def expose(
-        self, canvas: Image, corner: tuple[int, int], gains: Array, seed: int, frame: int
+        self,
+        canvas: Image,
+        corner: tuple[int, int],
+        gains: Array,
+        seed: int,
+        frame: int,
+        rows: Array | None = None,
     ) -> Image:
         """Return what the sensor makes of a piece at a corner [px]: lens blur, brightness, noise.
 
-        Blue, green and red are brighter by the gains [-] than in even light.
+        Blue, green and red are brighter by the gains [-] than in even light, and each row by a gain
+        of its own, shape [v], where `rows` has them.
         """
         cv2 = load_cv2()
         config = self.config
         if config.blur > 0:
             canvas = cv2.GaussianBlur(canvas, (5, 5), config.blur, borderType=cv2.BORDER_REPLICATE)
-        table = np.clip(np.arange(256)[:, None] * gains, 0, 255).astype(np.uint8)
-        canvas = cv2.LUT(canvas, table[:, None, :])
+        if rows is None:
+            table = np.clip(np.arange(256)[:, None] * gains, 0, 255).astype(np.uint8)
+            canvas = cv2.LUT(canvas, table[:, None, :])
+        else:
+            lit = canvas * (rows[:, None] * gains)[:, None].astype(np.float32)
+            canvas = np.clip(lit, 0, 255, out=lit).astype(np.uint8)
         if config.noise == 0:
             return canvas
         shift_u, shift_v, turn = np.random.default_rng([seed, frame, 5]).integers(0, [128, 128, 4])
@@ -208,11 +219,25 @@ class Film:
         self._step_time = rng.uniform(0.0, max(end, 1.0))
         self._step = rng.uniform(-1.0, 1.0) * camera.config.light.step
         self._base = np.exp(rng.normal(0, 0.02))
+        self._lamp_phase = rng.uniform(0, 2 * np.pi)
         self._drawn: tuple[int, dict[int, Drawing]] = (-1, {})
 
     def time(self, frame: int) -> float:
         """Return the middle of the exposure of a frame's middle row, since the motion began [s]."""
         return (frame - self.LEAD) * self.frame_dt
+
+    @property
+    def arrivals(self) -> list[int]:
+        """Frames that the camera does not leave out."""
+        return [frame for frame in range(self.frame_count) if not self.is_dropped(frame)]
+
+    def is_dropped(self, frame: int) -> bool:
+        """Return whether the camera leaves a frame out."""
+        return self._luck(frame)[0] < self.camera.config.dropped
+
+    def _luck(self, frame: int) -> Array:
+        """Return two draws that decide what becomes of a frame; the first one always arrives."""
+        return np.random.default_rng([self.seed, frame, 7]).random(2) if frame > 0 else np.ones(2)
 
     def frame(self, frame: int) -> Image:
         """Draw a whole frame, BGR, shape [v, u, 3]."""
@@ -231,6 +256,8 @@ class Film:
             window: Left, top, right, bottom [px], the last two excluded.
         """
         config = self.camera.config
+        while self._luck(frame)[1] < config.repeated:
+            frame -= 1
         left, top = max(window[0] - _PAD, 0), max(window[1] - _PAD, 0)
         right = min(window[2] + _PAD, config.width)
         bottom = min(window[3] + _PAD, config.height)
@@ -242,7 +269,11 @@ class Film:
             rows = slice(first - top, min((band + 1) * band_rows, bottom) - top)
             self._drawing(frame, band).paint(canvas[rows], (left, first), on_table[rows])
         gains = self._gains(self.time(frame))
-        image = self.camera.expose(canvas, (left, top), gains, self.seed, frame)
+        rows = None
+        if config.light.lamp_flicker:
+            from_middle = np.arange(top, bottom) - (config.height - 1) / 2
+            rows = self._lamp(self.time(frame) + config.row_time * from_middle)
+        image = self.camera.expose(canvas, (left, top), gains, self.seed, frame, rows)
         return image[window[1] - top : window[3] - top, window[0] - left : window[2] - left]
 
     def _drawing(self, frame: int, band: int) -> Drawing:
@@ -266,7 +297,19 @@ class Film:
         gain *= 1 + light.flicker * np.sin(2 * np.pi * _FLICKER_RATE * time + phases[1])
         gain *= 1 + self._step * (time > self._step_time)
         warm = _TINT * np.sin(2 * np.pi * time / light.drift_period + phases[2])
-        return gain * np.array([1 - warm, 1.0, 1 + warm])
+        turned = np.clip(time / light.balance_time, 0.0, 1.0)
+        return (
+            gain
+            * np.array([1 - warm, 1.0, 1 + warm])
+            * light.cast
+            * np.power(light.balance, turned)
+        )
+
+    def _lamp(self, times: Array) -> Array:
+        """Return the light of the lamps during exposures about some times [-], shape [time]."""
+        light = self.camera.config.light
+        left = light.lamp_flicker * np.sinc(light.lamp_rate * self.camera.config.exposure)
+        return 1.0 + left * np.sin(2 * np.pi * light.lamp_rate * times + self._lamp_phase)
 
 
 def track_film(film: Film, calibration: Calibration) -> EndpointTracker:
@@ -278,7 +321,7 @@ def track_film(film: Film, calibration: Calibration) -> EndpointTracker:
         TrackerConfig(marker_z=trial.cable.radius),
         start_xy=trial.nodes[0, -1, :2],
     )
-    for frame in range(film.frame_count):
+    for frame in film.arrivals:
         tracker.update(film.time(frame), film.grab(frame))
     return tracker
 

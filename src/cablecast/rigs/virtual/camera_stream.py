@@ -134,7 +134,7 @@ class Studio:
         """Add an instant, and send the frames that are due."""
         self.film.show(state)
         while (frame := self.film.due()) is not None:
-            if self.broadcast.viewers:
+            if self.broadcast.viewers and not self.film.is_dropped(frame):
                 self.broadcast.send(self._picture(frame), self._clock + self.film.time(frame))
 
     def fault(self, name: str | None) -> None:
@@ -157,8 +157,8 @@ class Studio:
             noise = np.random.default_rng([self._seed, frame, 9])
             size = (config.height, config.width, 3)
             return encode_jpeg((_DARK * noise.random(size)).astype(np.uint8))
-        scene = self.film.still
-        if scene is None:
+        scene, light = self.film.still, config.light
+        if scene is None or light.lamp_flicker or light.balance != (1.0, 1.0, 1.0):
             return encode_jpeg(self.film.frame(frame))
         if not _same(scene, self._still_scene):
             self._still, self._still_scene = [], scene

@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from cablecast.camera.lens import CameraView, Lens
-from cablecast.errors import InputError, check_count, check_ranges, check_seed
+from cablecast.camera.settings import MARKER_HUE
+from cablecast.errors import InputError, check_count, check_number, check_ranges, check_seed
 from cablecast.workspace import Workspace
 
 SENSING_NAMES = ("exact", "error_model", "camera")
@@ -142,19 +143,42 @@ _CLUTTER_SHARE_MIN = 0.5
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LightConfig:
-    """Changes of the light.
+    """Changes of the light, and of the white balance that answers it.
 
     Attributes:
         drift: Amplitude of a slow change of brightness [-].
         drift_period: Period of that change [s].
         flicker: Amplitude of what mains light leaves after the exposure [-].
         step: Largest sudden change of brightness, by a lamp or a cloud [-].
+        lamp_flicker: Amplitude of the lamps' own flicker, which the exposure averages and a rolling
+            shutter makes bands of [-].
+        lamp_rate: Rate of that flicker, twice the mains' frequency [1/s].
+        cast: Brightness of blue, green and red as a multiple of that in white light [-].
+        balance: Factor by which an automatic white balance has changed blue, green and red in the
+            end [-].
+        balance_time: Time that it takes, from the start of the motion on [s].
     """
 
     drift: float = 0.08
     drift_period: float = 7.0
     flicker: float = 0.02
     step: float = 0.12
+    lamp_flicker: float = 0.0
+    lamp_rate: float = 100.0
+    cast: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    balance_time: float = 2.0
+
+    def __post_init__(self):
+        amplitude, time = (0.0, 1.0, ""), (0.01, 1e4, "s")
+        names = ("drift", "flicker", "step", "lamp_flicker")
+        bounds = dict.fromkeys(names, amplitude) | dict.fromkeys(
+            ("drift_period", "balance_time"), time
+        )
+        check_ranges(self, {**bounds, "lamp_rate": (1.0, 1e5, "1/s")}, "light")
+        for name in ("cast", "balance"):
+            for value in getattr(self, name):
+                check_number(f"light {name}", value, 0.1, 10.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -177,6 +201,9 @@ class CameraConfig:
             upwards in the image [rad].
         noise: Standard deviation of a pixel's noise, of 255.
         blur: Standard deviation of the lens's blur [px].
+        dropped: Share of the frames that the camera leaves out [-].
+        repeated: Share of the frames in whose place it sends the one before again [-].
+        marker_hue: Hue of the marker, where green is 120 [deg].
         light: Changes of the light.
     """
 
@@ -192,6 +219,9 @@ class CameraConfig:
     tilt: tuple[float, float, float] = (0.008, -0.006, 0.010)
     noise: float = 3.0
     blur: float = 0.7
+    dropped: float = 0.0
+    repeated: float = 0.0
+    marker_hue: float = MARKER_HUE
     light: LightConfig = dataclasses.field(default_factory=LightConfig)
 
     def __post_init__(self):
@@ -203,6 +233,9 @@ class CameraConfig:
                 "frame_rate": (1.0, 1000.0, "1/s"),
                 "exposure": (0.0, 0.1, "s"),
                 "row_time": (0.0, 1e-3, "s"),
+                "dropped": (0.0, 0.9, ""),
+                "repeated": (0.0, 0.9, ""),
+                "marker_hue": (0.0, 360.0, "deg"),
             },
             "camera",
         )

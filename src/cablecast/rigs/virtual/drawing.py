@@ -4,6 +4,7 @@ Floor, table, foam boards, tags and clutter are drawn once; cable, attachment, m
 its shadow for each instant of an exposure.
 """
 
+import colorsys
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Attachment, Cable
 from cablecast.camera.lens import CameraView
+from cablecast.camera.settings import MARKER_HUE
 from cablecast.camera.tags import Tag, TagLayout
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
@@ -384,6 +386,8 @@ class Drawing:
             covered = float(np.clip(0.5 - clearance[0] / (2 * _PENUMBRA), 0.0, 1.0))
             self.light *= 1.0 - _SHADOW * covered
         self.cable_bgr = _CABLE_BGR.get(trial.cable.name, _OTHER_CABLE_BGR)
+        self.marker_bgr = _turned(_MARKER_BGR, config.marker_hue - MARKER_HUE)
+        self.marker_light_bgr = _turned(_MARKER_LIGHT_BGR, config.marker_hue - MARKER_HUE)
         self.magnet = trial.cable.attachment is Attachment.MAGNET
 
     def paint(self, canvas: Image, corner: tuple[int, int], on_table: NDArray[np.bool_]) -> None:
@@ -475,9 +479,16 @@ class Drawing:
                 line = [_fixed(hook, corner)]
                 cv2.polylines(image, line, False, colour, 3, cv2.LINE_AA, _SHIFT)
         outline = self.marker[index]
-        _fill(image, outline, corner, (np.array(_MARKER_BGR) * self.light).tolist())
+        _fill(image, outline, corner, (np.array(self.marker_bgr) * self.light).tolist())
         inner = outline.mean(axis=0) + 0.5 * (outline - outline.mean(axis=0))
-        _fill(image, inner, corner, (np.array(_MARKER_LIGHT_BGR) * self.light).tolist())
+        _fill(image, inner, corner, (np.array(self.marker_light_bgr) * self.light).tolist())
+
+
+@functools.cache
+def _turned(bgr: tuple[int, int, int], angle_deg: float) -> tuple[float, ...]:
+    """Return a colour whose hue is turned, as bright and as vivid."""
+    hue, saturation, value = colorsys.rgb_to_hsv(*bgr[::-1])
+    return colorsys.hsv_to_rgb((hue + angle_deg / 360) % 1.0, saturation, value)[::-1]
 
 
 def _fixed(points: Array, corner: tuple[int, int]) -> NDArray[np.int32]:
