@@ -28,6 +28,7 @@ COMMANDS = {
     "preparation": ("times:preparation", "time from five casts to the first aimed one"),
     "cluster": ("times:cluster", "throughput of a Ray cluster on this machine and of one thread"),
     "page": ("page:main", "latencies, memory and frames of the page of `cablecast view`"),
+    "light": ("light:main", "tracker in flicker, casts of colour, and with markers of any hue"),
     "laboratory": ("laboratory:main", "scatter and difficulty of the virtual rig and of the paper"),
 }
 """Module and function of each command, and what it measures."""

@@ -17,8 +17,8 @@ from cablecast.vision.calibration import Calibration
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.video import read_video, write_video
 
-# Markers at the free end, and at the hand, 2 cm above the table where the cable begins.
-MARKERS = {"end": ("green", None), "grip": ("blue", 0.02)}
+# Hue [deg] and height [m] of the markers: green at the free end, blue at the hand.
+MARKERS = {"end": (122.0, None), "grip": (242.0, 0.02)}
 
 
 def main(
@@ -46,9 +46,9 @@ def main(
 
 def track(video, films, out, name, setup):
     """Return the rows of frames.csv: frame, time, x and y of a marker."""
-    color, height = MARKERS[name]
+    hue, height = MARKERS[name]
     begin = (0.0, setup.workspace.reset_y + (setup.cable.length if name == "end" else 0.0))
-    config = TrackConfig(tags=films / "tags.yaml", color=color, marker_z=height, begin=begin)
+    config = TrackConfig(tags=films / "tags.yaml", marker_hue=hue, marker_z=height, begin=begin)
     folder = out / f"track-{video.stem}-{name}"
     cc.track_video(video, setup, config=config, out=folder)
     return [line.split(",") for line in (folder / "frames.csv").read_text().splitlines()[1:]]

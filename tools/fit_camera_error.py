@@ -22,7 +22,7 @@ from cablecast.rigs.virtual.camera import Film, VirtualCamera, calibrate_virtual
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import MODEL_PATH, CameraErrorModel, bias_terms
 from cablecast.vision.calibration import Calibration
-from cablecast.vision.tracker import sight_of
+from cablecast.vision.tracker import MarkerConfig, sight_of
 
 Array = NDArray[np.float64]
 
@@ -125,6 +125,7 @@ def measure(
     clip_count: int,
     seed: int,
     progress: Callable[[int], None] | None = None,
+    marker: MarkerConfig | None = None,
 ) -> list[Clip]:
     """Film and track made-up motions.
 
@@ -134,13 +135,14 @@ def measure(
         clip_count: Number of motions.
         seed: Seed of the motions.
         progress: Called with the number of finished clips.
+        marker: Marker that is looked for; one of the hue that is drawn where None.
     """
     clips = []
     for index in range(clip_count):
         rng = np.random.default_rng([seed, index])
         trial = clip_trial(rng, index)
         film = camera.film(trial, seed=int(rng.integers(2**31)))
-        tracker = track_film(film, calibration)
+        tracker = track_film(film, calibration, marker)
         times, tracked_xy = tracker.frames
         points = trial.shape_at(times)[:, -1]
         clearance = np.full(len(times), np.inf)

@@ -46,7 +46,8 @@ class CameraSettings:
         view_deg: Angle of view over the image's diagonal [deg], where no lens is given.
         lens: Lens, from `cablecast calibrate lens`; found from the tags where None.
         tags: Tags on the table; `default_layout` where None.
-        marker: Length and width of the green marker along and across the cable [m].
+        marker: Length and width of the marker along and across the cable [m].
+        marker_hue: Hue of the marker on a table that counts as grey; 120 is green [deg].
         films: Folder that keeps the film of each trial; none are kept where None.
     """
 
@@ -65,6 +66,7 @@ class CameraSettings:
     lens: Lens | None = None
     tags: TagLayout | None = None
     marker: tuple[float, float] = (0.038, 0.016)
+    marker_hue: float = MARKER_HUE
     films: str | None = None
 
     def __post_init__(self):
@@ -87,6 +89,7 @@ class CameraSettings:
                 "clock_offset": (-1e12, 1e12, "s"),
                 "row_time": (0.0, 1e-3, "s"),
                 "view_deg": (5.0, 175.0, "deg"),
+                "marker_hue": (0.0, 360.0, "deg"),
             },
             "camera",
         )

@@ -3,7 +3,6 @@
 import dataclasses
 import pathlib
 import re
-import typing
 from typing import Annotated, Any
 
 import tyro
@@ -13,7 +12,7 @@ from cablecast.cli.options import argument
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Track:
-    """Track the green marker at the cable's end in a video from above.
+    """Track the marker at the cable's end in a video from above.
 
     Writes the track every 100 ms (track.csv), the endpoint in every frame (frames.csv), the status
     of the trial (metrics.json), the calibration, and a picture of the track. Cells are empty where
@@ -45,8 +44,9 @@ class Track:
     """Time of the first frame of the motion, which is time 0 of the track [s]."""
     marker: Annotated[tuple[float, float], argument("LENGTH WIDTH")] = (0.038, 0.016)
     """Size of the marker along and across the cable [m]."""
-    color: typing.Literal["green", "red", "blue"] = "green"
-    """Color of the marker; a second one of another color tracks the hand that holds the cable."""
+    marker_hue: Annotated[float | None, argument("DEG", "that of --setup, or 122, green")] = None
+    """Hue of the marker: 0 is red, 120 green, 240 blue [deg]. `camera check --pick` measures it. A
+    second marker of another hue tracks the hand that holds the cable."""
     marker_z: Annotated[float | None, argument("M", "the cable's radius")] = None
     """Height of the marker above the table [m]."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/track-VIDEO")] = None

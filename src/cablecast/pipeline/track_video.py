@@ -6,12 +6,12 @@ import itertools
 import math
 import os
 import pathlib
-import typing
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.settings import MARKER_HUE
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DamagedFileError, InputError, check_number
@@ -32,11 +32,7 @@ PICTURE_FILE = "track.png"
 
 _CALIBRATION_FRAMES = 12
 
-MarkerColor = typing.Literal["green", "red", "blue"]
-
-# The tracker looks for green: a marker of another color is seen with two channels swapped (BGR).
-_CHANNELS = {"green": (0, 1, 2), "red": (0, 2, 1), "blue": (1, 0, 2)}
-_PLAIN = ("view_deg", "begin", "start", "marker", "color", "marker_z")
+_PLAIN = ("view_deg", "begin", "start", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
 
 
@@ -56,7 +52,8 @@ class TrackConfig:
             cable where None.
         start: Time at which the motion begins, from the first frame on [s].
         marker: Length and width of the marker along and across the cable [m].
-        color: Color of the marker: "green", "red" or "blue".
+        marker_hue: Hue of the marker: 0 is red, 120 green, 240 blue [deg]; that of the lab file's
+            camera where None.
         marker_z: Height of the marker's middle above the table [m]; the cable's radius where None.
     """
 
@@ -67,14 +64,11 @@ class TrackConfig:
     begin: tuple[float, float] | None = None
     start: float = 0.0
     marker: tuple[float, float] = (0.038, 0.016)
-    color: MarkerColor = "green"
+    marker_hue: float | None = None
     marker_z: float | None = None
 
     def __post_init__(self):
-        if self.color not in _CHANNELS:
-            raise InputError(
-                f"marker color {str(self.color)[:40]!r} must be one of {', '.join(_CHANNELS)}"
-            )
+        check_number("marker_hue", self.marker_hue or 0.0, 0.0, 360.0, "deg")
         check_number("marker_z", self.marker_z or 0.0, 0.0, 0.5, "m")
         if self.calibration is not None and (self.tags or self.board):
             raise InputError("a calibration says it all: give either it, or tags and board")
@@ -107,7 +101,7 @@ def track_video(
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = ignore,
 ) -> VideoTrack:
-    """Find the green marker in a video from above, and where the endpoint went (section V-C).
+    """Find the marker in a video from above, and where the endpoint went (section V-C).
 
     Args:
         video: Any video that FFmpeg reads, from a camera that did not move.
@@ -179,21 +173,25 @@ def _track(
             f"{lens.width} x {lens.height} px"
         )
     length, width = config.marker
+    hue = MARKER_HUE if setup.camera is None else setup.camera.marker_hue
+    marker = MarkerConfig(
+        length=length, width=width, hue=hue if config.marker_hue is None else config.marker_hue
+    )
     tracker = EndpointTracker(
         calibration.view,
         setup.workspace,
         TrackerConfig(
-            marker=MarkerConfig(length=length, width=width),
+            marker=marker,
             marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,
             exposure_max=min(1.0 / 120, 1.0 / info.rate),
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
-    image, task, channels = None, f"Tracking {video.name}", _CHANNELS[config.color]
+    image, task = None, f"Tracking {video.name}"
     for count, (time, image) in enumerate(frames, start=1):
         tracker.update(
             time - config.start,
-            lambda w, image=image: image[w[1] : w[3], w[0] : w[2]][..., channels],
+            lambda w, image=image: image[w[1] : w[3], w[0] : w[2]],
         )
         if count % 60 == 0:
             total = max(info.frame_count, count)

@@ -13,7 +13,7 @@ from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.live import Brightness, CameraFacts, Frame, FrameWatch
 from cablecast.vision.tags import detect_tags, load_cv2
-from cablecast.vision.tracker import green_mask, green_places
+from cablecast.vision.tracker import chroma_of, green_places, marker_mask, table_light
 from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
 from cablecast.workspace import Workspace
 
@@ -230,7 +230,9 @@ class CameraCheck:
             workspace, (length, _) = self._setup.workspace, self._settings.marker
             centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
             px_per_m = calibration.view.pixels_per_metre(centre)
-            green = green_places(green_mask(image) > 0, calibration.view, workspace)
+            light = table_light(image, calibration.view, workspace)
+            mask = marker_mask(*chroma_of(image, self._settings.marker_hue, light), 45.0) > 0
+            green = green_places(mask, calibration.view, workspace)
             green = green[green[:, 2] > length]
         exposure = self._facts.exposure
         return CameraReport(

@@ -1,10 +1,13 @@
 """The endpoint's track: the marker in every frame, near where it is expected or anywhere.
 
-A green patch is found by thresholds in HSV. It is recognised and located by its greenness,
-2 G - R - B, in which a motion blur over grey or white ground changes nothing but the spread: the
-sum over the patch stays, and so does the centroid, which is the marker's place in the middle of the
-exposure. Nothing is made up: a frame in which the marker is not seen, or not enough of it, gives
-NaN.
+The marker is recognised and located by its chroma along its own hue: for green that is
+2 G - R - B. In it a motion blur over grey ground changes nothing but the spread: the sum over the
+patch stays, and so does the centroid, which is the marker's place in the middle of the exposure.
+
+Light is taken out first. The table counts as grey, so that a colour cast does not change a hue; and
+each frame is brought to the brightness and colour of the first one by what lies about the marker
+and does not move. What had the marker's colour in the first frame is subtracted. Nothing is made
+up: a frame in which the marker is not seen, or not enough of it, gives NaN.
 """
 
 import dataclasses
@@ -14,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.camera.lens import CameraView
-from cablecast.camera.settings import BLIND_COUNT_MAX, CameraSight
+from cablecast.camera.settings import BLIND_COUNT_MAX, MARKER_HUE, CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError
 from cablecast.vision.tags import load_cv2
@@ -25,15 +28,28 @@ Window = tuple[int, int, int, int]
 Grab = Callable[[Window], NDArray[np.uint8]]
 """Function that returns a piece of the current frame, BGR."""
 
-_HUE_DEG, _HUE_TOLERANCE_DEG = 122.0, 32.0
-"""Hue of the marker, where green is 120, and its largest change by the light [deg]."""
-_SATURATION_MIN, _VALUE_MIN = 38, 35
-"""Least saturation and brightness of the marker's pixels, of 255; low enough for a blurred one."""
-_GREENNESS_MIN = 26.0
-"""Smallest 2 G - R - B of the marker's pixels."""
-_SHARE_MIN, _SHARE_MAX = 0.75, 1.6
-"""Greenness of a patch that may be the marker, as a multiple of the marker's own; with less of it
-in sight its centroid is not its middle."""
+_HUE_FIRST_DEG, _HUE_DEG = 45.0, 30.0
+"""Largest distance of the marker's hue in the first frame from what it is said to be, and of later
+hues from that one [deg]: tape and tape, lamp and lamp differ."""
+_NOISE_FACTOR = 3.5
+"""Least chroma of the marker's pixels, in standard deviations of that of the table about it."""
+_CHROMA_MIN, _VIVID_MIN = 10.0, 25.0
+"""Least chroma of a pixel, and of a marker's vivid parts, where there is hardly any noise."""
+_CLIPPED, _DARK = 250, 20
+"""Values of pixels from which on, and below which, they tell little about the light."""
+_FAIR_MIN = 0.3
+"""Share of pixels between these two that suffices to tell the light."""
+_GAIN_MIN, _GAIN_MAX = 0.1, 10.0
+"""Brightness of a frame as a multiple of the first one's, beyond which nothing is seen in it."""
+_GAIN_BIN, _GAIN_NEAR = 0.03, 0.08
+"""Width of the bins of the logarithm of brightness, and of the peak in it that is unmoved table."""
+_TINT_RATE = 1.0
+"""Fastest change of the light's colour, in its logarithm [1/s]."""
+_SAMPLE_COUNT = 12_000
+"""Pixels of a piece from which its light is found."""
+_SHARE_MIN, _SHARE_MAX, _SHARE_CLIPPED = 0.75, 1.6, 2.4
+"""Chroma of a patch that may be the marker, as a multiple of the marker's own; with less of it in
+sight its centroid is not its middle."""
 _AREA_MIN = 0.88
 """Share of the marker's area that must be seen while it hardly moves."""
 _GRID = 1.0
@@ -59,15 +75,17 @@ _BRINK = 0.03
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MarkerConfig:
-    """Size of the marker.
+    """Size and colour of the marker.
 
     Attributes:
         length: Length of the marker along the cable [m].
         width: Width of the marker across the cable [m].
+        hue: Hue of the marker on a table that counts as grey [deg].
     """
 
     length: float = 0.038
     width: float = 0.016
+    hue: float = MARKER_HUE
 
     @property
     def area(self) -> float:
@@ -78,49 +96,111 @@ class MarkerConfig:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Patch:
-    """A green patch of an image.
+    """A patch of the marker's colour.
 
     Attributes:
-        pixel: Centroid, weighted by greenness [px], shape [2].
-        greenness: Sum of 2 G - R - B over the patch.
-        area: Area at full greenness, which does not depend on the light, as long as the patch is
-            not blurred [px²].
-        hue_deg: Mean hue [deg].
-        extent: Standard deviation of the greenness along the longer and the shorter axis [px].
+        pixel: Centroid, weighted by chroma [px], shape [2].
+        chroma: Sum of the chroma over the patch, in the light of the first frame.
+        vivid: Chroma of its most vivid parts.
+        area: Area at that chroma, which does not depend on the light, as long as the patch is not
+            blurred [px²].
+        hue_off: Mean hue, from the one that is looked for [deg].
+        extent: Standard deviation of the chroma along the longer and the shorter axis [px].
         box: Left, top, right and bottom in the frame [px], the last two excluded.
         touches_edge: Whether it reaches the edge of the piece of image that was searched.
     """
 
     pixel: NDArray[np.float64]
-    greenness: float
+    chroma: float
+    vivid: float
     area: float
-    hue_deg: float
+    hue_off: float
     extent: tuple[float, float]
     box: tuple[int, int, int, int]
     touches_edge: bool
 
 
-def green_mask(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return 255 at pixels of the marker's colour and next to them, else 0, shape [v, u]."""
+def table_light(
+    image: NDArray[np.uint8], view: CameraView, workspace: Workspace
+) -> NDArray[np.float64]:
+    """Return the colour of the light, blue, green and red about 1 [-], by the table as grey."""
+    v, u = np.mgrid[0 : image.shape[0] : 8, 0 : image.shape[1] : 8]
+    on_table = workspace.on_table(view.to_table(np.stack([u, v], axis=-1).astype(float)))
+    pixels = image[::8, ::8][on_table].astype(float)
+    fair = pixels[(pixels < _CLIPPED).all(axis=1) & (pixels > _DARK).all(axis=1)]
+    if len(fair) < max(_FAIR_MIN * len(pixels) / 6, 1):
+        return np.ones(3)
+    colour = np.median(fair, axis=0)
+    return colour / colour.mean()
+
+
+def chroma_axes(hue_deg: float) -> NDArray[np.float64]:
+    """Return the weights of blue, green and red that give the chroma along and across a hue.
+
+    Grey has none of either. Along a hue of 120 degrees it is 2 G - R - B. Shape [2, 3].
+    """
+    angle = np.radians(hue_deg - np.array([240.0, 120.0, 0.0]))
+    return 2.0 * np.stack([np.cos(angle), -np.sin(angle)])
+
+
+def marker_mask(
+    along: NDArray[np.float32], across: NDArray[np.float32], noise: float, hue_tolerance: float
+) -> NDArray[np.uint8]:
+    """Return 255 at pixels of the marker's colour and next to them, else 0, shape [v, u].
+
+    Args:
+        along: Chroma along the marker's hue, shape [v, u].
+        across: Chroma across it, shape [v, u].
+        noise: Standard deviation of the chroma of the table.
+        hue_tolerance: Largest difference from the marker's hue [deg].
+    """
     cv2 = load_cv2()
-    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
-    # OpenCV halves hues, so that 360 degrees fit into a byte.
-    low = max(round((_HUE_DEG - _HUE_TOLERANCE_DEG) / 2), 0)
-    high = min(round((_HUE_DEG + _HUE_TOLERANCE_DEG) / 2), 179)
-    mask = cv2.inRange(hsv, (low, _SATURATION_MIN, _VALUE_MIN), (high, 255, 255))
+    aside = np.tan(np.radians(hue_tolerance)) * along + _NOISE_FACTOR * noise
+    inside = (along > _least_chroma(noise)) & (np.abs(across) < aside)
+    mask = inside.astype(np.uint8) * np.uint8(255)
     if not mask.any():
         return mask
-    # Noise makes single green pixels on dark ground; a blurred marker has holes.
+    # Noise makes single coloured pixels on dark ground; a blurred marker has holes.
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
     return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
 
-def _find_patches(image: NDArray[np.uint8], corner: tuple[int, int]) -> list[_Patch]:
-    """Return all patches of the marker's colour in a piece of a frame, by its corner u, v [px]."""
+def _least_chroma(noise: float) -> float:
+    return max(_NOISE_FACTOR * noise, _CHROMA_MIN)
+
+
+def chroma_of(
+    image: NDArray[np.uint8], hue_deg: float, light: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
+    """Return the chroma along and across a hue, shape [v, u], and its standard deviation.
+
+    The colour of the light is that of `table_light`.
+    """
+    weights = (chroma_axes(hue_deg) / light).astype(np.float32)
+    both = load_cv2().transform(image.astype(np.float32), weights)
+    return both[..., 0], both[..., 1], _spread(both[::8, ::8, 0])
+
+
+def _spread(values: NDArray[np.floating]) -> float:
+    """Return the standard deviation of most values, whatever the others are."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _find_patches(
+    along: NDArray[np.float32],
+    across: NDArray[np.float32],
+    still: NDArray[np.float32] | None,
+    noise: float,
+    hue_tolerance: float,
+    corner: tuple[int, int],
+) -> list[_Patch]:
+    """Return all patches of the marker's colour in a piece of a frame, by its corner u, v [px].
+
+    Arguments are those of `marker_mask`, and the chroma that was there in the first frame.
+    """
     cv2 = load_cv2()
-    if image.size == 0:
-        return []
-    mask = green_mask(image)
+    new = along if still is None else along - still
+    mask = marker_mask(new, across, noise, hue_tolerance)
     if not mask.any():
         return []
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
@@ -131,29 +211,26 @@ def _find_patches(image: NDArray[np.uint8], corner: tuple[int, int]) -> list[_Pa
         if area < 20:
             continue
         window = slice(top, top + h), slice(left, left + w)
-        piece = image[window].astype(np.float32)
-        inside = labels[window] == label
-        greenness = 2.0 * piece[..., 1] - piece[..., 0] - piece[..., 2]
-        greenness = np.where(inside & (greenness > _GREENNESS_MIN), greenness, 0.0)
-        total = float(greenness.sum())
+        inside = (labels[window] == label) & (new[window] > _least_chroma(noise))
+        chroma = np.where(inside, new[window], 0.0).astype(float)
+        total = float(chroma.sum())
         if total <= 0:
             continue
         v, u = np.mgrid[top : top + h, left : left + w]
-        mean_u, mean_v = float((greenness * u).sum() / total), float((greenness * v).sum() / total)
+        mean_u, mean_v = float((chroma * u).sum() / total), float((chroma * v).sum() / total)
         du, dv = u - mean_u, v - mean_v
-        mixed = (greenness * du * dv).sum()
-        spread = np.array(
-            [[(greenness * du * du).sum(), mixed], [mixed, (greenness * dv * dv).sum()]]
-        )
+        mixed = (chroma * du * dv).sum()
+        spread = np.array([[(chroma * du * du).sum(), mixed], [mixed, (chroma * dv * dv).sum()]])
         small, large = np.sqrt(np.maximum(np.linalg.eigvalsh(spread / total), 0.0))
-        vivid = float(np.quantile(greenness[greenness > 0], 0.85))
-        mean_colour = (piece * greenness[..., None]).sum(axis=(0, 1)) / total
+        vivid = float(np.quantile(chroma[chroma > 0], 0.85))
+        aside = (across[window] * chroma).sum() / (along[window] * chroma).sum()
         patches.append(
             _Patch(
                 pixel=np.array([mean_u + corner[0], mean_v + corner[1]]),
-                greenness=total,
+                chroma=total,
+                vivid=vivid,
                 area=total / vivid,
-                hue_deg=_hue_deg(mean_colour),
+                hue_off=float(np.degrees(np.arctan(aside))),
                 extent=(float(large), float(small)),
                 box=(left + corner[0], top + corner[1], left + w + corner[0], top + h + corner[1]),
                 touches_edge=left == 0 or top == 0 or left + w == width or top + h == height,
@@ -162,11 +239,85 @@ def _find_patches(image: NDArray[np.uint8], corner: tuple[int, int]) -> list[_Pa
     return patches
 
 
-def _hue_deg(bgr: NDArray[np.floating]) -> float:
-    """Return the hue of a colour whose largest part is green [deg]."""
-    blue, green, red = (float(value) for value in bgr)
-    span = max(green - min(red, blue), 1e-6)
-    return 120.0 + 60.0 * (blue - red) / span
+class _Light:
+    """Light of each frame, compared with that of the first one.
+
+    Args:
+        image: First frame, BGR, shape [v, u, 3].
+        colour: Colour of its light.
+        by_rows: Whether each row has a light of its own, as with a rolling shutter.
+    """
+
+    def __init__(self, image: NDArray[np.uint8], colour: NDArray[np.float64], by_rows: bool):
+        self.first, self.colour = image, colour
+        self._by_rows = by_rows
+        self._rows = np.zeros(len(image))
+        if by_rows:
+            # The first frame has bands of its own, by which it would be compared with.
+            grey = image[:, ::8].astype(np.float32).mean(axis=-1)
+            self._rows = _row_medians(np.log(grey + 0.5))
+            self._rows -= np.median(self._rows)
+        self._tint, self._time, self.is_clipped = np.zeros(3), -np.inf, False
+
+    def even(
+        self, piece: NDArray[np.uint8], window: Window, time: float
+    ) -> NDArray[np.float32] | None:
+        """Return a piece of a frame as the first frame's light, made white, would show it.
+
+        None where it is too dark or too bright to be compared.
+        """
+        left, top, right, bottom = window
+        stride = max(1, int(np.sqrt(piece.shape[0] * piece.shape[1] / _SAMPLE_COUNT)))
+        now = piece[::stride, ::stride].astype(np.float32)
+        then = self.first[top:bottom:stride, left:right:stride].astype(np.float32)
+        fair = (then > _DARK).all(axis=-1)
+        unclipped = fair & (now < _CLIPPED).all(axis=-1) & (then < _CLIPPED).all(axis=-1)
+        self.is_clipped = (fair & ~unclipped).mean() > _FAIR_MIN
+        if unclipped.mean() > _FAIR_MIN and not self._by_rows:
+            fair = unclipped
+        if fair.mean() < _FAIR_MIN / 3:
+            return None
+        change = np.log((now + 0.5) / (then + 0.5))
+        grey = np.where(fair, change.mean(axis=-1), np.nan)
+        rows = np.zeros(len(grey))
+        if self._by_rows:
+            rows = _row_medians(grey)
+            grey = grey - rows[:, None]
+        # What moved is some of the piece; the table is what changed alike.
+        peak = _peak(grey[fair])
+        alike = np.abs(grey - peak) < _GAIN_NEAR
+        gain = float(np.median(grey[alike])) if alike.any() else peak
+        tint = np.median(change[alike], axis=0) if alike.any() else np.full(3, gain)
+        tint = tint - tint.mean()
+        if np.isfinite(self._time):
+            most = _TINT_RATE * (time - self._time) + 0.005
+            tint = np.clip(tint, self._tint - most, self._tint + most)
+        self._tint, self._time = tint, time
+        at = np.interp(np.arange(piece.shape[0]), stride * np.arange(len(rows)), rows) + gain
+        if not np.log(_GAIN_MIN) < np.median(at) < np.log(_GAIN_MAX):
+            return None
+        brightness = np.exp(at + self._rows[top:bottom]).astype(np.float32)[:, None, None]
+        return piece / (brightness * (np.exp(tint) * self.colour).astype(np.float32))
+
+
+def _row_medians(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return medians of rows, smooth from row to row; NaN values do not count, shape [v]."""
+    from scipy.ndimage import median_filter
+
+    known = np.isfinite(values).sum(axis=1) > 4
+    if not known.any():
+        return np.zeros(len(values))
+    medians = np.nanmedian(values[known], axis=1)
+    at = np.arange(len(values))
+    return median_filter(np.interp(at, at[known], medians), size=9, mode="nearest")
+
+
+def _peak(values: NDArray[np.floating]) -> float:
+    """Return where most of some values lie."""
+    edge = np.log(_GAIN_MAX) + 1.0
+    count, edges = np.histogram(values, np.arange(-edge, edge, _GAIN_BIN))
+    smooth = np.convolve(count, [1.0, 2.0, 1.0], mode="same")
+    return float(edges[int(smooth.argmax())] + _GAIN_BIN / 2)
 
 
 def sample_path(
@@ -295,14 +446,14 @@ class _Seen:
 
 
 class EndpointTracker:
-    """Follows the green marker through the frames of one trial.
+    """Follows the marker through the frames of one trial.
 
     Args:
         view: Calibrated camera.
         workspace: Gives the table's edges.
         config: Settings of the tracker.
         start_xy: Approximate endpoint in the first frame [m], shape [2], which separates the marker
-            from other green things; None where unknown.
+            from other things of its colour; None where unknown.
     """
 
     def __init__(
@@ -320,9 +471,12 @@ class EndpointTracker:
         self._times: list[float] = []
         self._frame_time = -np.inf
         self._xy: list[NDArray[np.float64]] = []
-        self._greenness: float | None = None
+        self._chroma: float | None = None
         self._area = 0.0
-        # Pixels where something green lies that is not the marker, shape [v, u].
+        self._hue, self._hue_tolerance = self.config.marker.hue, _HUE_FIRST_DEG
+        self._light: _Light | None = None
+        self._still_chroma: NDArray[np.float32] | None = None
+        # Pixels where something of the marker's colour lies that is not it, shape [v, u].
         self.still_green: NDArray[np.bool_] | None = None
         lens = view.lens
         self._frame: Window = (0, 0, lens.width, lens.height)
@@ -344,7 +498,7 @@ class EndpointTracker:
         frame, self._frame_time = len(self._times), time
         patch = None
         if not self._seen:
-            patch = self._first(grab) if frame % _SEARCH_PERIOD == 0 else None
+            patch = self._first(time, grab) if frame % _SEARCH_PERIOD == 0 else None
         else:
             lost_count = frame - 1 - self._seen[-1].frame
             patch = self._near(time, lost_count, grab)
@@ -364,12 +518,12 @@ class EndpointTracker:
         return xy
 
     def _adapt(self, patch: _Patch) -> None:
-        """Adapt to how green and how large the marker is here and now."""
-        if self._greenness is None:
-            self._greenness, self._area = patch.greenness, patch.area
+        """Adapt to how vivid and how large the marker is here and now."""
+        if self._chroma is None:
+            self._chroma, self._area = patch.chroma, patch.area
             return
-        # Light and background change slowly against the frame rate.
-        self._greenness += 0.2 * (patch.greenness - self._greenness)
+        # What light and background leave of a change is slow against the frame rate.
+        self._chroma += 0.2 * (patch.chroma - self._chroma)
         # The area at rest only grows, when what covered the marker has gone: an arm that creeps
         # over it must not make it believed smaller.
         if patch.area > self._area and self._blur_px() < _BLUR_SMALL:
@@ -411,37 +565,42 @@ class EndpointTracker:
         """
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
-    def _first(self, grab: Grab) -> _Patch | None:
+    def _first(self, time: float, grab: Grab) -> _Patch | None:
         """Return the marker in the first frame that shows it.
 
-        Whatever else is green then lies still, and is no marker later either.
+        Whatever else has its colour then lies still, and is no marker later either.
         """
         expected = self.config.marker.area * self._px_per_m**2
         candidates = []
-        for patch in self._patches(self._frame, grab):
-            # Between a pale and a vivid green; the marker's own is measured after this.
-            if (
-                40.0 * expected < patch.greenness < 420.0 * expected
-                and 0.85 < patch.area / expected < 1.6
-                and self._shaped(patch, blur_px=0.0)
-            ):
-                # By size alone, the marker is the patch that is most like a vivid one.
-                misfit = abs(np.log(patch.greenness / (190.0 * expected)))
+        for patch in self._patches(self._frame, time, grab):
+            if 0.85 < patch.area / expected < 1.6 and self._shaped(patch, blur_px=0.0):
+                # By size alone, the marker is the most vivid patch.
+                misfit = -patch.vivid
                 if self._start_xy is not None:
                     xy = self.view.to_table(patch.pixel, self.config.marker_z)
-                    misfit = np.linalg.norm(xy - self._start_xy)
-                    # While the arm hides the marker, another green thing is not it.
+                    misfit = float(np.linalg.norm(xy - self._start_xy))
+                    # While the arm hides the marker, another thing of its colour is not it.
                     if misfit > self.config.start_radius:
                         continue
                 candidates.append((misfit, patch))
         found = min(candidates, key=lambda pair: pair[0])[1] if candidates else None
-        if self.still_green is None:
-            mask = green_mask(grab(self._frame)) > 0
-            if found is not None:
-                left, top, right, bottom = found.box
-                mask[top:bottom, left:right] = False
-            self.still_green = mask
+        if found is not None:
+            self._hue, self._hue_tolerance = self._hue + found.hue_off, _HUE_DEG
+        if self._light is not None and (self._still_chroma is None or found is not None):
+            self._look_at_still(self._light, found)
         return found
+
+    def _look_at_still(self, light: _Light, marker: _Patch | None) -> None:
+        """Keep what has the marker's colour in the first frame, and is not the marker."""
+        along, across, noise = chroma_of(light.first, self._hue, light.colour)
+        mask = marker_mask(along, across, noise, self._hue_tolerance) > 0
+        if marker is not None and self._still_chroma is None:
+            left, top, right, bottom = marker.box
+            mask[top:bottom, left:right] = False
+        elif self.still_green is not None:
+            mask &= self.still_green
+        self.still_green = mask
+        self._still_chroma = np.where(mask, load_cv2().blur(along, (3, 3)), 0.0)
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
         """Return the marker where it is expected, if it is there."""
@@ -465,13 +624,13 @@ class EndpointTracker:
         window = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
         if window[0] >= window[2] or window[1] >= window[3]:
             return None
-        return self._choose(self._patches(window, grab), centre, half, window, blur_px)
+        return self._choose(self._patches(window, time, grab), centre, half, window, blur_px)
 
     def _anywhere(self, time: float, grab: Grab) -> _Patch | None:
         """Return the marker from anywhere that it could have reached since it was seen."""
         last = self._seen[-1]
         reach = _SPEED_MAX * (time - last.time) * self._px_per_m + 40.0
-        patches = self._patches(self._frame, grab)
+        patches = self._patches(self._frame, time, grab)
         return self._choose(patches, last.pixel, reach, self._frame, self._blur_max)
 
     @property
@@ -479,19 +638,33 @@ class EndpointTracker:
         """Longest trace of the marker in a frame [px]."""
         return _SPEED_MAX * self.config.exposure_max * self._px_per_m
 
-    def _patches(self, window: Window, grab: Grab) -> list[_Patch]:
-        """Return the green patches of a piece of the frame that do not lie on other green."""
-        patches = _find_patches(grab(window), (window[0], window[1]))
-        still = self.still_green
-        if still is None:
-            return patches
-        u_max, v_max = self._frame[2] - 1, self._frame[3] - 1
+    def _patches(self, window: Window, time: float, grab: Grab) -> list[_Patch]:
+        """Return the patches of the marker's colour in a piece that do not lie on other ones."""
+        piece = grab(window)
+        if piece.size == 0:
+            return []
+        if self._light is None:
+            colour = table_light(piece, self.view, self.workspace)
+            self._light = _Light(piece.copy(), colour, self.config.row_time > 0)
+        even = self._light.even(piece, window, time)
+        if even is None:
+            return []
+        both = load_cv2().transform(even, chroma_axes(self._hue).astype(np.float32))
+        along, across = both[..., 0], both[..., 1]
+        left, top, right, bottom = window
+        still = None
+        if self._still_chroma is not None:
+            still = self._still_chroma[top:bottom, left:right]
+        noise = _spread(along[::2, ::2])
+        patches = _find_patches(along, across, still, noise, self._hue_tolerance, (left, top))
+        least = max(_VIVID_MIN, 1.5 * _least_chroma(noise))
+        green, u_max, v_max = self.still_green, self._frame[2] - 1, self._frame[3] - 1
 
         def lies_on_green(patch: _Patch) -> bool:
             u, v = np.round(patch.pixel).astype(int)
-            return bool(still[min(max(v, 0), v_max), min(max(u, 0), u_max)])
+            return green is not None and bool(green[min(max(v, 0), v_max), min(max(u, 0), u_max)])
 
-        return [patch for patch in patches if not lies_on_green(patch)]
+        return [patch for patch in patches if patch.vivid > least and not lies_on_green(patch)]
 
     def _choose(
         self,
@@ -504,8 +677,10 @@ class EndpointTracker:
         """Return the patch that looks most like the marker, if any does."""
         best, best_score = None, np.inf
         for patch in patches:
-            share = patch.greenness / (self._greenness or patch.greenness)
-            if not _SHARE_MIN <= share <= _SHARE_MAX:
+            share = patch.chroma / (self._chroma or patch.chroma)
+            # Where white is saturated, the light is brighter than it seems.
+            clipped = self._light is not None and self._light.is_clipped
+            if not _SHARE_MIN <= share <= (_SHARE_CLIPPED if clipped else _SHARE_MAX):
                 continue
             # The share says little of a marker that is slowly covered: it changes with the light.
             moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
@@ -521,14 +696,14 @@ class EndpointTracker:
             if distance > radius:
                 continue
             score = abs(np.log(share)) + distance / (radius + 1.0)
-            score += abs(patch.hue_deg - _HUE_DEG) / _HUE_TOLERANCE_DEG
+            score += abs(patch.hue_off) / self._hue_tolerance
             if score < best_score:
                 best, best_score = patch, score
         return best
 
     def _shaped(self, patch: _Patch, blur_px: float) -> bool:
         """Return whether a patch is as large as the marker can look."""
-        if abs(patch.hue_deg - _HUE_DEG) > _HUE_TOLERANCE_DEG:
+        if abs(patch.hue_off) > self._hue_tolerance:
             return False
         # Deviation of an even bar is its length over the root of 12; a pixel more for the lens.
         length = self.config.marker.length * self._px_per_m

@@ -300,7 +300,7 @@ class CameraOfTrials:
     def _new_tracker(self, start_xy: NDArray[np.float64], **changes: Any) -> EndpointTracker:
         length, width = self.settings.marker
         config = TrackerConfig(
-            marker=MarkerConfig(length=length, width=width),
+            marker=MarkerConfig(length=length, width=width, hue=self.settings.marker_hue),
             marker_z=self.setup.cable.radius,
             exposure_max=self.settings.exposure,
             row_time=self.settings.row_time,

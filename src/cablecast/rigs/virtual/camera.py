@@ -19,7 +19,7 @@ from cablecast.rigs.virtual.drawing import Drawing, FilmedTrial, Image, draw_bac
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.tags import load_cv2
-from cablecast.vision.tracker import EndpointTracker, Grab, TrackerConfig, Window
+from cablecast.vision.tracker import EndpointTracker, Grab, MarkerConfig, TrackerConfig, Window
 from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -312,13 +312,26 @@ class Film:
         return 1.0 + left * np.sin(2 * np.pi * light.lamp_rate * times + self._lamp_phase)
 
 
-def track_film(film: Film, calibration: Calibration) -> EndpointTracker:
-    """Run the tracker over a film, drawing only what it looks at."""
+def track_film(
+    film: Film, calibration: Calibration, marker: MarkerConfig | None = None
+) -> EndpointTracker:
+    """Run the tracker over a film, drawing only what it looks at.
+
+    Args:
+        film: Film of a trial.
+        calibration: Calibration of the camera.
+        marker: Marker that is looked for; one of the hue that is drawn where None.
+    """
+    config = film.camera.config
     trial = film.trial
     tracker = EndpointTracker(
         calibration.view,
         film.camera.workspace,
-        TrackerConfig(marker_z=trial.cable.radius),
+        TrackerConfig(
+            marker=marker or MarkerConfig(hue=config.marker_hue),
+            marker_z=trial.cable.radius,
+            row_time=config.row_time,
+        ),
         start_xy=trial.nodes[0, -1, :2],
     )
     for frame in film.arrivals:
