@@ -31,7 +31,7 @@ from cablecast.motion.polar import reset_pose
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.link import Phase, check_ready
 from cablecast.rigs.ur.program import check_path, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RigUR
+from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.ur.twin.truth import TruthCamera
@@ -85,7 +85,7 @@ class RigQuick(RigUR):
         home = np.asarray(reset_pose(self.setup.workspace), dtype=float)
         aside = self.setup.arm.inverse(home + [0.15, 0.0, 0.2, 0.2, 0.0])
         for place in (aside, self.setup.arm.inverse(home)):
-            way = joint_move(self._at_rest(link), place, APPROACH_SPEED, RESET_DT)
+            way = joint_move(self._at_rest(link), place, APPROACH_SPEED)
             check_path(way, self.setup, "the way back")
             self._play("cablecast_approach", way, Phase.RESET)
         self._wait(link, 0.2)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.errors import InputError, check_keys, check_number, check_ranges
+from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 Point = tuple[float, float, float]
 
@@ -64,6 +64,10 @@ class RobotConfig:
             as lost [s]. A twin that draws for its camera may need longer.
         lag_max: Largest distance of a joint from its set point, before the cast is aborted [rad].
         settle_time: Time from the end of a cast to the end of its trial [s].
+        input_register: First of three integer registers of the controller that this computer
+            writes, 0 to 45. Fieldbuses own those below 24.
+        output_register: First of three integer registers that our programs write: 12 to 17 or 36
+            to 41, as ur-rtde reads them.
     """
 
     address: str
@@ -82,6 +86,8 @@ class RobotConfig:
     silence_max: float = 1.0
     lag_max: float = 0.6
     settle_time: float = 2.5
+    input_register: int = 24
+    output_register: int = 36
 
     def __post_init__(self):
         if not isinstance(self.address, str) or not _HOST_NAME.fullmatch(self.address):
@@ -106,6 +112,13 @@ class RobotConfig:
             },
             "robot",
         )
+        check_count("robot input_register", self.input_register, 0, 45)
+        check_count("robot output_register", self.output_register, 12, 41)
+        if 17 < self.output_register < 36:
+            raise InputError(
+                f"robot output_register = {self.output_register} must be 12 to 17 or 36 to 41: "
+                "ur-rtde reads no others"
+            )
         if np.any(np.asarray(self.box_low) >= np.asarray(self.box_high)):
             raise InputError(
                 f"robot box_low = {list(self.box_low)} must be below box_high = "

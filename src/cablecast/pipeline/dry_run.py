@@ -12,7 +12,7 @@ from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
 from cablecast.rigs.ur.link import UrLink, check_ready
-from cablecast.rigs.ur.program import SetPoints, check_path
+from cablecast.rigs.ur.program import JointCurve, check_path
 from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
 
@@ -54,11 +54,7 @@ def dry_run(
     )
     for number, values in enumerate(actions):
         action = Action.from_array(values)
-        findings.append(
-            _check_motion(
-                f"cast {number}", plan_trajectory(action, setup), setup, setup.motion.control_dt
-            )
-        )
+        findings.append(_check_motion(f"cast {number}", plan_trajectory(action, setup), setup))
     if any(finding.problem for finding in findings):
         return [*findings, Finding("controller", "was not asked, because of the paths above")]
     return [*findings, *_check_controller(setup, robot), _check_camera(setup)]
@@ -66,10 +62,10 @@ def dry_run(
 
 def _check_reset(setup: Setup) -> Finding:
     slow = setup.with_motion(control_dt=RESET_DT)
-    return _check_motion("reset", plan_reset(reset_pose(setup.workspace), slow), slow, RESET_DT)
+    return _check_motion("reset", plan_reset(reset_pose(setup.workspace), slow), slow)
 
 
-def _check_motion(what: str, trajectory: Trajectory, setup: Setup, dt: float) -> Finding:
+def _check_motion(what: str, trajectory: Trajectory, setup: Setup) -> Finding:
     path = trajectory.joint_path
     if path is None:
         return Finding(what, "has no joints")
@@ -80,7 +76,7 @@ def _check_motion(what: str, trajectory: Trajectory, setup: Setup, dt: float) ->
         f"{grip[:, 1].max():.2f} m, z {grip[:, 2].min():.2f} to {grip[:, 2].max():.2f} m"
     )
     try:
-        check_path(SetPoints(path.q, dt), setup, what)
+        check_path(JointCurve.fit(path), setup, what)
     except CablecastError as error:
         return Finding(what, str(error), detail)
     return Finding(what, None, detail)

@@ -54,7 +54,7 @@ def way(link, setup, turn=0.3, speed=0.6):
     time.sleep(0.2)
     q = np.mean([r.q for r in list(link.reports)[-10:]], axis=0)
     away = abs(q[0] - home[0]) > turn / 2
-    return joint_move(q, home if away else home + [turn, 0, 0, 0, 0, 0], speed, 0.008)
+    return joint_move(q, home if away else home + [turn, 0, 0, 0, 0, 0], speed)
 
 
 def time_to_rest(process, event):
@@ -80,7 +80,7 @@ def test_a_motion_ends_where_it_should_and_every_report_of_it_is_kept(link, play
     assert {r.safety_bits for r in moved} == {1}
     # The path is followed as it was meant, a servo's lag behind.
     times = np.array([r.time for r in moved]) - record.start_time
-    meant = np.interp(times - 0.03, np.arange(len(points.q)) * points.dt, points.q[:, 0])
+    meant = points.evaluate(times - 0.03)[:, 0]
     assert np.abs(meant - [r.q[0] for r in moved]).max() < 0.02
     assert not link.latest().is_playing
 
@@ -174,9 +174,29 @@ def test_nothing_moves_where_the_centre_of_the_payload_is_another(link, twin):
 
 def test_a_motion_from_elsewhere_is_refused(link, player, twin):
     points = way(link, twin[1])
-    shifted = type(points)(points.q + 0.002, points.dt)
+    shifted = dataclasses.replace(points, q=points.q + 0.002)
     with pytest.raises(CastAbortedError, match="mrad from where the motion begins"):
         player.play("cablecast_test", shifted)
+
+
+def test_registers_that_somebody_else_writes_are_named_with_what_to_change(link, twin):
+    setup = twin[1]
+    begin = time.monotonic()
+    with pytest.raises(RigError, match=r"registers 24 to 26 .* set robot input_register") as caught:
+        UrLink(setup.robot)
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - begin < 20.0
+    beside = UrLink(dataclasses.replace(setup.robot, input_register=27))
+    beside.close()
+
+
+def test_a_program_that_the_controller_does_not_take_is_said_with_its_size(
+    link, player, twin, monkeypatch
+):
+    monkeypatch.setattr("cablecast.rigs.ur.player._START_TIME_MAX", 0.5)
+    monkeypatch.setattr(link, "send_program", lambda text: None)
+    with pytest.raises(RigError, match=r"did not start a program of \d\.\d kB within 0\.5 s"):
+        player.play("cablecast_test", way(link, twin[1]))
 
 
 def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
@@ -199,7 +219,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
             time.sleep(0.3)
             q = np.mean([r.q for r in list(link.reports)[-10:]], axis=0)
             side = -1.0 if q[0] > 0.0 else 1.0
-            points = joint_move(q, q + [0.6 * side, 0, 0, 0, 0, 0], 0.6, 0.008)
+            points = joint_move(q, q + [0.6 * side, 0, 0, 0, 0, 0], 0.6)
 
             def kill():
                 while not any(r.tick > 60 and r.state == 2 for r in list(link.reports)[-5:]):

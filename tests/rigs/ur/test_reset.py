@@ -32,9 +32,9 @@ def test_a_reset_from_where_a_cast_begins_starts_there_and_ends_there(setup, hom
 def test_a_gripper_that_a_hand_left_askew_first_goes_slowly_to_a_place_above_the_table(setup, home):
     askew = home + [0.1, -0.2, 0.1, 0.1, -0.1, 0.2]
     way, reset = reset_motions(askew, setup)
-    np.testing.assert_array_equal(way.q[0], askew)
+    np.testing.assert_allclose(way.q[0], askew, atol=1e-6)
     np.testing.assert_allclose(way.q[-1], reset.q[0], atol=1e-12)
-    assert np.abs(np.diff(way.q, axis=0)).max() / way.dt <= APPROACH_SPEED * 1.001
+    assert np.abs(way.qd).max() <= APPROACH_SPEED * 1.001
     assert setup.arm.grip_pose(way.q[-1])[2] > 0.2
     np.testing.assert_allclose(reset.q[-1], home, atol=1e-6)
 

@@ -21,8 +21,8 @@ from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.link import Phase, Report, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord
-from cablecast.rigs.ur.program import SetPoints, check_path, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, RESET_DT, RigUR, check_reports
+from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
+from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR, check_reports
 from cablecast.rigs.ur.twin.truth import TruthCamera
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
@@ -36,7 +36,7 @@ class RigQuick(RigUR):
         link = self._connected()
         check_ready(link, self.robot)
         home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
-        way = joint_move(self._at_rest(link), home, APPROACH_SPEED, RESET_DT)
+        way = joint_move(self._at_rest(link), home, APPROACH_SPEED)
         check_path(way, self.setup, "the way back")
         self._play("cablecast_approach", way, Phase.RESET)
         self._wait(link, 0.2)
@@ -95,7 +95,7 @@ def test_a_cast_whose_speed_falls_is_aborted_and_is_no_data(stick, cast):
 
 @pytest.mark.parametrize("lost", [(0.0, 0.2), (0.5, 0.7), (1.0, 1.5)])
 def test_a_cast_of_which_reports_were_lost_is_aborted(lost):
-    points = SetPoints(np.zeros((126, 6)), 0.008)
+    points = JointCurve(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)))
     still = np.zeros(6)
     times = 50.0 + np.arange(-20, 160) * 0.008
 
@@ -200,6 +200,6 @@ def test_a_motion_without_joints_is_refused(twin, wild):
     setup = twin[1]
     rig = RigUR(setup, TruthCamera(setup))
     with pytest.raises(RigError, match="needs the joints"):
-        rig.set_points(wild)
-    points = rig.set_points(plan_trajectory(Action(-0.4, 0.3, 0.62), setup))
-    assert points.dt == setup.motion.control_dt
+        rig.curve(wild)
+    trajectory = plan_trajectory(Action(-0.4, 0.3, 0.62), setup)
+    assert rig.curve(trajectory).duration == trajectory.joint_path.times[-1]

@@ -8,10 +8,10 @@ import pytest
 
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import RigError
-from cablecast.rigs.ur.agent import NUMBER_REGISTER
 from cablecast.rigs.ur.link import Report, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.program import ProgramState, SetPoints
+from cablecast.rigs.ur.program import JointCurve, ProgramState
+from cablecast.rigs.ur.rtde import NUMBER
 
 ROBOT = RobotConfig(
     address="127.0.0.1",
@@ -23,6 +23,7 @@ ROBOT = RobotConfig(
 DT = 0.008
 TICK_COUNT = 60
 FAULT_TICK = 30
+CURVE = JointCurve(np.array([0.0, TICK_COUNT * DT]), np.zeros((2, 6)), np.zeros((2, 6)))
 
 
 def report(time=0.0, **changes):
@@ -91,13 +92,15 @@ class ScriptedLink:
         self.commands = []
 
     def send_program(self, text):
-        self.number = int(re.search(rf"register\({NUMBER_REGISTER}, (\d+)\)", text)[1])
+        self.number = int(
+            re.search(rf"register\({ROBOT.output_register + NUMBER}, (\d+)\)", text)[1]
+        )
 
     def latest(self):
         if self.number:
             tick = min(len(self.reports), TICK_COUNT)
             state = ProgramState.DONE if tick == TICK_COUNT else ProgramState.MOVING
-            changes = {"tick": tick, "state": state, "number": self.number}
+            changes = {"tick": 8 * tick, "state": state, "number": self.number}
             if tick >= FAULT_TICK:
                 changes |= self.fault(tick)
             self.reports.append(report(len(self.reports) * DT, **changes))
@@ -118,13 +121,13 @@ class ScriptedLink:
 
 
 def play(link):
-    return Player(link, ROBOT).play("cast", SetPoints(np.zeros((TICK_COUNT + 1, 6)), DT))
+    return Player(link, ROBOT).play("cast", CURVE)
 
 
 def test_a_motion_that_is_as_it_should_be_is_kept_from_its_start():
     record = play(ScriptedLink(lambda tick: {}))
     assert record.start_time == pytest.approx(0.0)
-    assert [r.tick for r in record.reports] == list(range(1, TICK_COUNT + 1))
+    assert [r.tick for r in record.reports] == list(range(8, 8 * TICK_COUNT + 1, 8))
 
 
 def interrupt(tick):
@@ -132,7 +135,7 @@ def interrupt(tick):
 
 
 def stuck(tick):
-    return {"tick": FAULT_TICK, "state": ProgramState.MOVING}
+    return {"tick": 8 * FAULT_TICK, "state": ProgramState.MOVING}
 
 
 @pytest.mark.parametrize(

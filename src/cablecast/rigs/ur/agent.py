@@ -15,21 +15,11 @@ import threading
 import time
 from typing import Any, TextIO
 
-RTDE_PORT, DASHBOARD_PORT, PROGRAM_PORT = 30004, 29999, 30002
-"""Ports of every UR controller; programs go to the secondary client interface."""
+from cablecast.errors import RigError
+from cablecast.rigs.ur.rtde import BEAT, NUMBER, STATE, TICK, RegisterWriter
 
-BEAT_REGISTER = 18
-"""Input: a number that this computer changes as long as all is well."""
-STOP_REGISTER = 19
-"""Input: number of the program that shall stop."""
-PHASE_REGISTER = 20
-"""Input: a `Phase`, what the rig is doing."""
-STATE_REGISTER = 12
-"""Output: a `ProgramState`."""
-TICK_REGISTER = 13
-"""Output: number of the set point that is being approached, from 1; 0 before the motion."""
-NUMBER_REGISTER = 14
-"""Output: number of the program, so that one is not taken for another."""
+DASHBOARD_PORT, PROGRAM_PORT = 29999, 30002
+"""Ports of every UR controller; programs go to the secondary client interface."""
 
 OWNER_TIME_MAX = 0.5
 """Longest time for which the heart beats without a word from the owner [s]."""
@@ -44,11 +34,19 @@ class Agent:
         out: Stream of answers.
         address: Name or address of the controller.
         beat_period: Time between two heartbeats [s].
+        input_register: First of the registers that are written.
+        output_register: First of the registers that programs write.
     """
 
-    def __init__(self, out: TextIO, address: str, beat_period: float):
+    def __init__(
+        self,
+        out: TextIO,
+        address: str,
+        beat_period: float,
+        input_register: int,
+        output_register: int,
+    ):
         import dashboard_client
-        import rtde_io
         import rtde_receive
 
         self._out = out
@@ -60,8 +58,11 @@ class Agent:
         self._beat_at = 0.0
         self._dashboard: Any = dashboard_client.DashboardClient(address, DASHBOARD_PORT)
         self._dashboard.connect(_CONNECT_TIME_MAX_MS)
-        self._receive: Any = rtde_receive.RTDEReceiveInterface(address)
-        self._io: Any = rtde_io.RTDEIOInterface(address)
+        self._output_register = output_register
+        self._receive: Any = rtde_receive.RTDEReceiveInterface(
+            address, use_upper_range_registers=output_register >= 24
+        )
+        self._inputs = RegisterWriter(address, input_register)
         for target in (self._record, self._pulse):
             threading.Thread(target=target, daemon=True).start()
 
@@ -80,8 +81,8 @@ class Agent:
             self._alive_until = 0.0
         elif do == "write":
             # One that is not written is a connection that broke: the owner notices the silence.
-            with self._write_lock:
-                self._io.setInputIntRegister(command["register"], command["value"])
+            with contextlib.suppress(OSError), self._write_lock:
+                self._inputs.write(command["register"], command["value"])
         elif do == "ask":
             try:
                 self.say(answer=str(getattr(self._dashboard, command["question"])()))
@@ -101,8 +102,8 @@ class Agent:
             return
         self._beat_at = now
         self._beat = (self._beat + 1) % 1_000_000
-        with contextlib.suppress(Exception), self._write_lock:
-            self._io.setInputIntRegister(BEAT_REGISTER, self._beat)
+        with contextlib.suppress(OSError), self._write_lock:
+            self._inputs.write(BEAT, self._beat)
 
     def _record(self) -> None:
         """Send every report that is read whole, in the order of the attributes of `Report`."""
@@ -126,9 +127,10 @@ class Agent:
                     r.getRuntimeState() == 2,
                     r.getPayload(),
                     self._payload_cog(),
-                    r.getOutputIntRegister(STATE_REGISTER),
-                    r.getOutputIntRegister(TICK_REGISTER),
-                    r.getOutputIntRegister(NUMBER_REGISTER),
+                    *(
+                        r.getOutputIntRegister(self._output_register + index)
+                        for index in (STATE, TICK, NUMBER)
+                    ),
                 ]
                 # A report that changed while it was read is read again.
                 if r.getTimestamp() == now:
@@ -151,7 +153,7 @@ class Agent:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
+    return " ".join(str(error).split())[:300]
 
 
 def main() -> None:
@@ -166,7 +168,8 @@ def main() -> None:
         out.flush()
         return
     except Exception as error:
-        out.write(json.dumps({"failed": _one_line(error)}) + "\n")
+        kind = "refused" if isinstance(error, RigError) else "failed"
+        out.write(json.dumps({kind: _one_line(error)}) + "\n")
         out.flush()
         os._exit(1)
     agent.say(connected=True)

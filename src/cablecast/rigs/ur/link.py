@@ -18,13 +18,8 @@ from numpy.typing import NDArray
 
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import MissingExtraError, RigError
-from cablecast.rigs.ur.agent import (
-    DASHBOARD_PORT,
-    PHASE_REGISTER,
-    PROGRAM_PORT,
-    RTDE_PORT,
-    STOP_REGISTER,
-)
+from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
+from cablecast.rigs.ur.rtde import PHASE, RTDE_PORT, STOP
 
 _CONNECT_TIME_MAX = 3.0
 _AGENT_TIME_MAX = 20.0
@@ -52,7 +47,7 @@ class Report:
         payload_cog: Centre of that payload in the flange frame [m], shape [3]; None where the
             controller does not report it.
         state: State that the program wrote.
-        tick: Set point that the program has reached.
+        tick: Time of the set point that the program has reached, in units of `TICK_DT`.
         number: Number of the program.
     """
 
@@ -130,10 +125,17 @@ class UrLink:
 
     def _connect(self) -> None:
         robot = self.robot
-        self._tell(address=robot.address, beat_period=robot.watchdog / _BEATS_PER_WATCHDOG)
+        self._tell(
+            address=robot.address,
+            beat_period=robot.watchdog / _BEATS_PER_WATCHDOG,
+            input_register=robot.input_register,
+            output_register=robot.output_register,
+        )
         answer = self._answer(_AGENT_TIME_MAX)
         if "missing" in answer:
             raise MissingExtraError("ur-rtde", "ur", "--rig ur")
+        if "refused" in answer:
+            raise RigError(answer["refused"])
         if "connected" not in answer:
             raise RigError(
                 f"the controller at {robot.address} refused the connection: {answer.get('failed')}"
@@ -200,11 +202,11 @@ class UrLink:
 
     def ask_to_stop(self, number: int) -> None:
         """Ask the program of a number to stop; one that comes later does not heed it."""
-        self._tell(do="write", register=STOP_REGISTER, value=number)
+        self._tell(do="write", register=STOP, value=number)
 
     def set_phase(self, phase: Phase) -> None:
         """Say what the rig is doing."""
-        self._tell(do="write", register=PHASE_REGISTER, value=phase)
+        self._tell(do="write", register=PHASE, value=phase)
 
     def send_program(self, text: str) -> None:
         """Send a program, which runs at once.

@@ -10,7 +10,7 @@ import numpy as np
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import CablecastError, RigError
 from cablecast.rigs.ur.link import SPEED_TOLERANCE, Report, UrLink, check_safe
-from cablecast.rigs.ur.program import HOLD_TIME, ProgramState, SetPoints, motion_program
+from cablecast.rigs.ur.program import HOLD_TIME, TICK_DT, JointCurve, ProgramState, motion_program
 
 REST_SPEED = 0.02
 """Joint speed below which the arm rests, encoder noise included [rad/s]."""
@@ -54,19 +54,19 @@ class Player:
         self.link = link
         self.robot = robot
 
-    def play(self, name: str, points: SetPoints) -> MotionRecord:
+    def play(self, name: str, curve: JointCurve) -> MotionRecord:
         """Play a motion to its end, and stop the arm if anything is not as it should be.
 
         Args:
             name: Name of the program.
-            points: Set points, which have been checked; the arm stands at the first.
+            curve: Path, which has been checked; the arm stands at its start.
 
         Raises:
             CastAbortedError: The motion was slowed, lagged, or was stopped by somebody.
             RigError: The arm stopped for safety, or the controller is silent.
         """
         link = self.link
-        off = float(np.abs(link.latest().q - points.q[0]).max())
+        off = float(np.abs(link.latest().q - curve.q[0]).max())
         if off > _START_TOLERANCE:
             raise CastAbortedError(
                 f"the arm stands {off * 1e3:.1f} mrad from where the motion begins, more than "
@@ -79,11 +79,12 @@ class Player:
         try:
             link.keep_alive()
             first = link.latest().time
-            link.send_program(motion_program(name, points, self.robot, number))
-            self._wait_for_start(number)
-            reports = self._watch(points, first, number)
+            program = motion_program(name, curve, self.robot, number)
+            link.send_program(program)
+            self._wait_for_start(number, len(program))
+            reports = self._watch(first, number)
             done = True
-            return MotionRecord(_start_time(reports, points.dt), reports)
+            return MotionRecord(_start_time(reports), reports)
         finally:
             link.rest()
             if not done:
@@ -109,19 +110,20 @@ class Player:
         with contextlib.suppress(CablecastError):
             link.ask("stop")
 
-    def _wait_for_start(self, number: int) -> None:
+    def _wait_for_start(self, number: int, size: int) -> None:
         deadline = time.monotonic() + _START_TIME_MAX
         while (report := self.link.latest()).number != number:
             self.link.keep_alive()
             check_safe(report)
             if time.monotonic() > deadline:
                 raise RigError(
-                    f"the controller did not start the program within {_START_TIME_MAX:g} s: look "
-                    "at the log of the pendant, and whether another program runs"
+                    f"the controller did not start a program of {size / 1000:.1f} kB within "
+                    f"{_START_TIME_MAX:g} s: look at the log of the pendant, whether another "
+                    "program runs, and whether it takes programs of that size"
                 )
             time.sleep(_POLL)
 
-    def _watch(self, points: SetPoints, first: float, number: int) -> list[Report]:
+    def _watch(self, first: float, number: int) -> list[Report]:
         """Watch until the motion is done, and return its reports."""
         link = self.link
         seen: list[Report] = []
@@ -135,9 +137,9 @@ class Player:
                 if report.number == number:
                     self._check_program(report)
                     if start is None and report.tick > 0:
-                        start = report.time - report.tick * points.dt
+                        start = report.time - report.tick * TICK_DT
                 if start is not None:
-                    _check_pace(report, start, points)
+                    _check_pace(report, start)
             seen.extend(fresh)
             if newest.number == number and newest.state == ProgramState.DONE:
                 return seen
@@ -171,11 +173,11 @@ class Player:
             raise CastAbortedError("somebody stopped the program at the pendant")
 
 
-def _check_pace(report: Report, start: float, points: SetPoints) -> None:
+def _check_pace(report: Report, start: float) -> None:
     """Refuse a program that falls behind the clock: the controller has slowed it."""
     if report.state != ProgramState.MOVING:
         return
-    behind = report.time - start - report.tick * points.dt
+    behind = report.time - start - report.tick * TICK_DT
     if behind > _TICK_LAG_MAX:
         raise CastAbortedError(
             f"the program is {behind:.3f} s behind the controller's clock, more than "
@@ -183,9 +185,11 @@ def _check_pace(report: Report, start: float, points: SetPoints) -> None:
         )
 
 
-def _start_time(reports: list[Report], dt: float) -> float:
+def _start_time(reports: list[Report]) -> float:
     """Return when the motion began by the controller's clock [s]."""
-    starts = [r.time - r.tick * dt for r in reports if r.state == ProgramState.MOVING and r.tick]
+    starts = [
+        r.time - r.tick * TICK_DT for r in reports if r.state == ProgramState.MOVING and r.tick
+    ]
     if not starts:
         raise CastAbortedError(f"no report came from the motion after its hold of {HOLD_TIME:g} s")
     return float(np.median(starts))

@@ -1,100 +1,165 @@
-"""Set points of one motion: their checks, and the program that carries them to the controller.
+"""Path of one motion: its fit, its checks, and the program that carries it to the controller.
 
-The program runs on the controller's clock. Each cycle it looks whether this computer is still
-there, and whether it asks to stop; if so, it brakes and ends. What it does and how far it is stands
-in registers that RTDE reports.
+A program holds a path as cubic pieces in joint space, a line each, and evaluates them at the
+controller's own rate. Each cycle it looks whether this computer is still there, and whether it asks
+to stop; if so, it brakes and ends. What it does and how far it is stands in registers that RTDE
+reports.
+
+Sources: Universal Robots, "The URScript Programming Language"; controllers neither run nor refuse
+programs of some 1,000 to 2,500 motions (GitHub: visose/Robots #55, ros-industrial/universal_robot
+#411), so that a program here is short, whatever its motion.
 """
 
 import dataclasses
 import enum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.robot import RobotConfig
 from cablecast.arm.shape import find_collision
 from cablecast.arm.ur import JOINT_NAMES
 from cablecast.errors import InputError, JointLimitError
-from cablecast.rigs.ur.agent import (
-    BEAT_REGISTER,
-    NUMBER_REGISTER,
-    STATE_REGISTER,
-    STOP_REGISTER,
-    TICK_REGISTER,
-)
+from cablecast.motion.trajectory import JointPath
+from cablecast.rigs.ur.rtde import BEAT, NUMBER, STATE, STOP, TICK
 from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
 
-CONTROL_DTS = (0.002, 0.004, 0.008)
-"""Times between set points that the programs use [s]: whole cycles of both controllers."""
+PROGRAM_SIZE_MAX = 20_000
+"""Longest program [byte]."""
+TICK_DT = 0.001
+"""Unit of the time that a program reports [s]."""
+FIT_TOLERANCE = 8e-5
+"""Largest distance of a piece from the set points [rad]: with what lies between them, 1e-4."""
+_KNOT_DT = 0.008
+"""Pieces last whole multiples of it [s]: whole cycles of every controller."""
+_CHECK_DT = 0.002
+_DECIMALS_Q, _DECIMALS_QD = 6, 5
+"""A microradian moves the grip by less than a micrometre."""
 _LIMIT_TOLERANCE = 1.001
 _ACCELERATION_MARGIN = 1.25
-"""Second differences of set points overshoot the true peak of an acceleration at its corners."""
+"""Pieces overshoot the true peak of an acceleration at its corners."""
 
 
 @dataclasses.dataclass(frozen=True)
-class SetPoints:
-    """Set points at even times, from rest to rest.
+class JointCurve:
+    """Path of the joints as cubic pieces between knots, from rest to rest.
+
+    Angles and rates are those of the program, rounded as they are sent: what is checked is what the
+    controller evaluates.
 
     Attributes:
-        q: Joint angles [rad], shape [tick, 6].
-        dt: Time between two of them [s].
+        times: Times of the knots, the first 0 [s], shape [knot].
+        q: Joint angles at the knots [rad], shape [knot, 6].
+        qd: Joint rates at the knots, zero at both ends [rad/s], shape [knot, 6].
     """
 
+    times: Array
     q: Array
-    dt: float
+    qd: Array
 
     def __post_init__(self):
-        if self.q.ndim != 2 or self.q.shape[1] != 6 or len(self.q) < 2:
-            raise InputError(f"set points have shape {self.q.shape}, not [tick, 6]")
-        if not np.all(np.isfinite(self.q)):
-            raise InputError("set points must be finite")
-        if not any(abs(self.dt - dt) < 1e-9 for dt in CONTROL_DTS):
-            known = ", ".join(f"{dt:g}" for dt in CONTROL_DTS)
-            raise InputError(f"control_dt = {self.dt:g} s of a robot must be one of {known} s")
+        shape = (len(self.times), 6)
+        if len(self.times) < 2 or self.q.shape != shape or self.qd.shape != shape:
+            raise InputError(
+                f"a curve has shapes times {self.times.shape}, q {self.q.shape}, qd "
+                f"{self.qd.shape}, not [knot], [knot, 6], [knot, 6]"
+            )
+        if not (np.all(np.isfinite(self.q)) and np.all(np.isfinite(self.qd))):
+            raise InputError("the path of a motion must be finite")
+        spans = np.diff(self.times) / _KNOT_DT
+        if self.times[0] != 0.0 or np.any(spans < 0.5) or np.any(abs(spans - spans.round()) > 1e-6):
+            raise InputError(f"pieces of a motion must last whole multiples of {_KNOT_DT:g} s")
+        if np.any(self.qd[[0, -1]] != 0.0):
+            raise InputError("a motion must start and end at rest")
+        object.__setattr__(self, "q", self.q.round(_DECIMALS_Q))
+        object.__setattr__(self, "qd", self.qd.round(_DECIMALS_QD))
+
+    @classmethod
+    def fit(cls, path: JointPath) -> "JointCurve":
+        """Fit a curve to set points at even times, with as few pieces as `FIT_TOLERANCE` allows.
+
+        Raises:
+            InputError: The set points are at times that no controller has.
+        """
+        dt = float(path.times[1] - path.times[0]) if len(path.times) > 1 else 0.0
+        stride = round(_KNOT_DT / dt) if dt > 0.0 else 0
+        if abs(stride * dt - _KNOT_DT) > 1e-9 or stride < 1:
+            raise InputError(
+                f"control_dt = {dt:g} s of a robot must divide {_KNOT_DT:g} s, as 0.002 s does"
+            )
+        # Held at its end until the next knot.
+        pad = ((0, -(len(path.q) - 1) % stride), (0, 0))
+        q, qd = np.pad(path.q, pad, "edge"), np.pad(path.qd, pad)
+        qd[[0, -1]] = 0.0
+        sent = q.round(_DECIMALS_Q), qd.round(_DECIMALS_QD)
+        knots, last = [0], len(q) - 1
+        while (start := knots[-1]) < last:
+            end = start + stride
+            while end < last:
+                span = slice(start, end + stride + 1)
+                shares = np.linspace(0.0, 1.0, end + stride - start + 1)
+                ends = [start, end + stride]
+                piece = _hermite(shares, sent[0][ends], sent[1][ends], (ends[1] - start) * dt)
+                if np.abs(piece - q[span]).max() > FIT_TOLERANCE:
+                    break
+                end += stride
+            knots.append(end)
+        times = np.array(knots, dtype=np.float64) * dt
+        return cls(times, *(values[knots] for values in sent))
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last [s]."""
-        return (len(self.q) - 1) * self.dt
+        """Time from start to end [s]."""
+        return float(self.times[-1])
 
-    def slowed(self, factor: float) -> "SetPoints":
-        """Return the same way at a part of the speed.
+    def evaluate(self, times: ArrayLike) -> Array:
+        """Return joint angles [rad], shape [time, 6], held before the start and after the end."""
+        times = np.clip(np.asarray(times, dtype=float), 0.0, self.duration)
+        piece = np.searchsorted(self.times[1:-1], times, side="right")
+        spans = np.diff(self.times)[piece]
+        ends = np.stack([piece, piece + 1])
+        return _hermite((times - self.times[piece]) / spans, self.q[ends], self.qd[ends], spans)
 
-        Args:
-            factor: Share of the speed, above 0 and at most 1 [-].
-        """
-        from scipy.interpolate import CubicSpline
-
-        times = np.arange(len(self.q)) * self.dt
-        count = int(np.ceil(times[-1] / factor / self.dt)) + 1
-        spline = CubicSpline(times, self.q, axis=0, bc_type="clamped")
-        q = spline(np.minimum(np.arange(count) * self.dt * factor, times[-1]))
-        return SetPoints(np.asarray(q), self.dt)
+    def slowed(self, factor: int) -> "JointCurve":
+        """Return the same way in a whole multiple of its time."""
+        return JointCurve(self.times * factor, self.q, self.qd / factor)
 
 
-def joint_move(start: Array, end: Array, speed: float, dt: float) -> SetPoints:
+def _hermite(shares: Array, q: Array, qd: Array, spans: ArrayLike) -> Array:
+    """Return a cubic at shares of its span, from angles and rates at both ends."""
+    u, spans = (
+        shares[:, None],
+        np.broadcast_to(np.asarray(spans, dtype=float), shares.shape)[:, None],
+    )
+    w = u * u * (3 - 2 * u)
+    return (1 - w) * q[0] + w * q[1] + u * (1 - u) * spans * ((1 - u) * qd[0] - u * qd[1])
+
+
+def joint_move(start: Array, end: Array, speed: float) -> JointCurve:
     """Return a straight way in joint space, from rest to rest.
 
     Args:
         start: Joint angles at its start [rad], shape [6].
         end: Joint angles at its end [rad], shape [6].
         speed: Largest speed of a joint [rad/s].
-        dt: Time between set points [s].
     """
     distance = float(np.abs(end - start).max())
-    duration = max(1.875 * distance / speed, 4 * dt)
-    count = int(np.ceil(duration / dt)) + 1
-    u = np.linspace(0.0, 1.0, count)[:, None]
-    return SetPoints(start + u**3 * (10 - 15 * u + 6 * u * u) * (end - start), dt)
+    duration = max(1.875 * distance / speed, 4 * _KNOT_DT)
+    count = int(np.ceil(duration / _KNOT_DT))
+    u = np.linspace(0.0, 1.0, count + 1)[:, None]
+    times = np.arange(count + 1, dtype=np.float64) * _KNOT_DT
+    q = start + u**3 * (10 - 15 * u + 6 * u * u) * (end - start)
+    qd = 30 * u**2 * (1 - u) ** 2 * (end - start) / times[-1]
+    return JointCurve.fit(JointPath(times=times, q=q, qd=qd))
 
 
-def check_path(points: SetPoints, setup: Setup, what: str) -> None:
-    """Refuse set points that leave limits or box, or come too close to anything.
+def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
+    """Refuse a path that leaves limits or box, or comes too close to anything.
 
     Args:
-        points: Set points.
+        curve: The path as it is sent.
         setup: Arm with its limits, and the robot section with box, margins and obstacles.
         what: Name of the motion in the error.
 
@@ -105,11 +170,11 @@ def check_path(points: SetPoints, setup: Setup, what: str) -> None:
     robot, limits = setup.robot, setup.arm.limits
     if robot is None:
         raise InputError("the lab file has no robot section: --rig ur needs one")
-    q, dt = points.q, points.dt
+    q = curve.evaluate(np.arange(round(curve.duration / _CHECK_DT) + 1) * _CHECK_DT)
     position = np.array(limits.position) - robot.position_margin
-    qd = np.diff(q, axis=0) / dt
+    qd = np.diff(q, axis=0) / _CHECK_DT
     padded = np.concatenate([np.zeros((1, 6)), qd, np.zeros((1, 6))])
-    qdd = np.diff(padded, axis=0) / dt
+    qdd = np.diff(padded, axis=0) / _CHECK_DT
     for values, bound, name, unit in (
         (q, position, "at", "rad"),
         (qd, np.array(limits.velocity) * _LIMIT_TOLERANCE, "turning at", "rad/s"),
@@ -155,71 +220,116 @@ class ProgramState(enum.IntEnum):
     SILENCE = 5
 
 
-def motion_program(name: str, points: SetPoints, robot: RobotConfig, number: int) -> str:
+_PROGRAM = """\
+def {name}():
+  global step = get_steptime()
+  global cycle = floor(1000 * step + 0.5)
+  global beat = read_input_integer_register({beat})
+  global silence = 0
+  global tick = 0
+  global q_0 = {start}
+  global qd_0 = {rest}
+  write_output_integer_register({tick}, 0)
+  write_output_integer_register({state}, {holding:d})
+  write_output_integer_register({program}, {number})
+  def brake(state):
+    write_output_integer_register({state}, state)
+    stopj({deceleration:g})
+    halt
+  end
+  def servo(q):
+    local now = read_input_integer_register({beat})
+    silence = silence + cycle
+    if now != beat:
+      silence = 0
+      beat = now
+    end
+    if read_input_integer_register({stop}) == {number}:
+      brake({stopped:d})
+    elif silence > {silence_max}:
+      brake({silent:d})
+    end
+    write_output_integer_register({tick}, tick)
+    servoj(q, t=step, lookahead_time={lookahead:g}, gain={gain:g})
+  end
+  def go(span, q, qd):
+    local at = 0.0
+    while at < span - 0.5:
+      at = at + cycle
+      tick = tick + cycle
+      local u = at / span
+      local w = u * u * (3.0 - 2.0 * u)
+      local c = u * (1.0 - u) * span / 1000.0
+      local a = c * (1.0 - u)
+      local b = c * u
+      servo({angles})
+    end
+    q_0 = q
+    qd_0 = qd
+  end
+  local held = 0
+  while held < {hold}:
+    servo(q_0)
+    held = held + cycle
+  end
+  write_output_integer_register({state}, {moving:d})
+{pieces}
+  stopj({deceleration:g})
+  write_output_integer_register({state}, {done:d})
+end
+"""
+_ANGLES = ", ".join(
+    f"q_0[{j}] + w * (q[{j}] - q_0[{j}]) + a * qd_0[{j}] - b * qd[{j}]" for j in range(6)
+)
+
+
+def motion_program(name: str, curve: JointCurve, robot: RobotConfig, number: int) -> str:
     """Return the program of one motion, in URScript.
 
     Args:
         name: Name of the program.
-        points: Set points; the arm stands at the first.
-        robot: Settings of servoj, and the longest silence.
+        curve: Path; the arm stands at its start.
+        robot: Registers, settings of servoj, and the longest silence.
         number: Number of the program.
+
+    Raises:
+        InputError: The path has so many pieces that a controller may not take its program.
     """
-    silence = max(2, round(robot.watchdog / points.dt))
-    rows = points.q
-    lines = [
-        f"def {name}():",
-        f"  global beat = read_input_integer_register({BEAT_REGISTER})",
-        "  global silence = 0",
-        "  global going = True",
-        f"  write_output_integer_register({TICK_REGISTER}, 0)",
-        f"  write_output_integer_register({STATE_REGISTER}, {ProgramState.HOLDING:d})",
-        f"  write_output_integer_register({NUMBER_REGISTER}, {number})",
-        "  def watch():",
-        f"    local now = read_input_integer_register({BEAT_REGISTER})",
-        "    if now == beat:",
-        "      silence = silence + 1",
-        "    else:",
-        "      silence = 0",
-        "      beat = now",
-        "    end",
-        f"    if read_input_integer_register({STOP_REGISTER}) == {number}:",
-        "      going = False",
-        f"      write_output_integer_register({STATE_REGISTER}, {ProgramState.STOPPED:d})",
-        f"    elif silence > {silence}:",
-        "      going = False",
-        f"      write_output_integer_register({STATE_REGISTER}, {ProgramState.SILENCE:d})",
-        "    end",
-        "  end",
-        "  def go(tick, q):",
-        "    if going:",
-        "      watch()",
-        "      if going:",
-        f"        write_output_integer_register({TICK_REGISTER}, tick)",
-        f"        servoj(q, t={points.dt:g}, lookahead_time={robot.lookahead:g}, "
-        f"gain={robot.gain:g})",
-        "      else:",
-        f"        stopj({STOP_DECELERATION:g})",
-        "      end",
-        "    end",
-        "  end",
-        "  local held = 0",
-        f"  while held < {round(HOLD_TIME / points.dt)}:",
-        f"    go(0, {_row(rows[0])})",
-        "    held = held + 1",
-        "  end",
-        "  if going:",
-        f"    write_output_integer_register({STATE_REGISTER}, {ProgramState.MOVING:d})",
-        "  end",
-        *(f"  go({tick}, {_row(row)})" for tick, row in enumerate(rows[1:], 1)),
-        "  if going:",
-        f"    stopj({STOP_DECELERATION:g})",
-        f"    write_output_integer_register({STATE_REGISTER}, {ProgramState.DONE:d})",
-        "  end",
-        "end",
+    spans = 1000 * np.diff(curve.times)
+    pieces = [
+        f"  go({span:.1f}, {_row(q, _DECIMALS_Q)}, {_row(qd, _DECIMALS_QD)})"
+        for span, q, qd in zip(spans, curve.q[1:], curve.qd[1:], strict=True)
     ]
-    return "\n".join(lines) + "\n"
+    text = _PROGRAM.format(
+        name=name,
+        start=_row(curve.q[0], _DECIMALS_Q),
+        rest=_row(curve.qd[0], 1),
+        beat=robot.input_register + BEAT,
+        stop=robot.input_register + STOP,
+        state=robot.output_register + STATE,
+        tick=robot.output_register + TICK,
+        program=robot.output_register + NUMBER,
+        number=number,
+        deceleration=STOP_DECELERATION,
+        silence_max=round(1000 * robot.watchdog),
+        lookahead=robot.lookahead,
+        gain=robot.gain,
+        angles=f"[{_ANGLES}]",
+        hold=round(1000 * HOLD_TIME),
+        pieces="\n".join(pieces),
+        holding=ProgramState.HOLDING,
+        moving=ProgramState.MOVING,
+        done=ProgramState.DONE,
+        stopped=ProgramState.STOPPED,
+        silent=ProgramState.SILENCE,
+    )
+    if len(text) > PROGRAM_SIZE_MAX:
+        raise InputError(
+            f"the program of {name} has {len(text)} bytes, more than {PROGRAM_SIZE_MAX}: its path "
+            f"of {curve.duration:.1f} s has {len(pieces)} pieces"
+        )
+    return text
 
 
-def _row(q: Array) -> str:
-    # A microradian moves the grip by less than a micrometre.
-    return "[" + ",".join(f"{angle:.6f}" for angle in q) + "]"
+def _row(values: Array, decimals: int) -> str:
+    return "[" + ",".join(f"{value:.{decimals}f}" for value in values) + "]"

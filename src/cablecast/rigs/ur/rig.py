@@ -17,12 +17,12 @@ from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.ur.link import Phase, Report, UrLink, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
-from cablecast.rigs.ur.program import SetPoints, check_path, joint_move
+from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
 from cablecast.setup import Setup
 from cablecast.vision.trials import TrialCamera, TrialTiming
 
 RESET_DT = 0.008
-"""Time between set points of a reset [s]: at 0.002 s its program would have 700 kB."""
+"""Time between the set points to which the path of a reset is fitted [s]."""
 APPROACH_SPEED = 0.3
 """Largest speed of a joint on the way to a start [rad/s]."""
 BRANCH_MAX = 0.5
@@ -34,8 +34,8 @@ _SAFE_HEIGHT = 0.25
 
 RESET_COUNT = 3
 """Number of resets before a cable that does not lie straight is given up."""
-REHEARSAL_SPEED, REHEARSAL_COUNT = 0.25, 3
-"""Share of the speed, and number, of rehearsed casts of a lab file that nobody has seen."""
+REHEARSAL_SLOWNESS, REHEARSAL_COUNT = 4, 3
+"""Times as long, and number, of rehearsed casts of a lab file that nobody has seen."""
 STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
 """Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
 ahead [share]."""
@@ -108,12 +108,12 @@ class RigUR(RigLifecycle):
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion, wait until the cable lies still, and return what was seen."""
         self._use_reset()
-        points = self.set_points(trajectory)
-        check_path(points, self.setup, "this cast")
+        curve = self.curve(trajectory)
+        check_path(curve, self.setup, "this cast")
         link = self._connected()
         check_ready(link, self.robot)
         if self._rehearsed < REHEARSAL_COUNT:
-            self._play("cablecast_rehearsal", points.slowed(REHEARSAL_SPEED), Phase.CAST)
+            self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), Phase.CAST)
             self._rehearsed += 1
             self.reset()
             self._use_reset()
@@ -121,11 +121,11 @@ class RigUR(RigLifecycle):
         filming = True
         try:
             try:
-                record = self._play("cablecast_cast", points, Phase.CAST)
-                check_reports(record, points)
+                record = self._play("cablecast_cast", curve, Phase.CAST)
+                check_reports(record, curve)
             except CastAbortedError as aborted:
                 return self._aborted(aborted)
-            timing, log = self._settle(link, record, points)
+            timing, log = self._settle(link, record, curve)
             link.set_phase(Phase.READOUT)
             filming = False
             track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
@@ -163,8 +163,8 @@ class RigUR(RigLifecycle):
         finally:
             self.camera.close()
 
-    def set_points(self, trajectory: Trajectory) -> SetPoints:
-        """Return the set points of a motion.
+    def curve(self, trajectory: Trajectory) -> JointCurve:
+        """Return the path of a motion as it is sent.
 
         Raises:
             RigError: It has no joints.
@@ -172,7 +172,7 @@ class RigUR(RigLifecycle):
         path = trajectory.joint_path
         if path is None:
             raise RigError("a real arm needs the joints of a motion, and this one has none")
-        return SetPoints(path.q, self.setup.motion.control_dt)
+        return JointCurve.fit(path)
 
     def _connected(self) -> UrLink:
         """Return the connection, made anew where it was lost."""
@@ -193,23 +193,23 @@ class RigUR(RigLifecycle):
         self._wait(link, _HANG_STILL_TIME)
         link.set_phase(Phase.IDLE)
 
-    def _play(self, name: str, points: SetPoints, phase: Phase) -> MotionRecord:
+    def _play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
         link = self._connected()
         link.set_phase(phase)
-        return Player(link, self.robot).play(name, points)
+        return Player(link, self.robot).play(name, curve)
 
     def _settle(
-        self, link: UrLink, record: MotionRecord, points: SetPoints
+        self, link: UrLink, record: MotionRecord, curve: JointCurve
     ) -> tuple[TrialTiming, ControllerLog]:
         """Wait until the cable has come to rest, and return when all of it took place."""
         link.set_phase(Phase.SETTLE)
-        end = record.start_time + points.duration + self.robot.settle_time
+        end = record.start_time + curve.duration + self.robot.settle_time
         while (report := link.latest()).time < end:
             if not report.is_playing:
                 time.sleep(0.005)
         check_ready(link, self.robot)
         reports = link.since(record.start_time)
-        tail = record.start_time + points.duration + _JOINT_TAIL
+        tail = record.start_time + curve.duration + _JOINT_TAIL
         used = [r for r in reports if r.time <= tail]
         timing = TrialTiming(
             start_time=record.start_time,
@@ -260,7 +260,7 @@ def check_lab(setup: Setup) -> RobotConfig:
     return setup.robot
 
 
-def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[SetPoints, SetPoints]:
+def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, JointCurve]:
     """Return the way to the start of the paper's reset, and that reset, both checked.
 
     Args:
@@ -298,8 +298,8 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[SetPoints, SetP
         path = plan_reset(pose, slow).joint_path
     if path is None:
         raise RigError("the reset has no joints")
-    reset = SetPoints(path.q, RESET_DT)
-    way = joint_move(q, reset.q[0], APPROACH_SPEED, RESET_DT)
+    reset = JointCurve.fit(path)
+    way = joint_move(q, reset.q[0], APPROACH_SPEED)
     check_path(way, setup, "the way to the start")
     check_path(reset, setup, "the reset")
     return way, reset
@@ -324,13 +324,13 @@ def _controller_log(reports: list[Report]) -> ControllerLog:
     )
 
 
-def check_reports(record: MotionRecord, points: SetPoints) -> None:
+def check_reports(record: MotionRecord, curve: JointCurve) -> None:
     """Refuse a cast of which too little was reported: nobody knows how the arm moved there.
 
     Raises:
         CastAbortedError: No report came for longer than `REPORT_GAP_MAX`.
     """
-    start, end = record.start_time, record.start_time + points.duration
+    start, end = record.start_time, record.start_time + curve.duration
     times = np.array([r.time for r in record.reports])
     times = np.clip(np.concatenate([[start], times, [end]]), start, end)
     gap = float(np.diff(times).max())

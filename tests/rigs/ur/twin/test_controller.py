@@ -6,17 +6,10 @@ import pytest
 
 from cablecast.errors import InputError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.ur.agent import BEAT_REGISTER, STATE_REGISTER, STOP_REGISTER, TICK_REGISTER
-from cablecast.rigs.ur.program import ProgramState, SetPoints, joint_move, motion_program
+from cablecast.rigs.ur.program import JointCurve, ProgramState, joint_move, motion_program
+from cablecast.rigs.ur.rtde import BEAT, STATE, STOP, TICK, FrameReader, Recipe, frame
 from cablecast.rigs.ur.twin.controller import Controller
-from cablecast.rigs.ur.twin.servers import (
-    OUTPUTS,
-    FrameReader,
-    Recipe,
-    RtdeServer,
-    dashboard_answer,
-    frame,
-)
+from cablecast.rigs.ur.twin.servers import OUTPUTS, RtdeServer, dashboard_answer
 
 # The servo of the hidden arm has settled to its encoder's noise by then [s].
 SETTLE_TIME = 1.0
@@ -37,13 +30,13 @@ def controller(request, twin_setup, home):
 @pytest.fixture
 def points(controller, home):
     """Turn the base by 0.3 rad at up to 1 rad/s."""
-    return joint_move(home, home + [0.3, 0, 0, 0, 0, 0], 1.0, controller.dt)
+    return joint_move(home, home + [0.3, 0, 0, 0, 0, 0], 1.0)
 
 
 def run(controller, duration, beat=True):
     for _ in range(round(duration / controller.dt)):
         if beat:
-            controller.inputs[f"input_int_register_{BEAT_REGISTER}"] += 1
+            controller.inputs[f"input_int_register_{controller.robot.input_register + BEAT}"] += 1
         controller.tick()
 
 
@@ -58,8 +51,10 @@ def time_to_rest(controller, beat=True):
 def test_a_motion_program_is_carried_out_to_its_end(controller, points, home, twin_setup):
     controller.load(motion_program("cast", points, twin_setup.robot, 7))
     run(controller, points.duration + SETTLE_TIME)
-    assert controller.int_registers[STATE_REGISTER] == ProgramState.DONE
-    assert controller.int_registers[TICK_REGISTER] == len(points.q) - 1
+    assert controller.int_registers[controller.robot.output_register + STATE] == ProgramState.DONE
+    assert controller.int_registers[controller.robot.output_register + TICK] == round(
+        1000 * points.duration
+    )
     assert not controller.is_running_program
     np.testing.assert_allclose(controller.arm.q, points.q[-1], atol=1e-3)
 
@@ -86,13 +81,13 @@ def test_whatever_stops_the_arm_brings_it_to_rest_within_half_a_second(
     elif event == "silence":
         beat = False
     else:
-        controller.inputs[f"input_int_register_{STOP_REGISTER}"] = 7
+        controller.inputs[f"input_int_register_{controller.robot.input_register + STOP}"] = 7
     assert time_to_rest(controller, beat) < REST_TIME_MAX
     run(controller, 3 * controller.dt, beat)
     assert not controller.is_running_program
     states = {"silence": ProgramState.SILENCE, "ask": ProgramState.STOPPED}
     if event in states:
-        assert controller.int_registers[STATE_REGISTER] == states[event]
+        assert controller.int_registers[controller.robot.output_register + STATE] == states[event]
 
 
 def test_a_stop_for_safety_lets_no_program_start_until_a_person_clears_it(
@@ -113,7 +108,7 @@ def test_at_half_speed_the_same_way_takes_twice_as_long(controller, points, twin
     run(controller, points.duration + 0.3)
     assert controller.is_running_program
     run(controller, points.duration + 0.3 + SETTLE_TIME)
-    assert controller.int_registers[STATE_REGISTER] == ProgramState.DONE
+    assert controller.int_registers[controller.robot.output_register + STATE] == ProgramState.DONE
 
 
 @pytest.mark.parametrize(
@@ -126,7 +121,7 @@ def test_at_half_speed_the_same_way_takes_twice_as_long(controller, points, twin
 def test_the_controller_itself_stops_a_path_that_leaves_its_bounds(
     controller, home, twin_setup, change, words
 ):
-    points = joint_move(home, home + change, 1.0, controller.dt)
+    points = joint_move(home, home + change, 1.0)
     controller.load(motion_program("cast", points, twin_setup.robot, 7))
     run(controller, points.duration + SETTLE_TIME)
     stops = [event for event in controller.events if event["what"] == "protective stop"]
@@ -147,9 +142,9 @@ def test_the_controller_itself_stops_a_path_that_is_too_fast(
     if speed is None:
         q = np.repeat(home[None], 100, axis=0)
         q[50:, 0] += 0.2
-        points = SetPoints(q, controller.dt)
+        points = JointCurve(np.arange(100) * 0.008, q, np.zeros((100, 6)))
     else:
-        points = joint_move(home, home + [0.8, 0, 0, 0, 0, 0], speed, controller.dt)
+        points = joint_move(home, home + [0.8, 0, 0, 0, 0, 0], speed)
     controller.load(motion_program("cast", points, twin_setup.robot, 7))
     run(controller, points.duration + SETTLE_TIME)
     stops = [event for event in controller.events if event["what"] == "protective stop"]
@@ -161,6 +156,18 @@ def test_a_program_that_does_not_compile_is_refused_in_the_log(controller):
     controller.load("def cast():\n  what is this\nend\n")
     assert not controller.is_running_program
     assert "is no statement" in controller.messages[-1]
+
+
+def test_a_program_beyond_the_controllers_size_does_nothing(controller, points, twin_setup):
+    text = motion_program("cast", points, twin_setup.robot, 7)
+    controller.program_size_max = len(text) - 1
+    controller.load(text)
+    assert not controller.is_running_program
+    assert not controller.messages
+    assert controller.events[-1]["reason"] == f"{len(text)} bytes"
+    controller.program_size_max = len(text)
+    controller.load(text)
+    assert controller.is_running_program
 
 
 def test_the_dashboard_answers_as_the_makers_does(twin_setup, home):

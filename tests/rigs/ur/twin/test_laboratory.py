@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from cablecast.rigs.ur.agent import BEAT_REGISTER, PHASE_REGISTER
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import joint_move, motion_program
+from cablecast.rigs.ur.rtde import BEAT, PHASE
 from cablecast.rigs.ur.twin.laboratory import (
     Fault,
     TwinConfig,
@@ -23,10 +23,10 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
     laboratory = TwinLaboratory(twin_setup, config)
     controller = laboratory.controller
     try:
-        points = joint_move(
-            controller.arm.q, controller.arm.q + [0.3, 0, 0, 0, 0, 0], 1.0, controller.dt
+        points = joint_move(controller.arm.q, controller.arm.q + [0.3, 0, 0, 0, 0, 0], 1.0)
+        controller.inputs.update(
+            {f"input_int_register_{controller.robot.input_register + BEAT}": 1}
         )
-        controller.inputs.update({f"input_int_register_{BEAT_REGISTER}": 1})
         controller.inputs["written at"] = begin = controller.time
         controller.load(motion_program("silent", points, twin_setup.robot, 1))
         deadline = time.monotonic() + (0.3 if patience else 60.0)
@@ -50,7 +50,7 @@ def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_se
     client = SimpleNamespace(kind="rtde", state={}, send=sent.append, open=True)
     try:
         server.accept(client)
-        name = f"input_int_register_{PHASE_REGISTER}".encode()
+        name = f"input_int_register_{twin_setup.robot.input_register + PHASE}".encode()
         server.receive(client, frame(SETUP_INPUTS, name), [client])
         recipe = next(iter(client.state["inputs"]))
         # Both arrive as one piece.

@@ -53,6 +53,17 @@ def test_built_in_functions_return_values_at_once():
     assert run("sleep(read(3) - 1)", read=lambda i: 10 * i) == [("sleep", (29,), {})]
 
 
+def test_halt_ends_the_program_from_within_a_function():
+    body = """def brake():
+  sleep(1)
+  halt
+end
+while True:
+  brake()
+end"""
+    assert run(body) == [("sleep", (1,), {})]
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -68,7 +79,14 @@ def test_built_in_functions_return_values_at_once():
         ("x = (lambda: 1)()", "there is no function ''"),
         ("x = [1].append", "Attribute is not understood"),
         ("while True:\n  x = 1\nend", "an endless loop without a motion"),
-        ("x = 1 / 0", "division by zero"),
+        ("x = 1.0 / 0", "division by zero"),
+        ("x = 4 / 2", "a whole number divided by a whole number"),
+        ("x = [1, 2] + [3]", "a list stands where a number belongs"),
+        ("x = [1, [2]]", "a list stands where a number belongs"),
+        ("x = [1, 2]\nx = x[-1]", "index -1 of a list of 2"),
+        ("x = [1, 2]\nx = x[1.0]", r"index 1\.0 of a list of 2"),
+        ("x = [1, 2]\nx[0] = 3", "is no statement"),
+        ("def f():\nreturn\nend", "line 3: 'return' is no statement"),
         ("x = sleep(1)", "takes time and has no value"),
     ],
 )

@@ -6,6 +6,7 @@ a rig makes before it sends a program: both must agree for an arm to move.
 
 import collections
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_NAMES
 from cablecast.errors import InputError
-from cablecast.rigs.ur.twin.urscript import Program, Run, ScriptError
+from cablecast.rigs.ur.rtde import REGISTER_COUNT
+from cablecast.rigs.ur.twin.urscript import PROGRAM_SIZE_MAX, Program, Run, ScriptError
 from cablecast.rigs.virtual.arm import REST_SPEED, LiveArm
 from cablecast.setup import Setup
 
@@ -103,7 +105,6 @@ class TwinLimits:
 
 MODE_POWER_OFF, MODE_RUNNING = 3, 7
 SAFETY_NORMAL, SAFETY_PROTECTIVE, SAFETY_EMERGENCY = 1, 3, 7
-REGISTER_COUNT = 48
 _START_TIMESTAMP = 1000.0
 _CB3_VERSION, _E_SERIES_VERSION = (3, 15, 8, 106339), (5, 12, 6, 1102099)
 _EVENT_COUNT = 10_000
@@ -136,6 +137,7 @@ class Controller:
         self.robot = robot
         self.is_e_series = is_e_series
         self.dt = 0.002 if is_e_series else 0.008
+        self.program_size_max = PROGRAM_SIZE_MAX
         self.version = _E_SERIES_VERSION if is_e_series else _CB3_VERSION
         self.arm = LiveArm(setup, q)
         self.limits = TwinLimits(setup, self.dt)
@@ -190,6 +192,10 @@ class Controller:
         """Run a program instead of the one that runs, as a real controller does."""
         if not self.can_move:
             self.log("program refused", reason="stopped for safety")
+            return
+        if len(text) > self.program_size_max:
+            # Real controllers do nothing, and say nothing.
+            self.log("program refused", reason=f"{len(text)} bytes")
             return
         try:
             program = Program(text)
@@ -313,5 +319,7 @@ class Controller:
         return {
             "read_input_integer_register": lambda i: int(self.inputs[f"input_int_register_{i}"]),
             "write_output_integer_register": write_integer,
+            "get_steptime": lambda: self.dt,
+            "floor": math.floor,
             "textmsg": lambda *parts: self.messages.append(" ".join(map(str, parts))),
         }

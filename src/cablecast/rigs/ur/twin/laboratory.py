@@ -19,15 +19,10 @@ from cablecast.errors import (
     check_seed,
 )
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.ur.agent import (
-    DASHBOARD_PORT,
-    PHASE_REGISTER,
-    PROGRAM_PORT,
-    RTDE_PORT,
-    STATE_REGISTER,
-)
+from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import ProgramState
+from cablecast.rigs.ur.rtde import PHASE, RTDE_PORT, STATE
 from cablecast.rigs.ur.twin.controller import MODE_POWER_OFF, Controller
 from cablecast.rigs.ur.twin.servers import (
     DASHBOARD_GREETING,
@@ -36,6 +31,7 @@ from cablecast.rigs.ur.twin.servers import (
     Servers,
     dashboard_answer,
 )
+from cablecast.rigs.ur.twin.urscript import PROGRAM_SIZE_MAX
 from cablecast.rigs.virtual.camera_stream import CameraStream
 from cablecast.rigs.virtual.config import CameraConfig, VirtualConfig
 from cablecast.rigs.virtual.laboratory import LiveCable
@@ -74,6 +70,7 @@ class TwinConfig:
             nobody.
         seed: Seed of what differs from trial to trial.
         segment_count: Segments of the simulated cable.
+        program_size_max: Longest program that the controller takes [byte].
         has_cable: False for an arm that holds a stick as long as the cable, which is quicker.
     """
 
@@ -84,6 +81,7 @@ class TwinConfig:
     seed: int = 0
     segment_count: int = 30
     has_cable: bool = True
+    program_size_max: int = PROGRAM_SIZE_MAX
 
     def __post_init__(self):
         check_count("twin camera_port", self.camera_port, 0, 65535)
@@ -91,6 +89,7 @@ class TwinConfig:
         check_number("twin patience", self.patience, 0.0, 60.0)
         check_seed(self.seed)
         check_count("twin segment_count", self.segment_count, 4, 200)
+        check_count("twin program_size_max", self.program_size_max, 1, 10_000_000)
 
 
 FAULTS: dict[str, str] = {
@@ -157,6 +156,7 @@ class TwinLaboratory:
         self.config = config
         home = np.asarray(reset_pose(setup.workspace), dtype=float)
         self.controller = Controller(setup, setup.arm.inverse(home), setup.arm.model.endswith("e"))
+        self.controller.program_size_max = config.program_size_max
         self.cable: LiveCable | None = None
         if config.has_cable:
             lab = VirtualConfig(segment_count=config.segment_count)
@@ -340,9 +340,10 @@ class TwinLaboratory:
     def phase(self) -> str:
         """Name of what the rig is doing, for faults that wait for it."""
         controller = self.controller
-        index = int(controller.inputs[f"input_int_register_{PHASE_REGISTER}"])
+        robot = controller.robot
+        index = int(controller.inputs[f"input_int_register_{robot.input_register + PHASE}"])
         phase = next((phase.name.lower() for phase in Phase if phase == index), "idle")
-        moving = controller.int_registers[STATE_REGISTER] == ProgramState.MOVING
+        moving = controller.int_registers[robot.output_register + STATE] == ProgramState.MOVING
         if phase == "cast" and not (controller.is_running_program and moving):
             return "approach"
         return phase

@@ -9,20 +9,32 @@ frame begins with its length, header included, and its type; all numbers are big
 
 import collections
 import contextlib
-import dataclasses
 import ipaddress
 import selectors
 import socket
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from cablecast.errors import InputError
+from cablecast.rigs.ur.rtde import (
+    DATA_PACKAGE,
+    GET_VERSION,
+    PAUSE,
+    REGISTER_COUNT,
+    REQUEST_PROTOCOL_VERSION,
+    SETUP_INPUTS,
+    SETUP_OUTPUTS,
+    START,
+    TYPES,
+    FrameReader,
+    Recipe,
+    frame,
+)
 from cablecast.rigs.ur.twin.controller import (
     MODE_RUNNING,
-    REGISTER_COUNT,
     SAFETY_EMERGENCY,
     SAFETY_NORMAL,
     SAFETY_PROTECTIVE,
@@ -186,20 +198,6 @@ def _check_loopback(address: str) -> str:
     raise InputError(f"the twin listens on a loopback address such as 127.0.0.1, not on {address}")
 
 
-_TYPES = {
-    "BOOL": "?",
-    "UINT8": "B",
-    "UINT32": "I",
-    "UINT64": "Q",
-    "INT32": "i",
-    "DOUBLE": "d",
-    "VECTOR3D": "3d",
-    "VECTOR6D": "6d",
-    "VECTOR6INT32": "6i",
-}
-"""Struct codes of the types that a recipe names."""
-
-
 def _typed(**names: str) -> dict[str, str]:
     """Return the type of each name; the keywords are types with the names of their variables."""
     return {name: kind for kind, text in names.items() for name in text.split()}
@@ -245,7 +243,7 @@ INPUTS = {
 """Types of what a client can write."""
 _UNCHANGING: dict[str, Any] = {
     **{
-        name: [0.0] * int(_TYPES[kind][0]) if kind.startswith("VECTOR") else 0
+        name: [0.0] * int(TYPES[kind][0]) if kind.startswith("VECTOR") else 0
         for name, kind in OUTPUTS.items()
     },
     "joint_mode": [255] * 6,
@@ -262,84 +260,8 @@ _SAFETY_BITS = {
 }
 _RUNTIME_STOPPED, _RUNTIME_PLAYING = 1, 2
 
-_HEADER = struct.Struct(">HB")
-_REQUEST_PROTOCOL_VERSION, _GET_VERSION = ord("V"), ord("v")
-SETUP_OUTPUTS, SETUP_INPUTS = ord("O"), ord("I")
-_START, _PAUSE, DATA_PACKAGE = ord("S"), ord("P"), ord("U")
-
 _LATE_TIME = 0.3
 """Delay of reports while they are late [s]."""
-
-
-def frame(kind: int, payload: bytes = b"") -> bytes:
-    """Return one frame of RTDE."""
-    return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
-
-
-class FrameReader:
-    """Cuts a stream of bytes into frames."""
-
-    def __init__(self) -> None:
-        self._buffer = b""
-
-    def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
-        """Yield type and payload of every frame that is now whole.
-
-        Raises:
-            ValueError: The stream is no RTDE.
-        """
-        self._buffer += data
-        while len(self._buffer) >= _HEADER.size:
-            size, kind = _HEADER.unpack_from(self._buffer)
-            if size < _HEADER.size:
-                raise ValueError(f"a frame of {size} bytes is shorter than its header")
-            if len(self._buffer) < size:
-                return
-            payload, self._buffer = self._buffer[_HEADER.size : size], self._buffer[size:]
-            yield kind, payload
-
-
-@dataclasses.dataclass(frozen=True)
-class Recipe:
-    """Names and layout of a data package.
-
-    Attributes:
-        number: Number of the recipe.
-        names: Names of its variables.
-        types: Type of each, NOT_FOUND where the controller does not know it.
-    """
-
-    number: int
-    names: tuple[str, ...]
-    types: tuple[str, ...]
-
-    @property
-    def is_valid(self) -> bool:
-        """True where the controller knows every variable, and nobody else writes it."""
-        return all(kind in _TYPES for kind in self.types)
-
-    @property
-    def layout(self) -> struct.Struct:
-        """Layout of the values after the recipe's number."""
-        return struct.Struct(">" + "".join(_TYPES[kind] for kind in self.types))
-
-    def pack(self, state: Mapping[str, Any]) -> bytes:
-        """Return a data package of the present state."""
-        values: list[Any] = []
-        for name in self.names:
-            value = state[name]
-            values.extend(value if isinstance(value, Sequence) else [value])
-        return frame(DATA_PACKAGE, bytes([self.number]) + self.layout.pack(*values))
-
-    def unpack(self, payload: bytes) -> dict[str, Any]:
-        """Return the values of a data package, without its recipe's number."""
-        flat = list(self.layout.unpack(payload))
-        values: dict[str, Any] = {}
-        for name, kind in zip(self.names, self.types, strict=True):
-            count = int(_TYPES[kind][:-1] or 1)
-            taken, flat = flat[:count], flat[count:]
-            values[name] = taken if count > 1 else taken[0]
-        return values
 
 
 class RtdeServer:
@@ -376,16 +298,16 @@ class RtdeServer:
             client.open = False
 
     def _answer(self, client: Client, kind: int, payload: bytes, others: list[Client]) -> None:
-        if kind == _REQUEST_PROTOCOL_VERSION:
+        if kind == REQUEST_PROTOCOL_VERSION:
             client.send(frame(kind, bytes([int.from_bytes(payload[:2], "big") == 2])))
-        elif kind == _GET_VERSION:
+        elif kind == GET_VERSION:
             client.send(frame(kind, struct.pack(">4I", *self.controller.version)))
         elif kind == SETUP_OUTPUTS:
             self._set_outputs(client, payload)
         elif kind == SETUP_INPUTS:
             self._set_inputs(client, payload, others)
-        elif kind in (_START, _PAUSE):
-            client.state["started"] = kind == _START
+        elif kind in (START, PAUSE):
+            client.state["started"] = kind == START
             client.send(frame(kind, b"\x01"))
         elif kind == DATA_PACKAGE:
             recipe: Recipe | None = client.state["inputs"].get(payload[0])

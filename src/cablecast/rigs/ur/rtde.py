@@ -1,0 +1,159 @@
+"""Frames and recipes of the Real-Time Data Exchange, and the registers through which we talk.
+
+Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide", version 2 of the protocol: every
+frame begins with its length, header included, and its type; all numbers are big-endian. Of the
+general purpose registers, 0 to 23 belong to fieldbuses, 24 to 47 to clients of RTDE such as this.
+"""
+
+import dataclasses
+import socket
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from cablecast.errors import RigError
+
+RTDE_PORT = 30004
+REGISTER_COUNT = 48
+BEAT, STOP, PHASE = 0, 1, 2
+"""Input registers, counted from the robot's `input_register`: a number that this computer changes
+as long as all is well; number of the program that shall stop; a `Phase`, what the rig is doing."""
+STATE, TICK, NUMBER = 0, 1, 2
+"""Output registers, counted from its `output_register`: a `ProgramState`; time of the set point
+that is being approached, in units of `TICK_DT`, 0 before the motion; number of the program, so that
+one is not taken for another."""
+
+TYPES = {
+    "BOOL": "?",
+    "UINT8": "B",
+    "UINT32": "I",
+    "UINT64": "Q",
+    "INT32": "i",
+    "DOUBLE": "d",
+    "VECTOR3D": "3d",
+    "VECTOR6D": "6d",
+    "VECTOR6INT32": "6i",
+}
+"""Struct codes of the types that a recipe names."""
+
+_HEADER = struct.Struct(">HB")
+REQUEST_PROTOCOL_VERSION, GET_VERSION = ord("V"), ord("v")
+SETUP_OUTPUTS, SETUP_INPUTS = ord("O"), ord("I")
+START, PAUSE, DATA_PACKAGE = ord("S"), ord("P"), ord("U")
+_ANSWER_TIME_MAX = 3.0
+
+
+def frame(kind: int, payload: bytes = b"") -> bytes:
+    """Return one frame of RTDE."""
+    return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
+
+
+class FrameReader:
+    """Cuts a stream of bytes into frames."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
+        """Yield type and payload of every frame that is now whole.
+
+        Raises:
+            ValueError: The stream is no RTDE.
+        """
+        self._buffer += data
+        while len(self._buffer) >= _HEADER.size:
+            size, kind = _HEADER.unpack_from(self._buffer)
+            if size < _HEADER.size:
+                raise ValueError(f"a frame of {size} bytes is shorter than its header")
+            if len(self._buffer) < size:
+                return
+            payload, self._buffer = self._buffer[_HEADER.size : size], self._buffer[size:]
+            yield kind, payload
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """Names and layout of a data package.
+
+    Attributes:
+        number: Number of the recipe.
+        names: Names of its variables.
+        types: Type of each, NOT_FOUND where the controller does not know it.
+    """
+
+    number: int
+    names: tuple[str, ...]
+    types: tuple[str, ...]
+
+    @property
+    def is_valid(self) -> bool:
+        """True where the controller knows every variable, and nobody else writes it."""
+        return all(kind in TYPES for kind in self.types)
+
+    @property
+    def layout(self) -> struct.Struct:
+        """Layout of the values after the recipe's number."""
+        return struct.Struct(">" + "".join(TYPES[kind] for kind in self.types))
+
+    def pack(self, state: Mapping[str, Any]) -> bytes:
+        """Return a data package of the present state."""
+        values: list[Any] = []
+        for name in self.names:
+            value = state[name]
+            values.extend(value if isinstance(value, Sequence) else [value])
+        return frame(DATA_PACKAGE, bytes([self.number]) + self.layout.pack(*values))
+
+    def unpack(self, payload: bytes) -> dict[str, Any]:
+        """Return the values of a data package, without its recipe's number."""
+        flat = list(self.layout.unpack(payload))
+        values: dict[str, Any] = {}
+        for name, kind in zip(self.names, self.types, strict=True):
+            count = int(TYPES[kind][:-1] or 1)
+            taken, flat = flat[:count], flat[count:]
+            values[name] = taken if count > 1 else taken[0]
+        return values
+
+
+class RegisterWriter:
+    """Client that writes three integer registers, which nobody else may write meanwhile.
+
+    Args:
+        address: Name or address of the controller.
+        first: First of the registers.
+
+    Raises:
+        RigError: Somebody else writes one of them.
+        OSError: The controller does not answer.
+    """
+
+    def __init__(self, address: str, first: int):
+        self._names = tuple(f"input_int_register_{first + index}" for index in range(3))
+        self._values = dict.fromkeys(self._names, 0)
+        self._connection = socket.create_connection((address, RTDE_PORT), _ANSWER_TIME_MAX)
+        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._reader = FrameReader()
+        self._ask(REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2))
+        answer = self._ask(SETUP_INPUTS, ",".join(self._names).encode())
+        self._recipe = Recipe(answer[0], self._names, tuple(answer[1:].decode().split(",")))
+        if not self._recipe.is_valid:
+            self._connection.close()
+            raise RigError(
+                f"input registers {first} to {first + 2} of the controller are written by a "
+                "fieldbus or another program: end it, or set robot input_register in the lab file "
+                "to the first of three that are free, from 24 to 45"
+            )
+        self._ask(START)
+
+    def write(self, index: int, value: int) -> None:
+        """Write one register, counted from the first."""
+        self._values[self._names[index]] = value
+        self._connection.sendall(self._recipe.pack(self._values))
+
+    def _ask(self, kind: int, payload: bytes = b"") -> bytes:
+        """Return the answer to a frame; the controller may send text messages before it."""
+        self._connection.sendall(frame(kind, payload))
+        while data := self._connection.recv(4096):
+            for answered, answer in self._reader.feed(data):
+                if answered == kind:
+                    return answer
+        raise OSError("RTDE closed the connection")
