@@ -12,6 +12,7 @@ programs of some 1,000 to 2,500 motions (GitHub: visose/Robots #55, ros-industri
 
 import dataclasses
 import enum
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,15 +62,15 @@ class JointCurve:
 
     def __post_init__(self):
         shape = (len(self.times), 6)
-        if len(self.times) < 2 or self.q.shape != shape or self.qd.shape != shape:
+        spans = np.diff(self.times) / _KNOT_DT
+        if len(spans) < 1 or self.q.shape != shape or self.qd.shape != shape:
             raise InputError(
                 f"a curve has shapes times {self.times.shape}, q {self.q.shape}, qd "
                 f"{self.qd.shape}, not [knot], [knot, 6], [knot, 6]"
             )
-        if not (np.all(np.isfinite(self.q)) and np.all(np.isfinite(self.qd))):
+        if not (np.isfinite(self.q).all() and np.isfinite(self.qd).all()):
             raise InputError("the path of a motion must be finite")
-        spans = np.diff(self.times) / _KNOT_DT
-        if self.times[0] != 0.0 or np.any(spans < 0.5) or np.any(abs(spans - spans.round()) > 1e-6):
+        if np.any(spans < 0.5) or np.any(abs(spans - spans.round()) > 1e-6):
             raise InputError(f"pieces of a motion must last whole multiples of {_KNOT_DT:g} s")
         if np.any(self.qd[[0, -1]] != 0.0):
             raise InputError("a motion must start and end at rest")
@@ -93,21 +94,19 @@ class JointCurve:
         pad = ((0, -(len(path.q) - 1) % stride), (0, 0))
         q, qd = np.pad(path.q, pad, "edge"), np.pad(path.qd, pad)
         qd[[0, -1]] = 0.0
-        sent = q.round(_DECIMALS_Q), qd.round(_DECIMALS_QD)
-        knots, last = [0], len(q) - 1
-        while (start := knots[-1]) < last:
-            end = start + stride
+        whole = cls(np.arange(0, len(q), stride, dtype=np.float64) * dt, q[::stride], qd[::stride])
+        knots, last = [0], len(whole.times) - 1
+        while knots[-1] < last:
+            end = knots[-1] + 1
             while end < last:
-                span = slice(start, end + stride + 1)
-                shares = np.linspace(0.0, 1.0, end + stride - start + 1)
-                ends = [start, end + stride]
-                piece = _hermite(shares, sent[0][ends], sent[1][ends], (ends[1] - start) * dt)
-                if np.abs(piece - q[span]).max() > FIT_TOLERANCE:
+                piece = [knots[-1], end + 1]
+                meant = q[piece[0] * stride : piece[1] * stride + 1]
+                times = whole.times[piece[0]] + np.arange(len(meant)) * dt
+                if np.abs(whole._spline(piece)(times) - meant).max() > FIT_TOLERANCE:
                     break
-                end += stride
+                end += 1
             knots.append(end)
-        times = np.array(knots, dtype=np.float64) * dt
-        return cls(times, *(values[knots] for values in sent))
+        return cls(whole.times[knots], whole.q[knots], whole.qd[knots])
 
     @property
     def duration(self) -> float:
@@ -116,25 +115,17 @@ class JointCurve:
 
     def evaluate(self, times: ArrayLike) -> Array:
         """Return joint angles [rad], shape [time, 6], held before the start and after the end."""
-        times = np.clip(np.asarray(times, dtype=float), 0.0, self.duration)
-        piece = np.searchsorted(self.times[1:-1], times, side="right")
-        spans = np.diff(self.times)[piece]
-        ends = np.stack([piece, piece + 1])
-        return _hermite((times - self.times[piece]) / spans, self.q[ends], self.qd[ends], spans)
+        return self._spline(slice(None))(np.clip(times, 0.0, self.duration))
 
     def slowed(self, factor: int) -> "JointCurve":
         """Return the same way in a whole multiple of its time."""
         return JointCurve(self.times * factor, self.q, self.qd / factor)
 
+    def _spline(self, knots: slice | list[int]) -> Callable[[Array], Array]:
+        """Return the pieces between some of the knots, as a function of time."""
+        from scipy.interpolate import CubicHermiteSpline
 
-def _hermite(shares: Array, q: Array, qd: Array, spans: ArrayLike) -> Array:
-    """Return a cubic at shares of its span, from angles and rates at both ends."""
-    u, spans = (
-        shares[:, None],
-        np.broadcast_to(np.asarray(spans, dtype=float), shares.shape)[:, None],
-    )
-    w = u * u * (3 - 2 * u)
-    return (1 - w) * q[0] + w * q[1] + u * (1 - u) * spans * ((1 - u) * qd[0] - u * qd[1])
+        return CubicHermiteSpline(self.times[knots], self.q[knots], self.qd[knots])
 
 
 def joint_move(start: Array, end: Array, speed: float) -> JointCurve:
@@ -230,7 +221,7 @@ def {name}():
   global q_0 = {start}
   global qd_0 = {rest}
   write_output_integer_register({tick}, 0)
-  write_output_integer_register({state}, {holding:d})
+  write_output_integer_register({state}, {states.HOLDING:d})
   write_output_integer_register({program}, {number})
   def brake(state):
     write_output_integer_register({state}, state)
@@ -245,12 +236,12 @@ def {name}():
       beat = now
     end
     if read_input_integer_register({stop}) == {number}:
-      brake({stopped:d})
+      brake({states.STOPPED:d})
     elif silence > {silence_max}:
-      brake({silent:d})
+      brake({states.SILENCE:d})
     end
     write_output_integer_register({tick}, tick)
-    servoj(q, t=step, lookahead_time={lookahead:g}, gain={gain:g})
+    servoj(q, t=step, lookahead_time={robot.lookahead:g}, gain={robot.gain:g})
   end
   def go(span, q, qd):
     local at = 0.0
@@ -272,10 +263,10 @@ def {name}():
     servo(q_0)
     held = held + cycle
   end
-  write_output_integer_register({state}, {moving:d})
+  write_output_integer_register({state}, {states.MOVING:d})
 {pieces}
   stopj({deceleration:g})
-  write_output_integer_register({state}, {done:d})
+  write_output_integer_register({state}, {states.DONE:d})
 end
 """
 _ANGLES = ", ".join(
@@ -312,16 +303,11 @@ def motion_program(name: str, curve: JointCurve, robot: RobotConfig, number: int
         number=number,
         deceleration=STOP_DECELERATION,
         silence_max=round(1000 * robot.watchdog),
-        lookahead=robot.lookahead,
-        gain=robot.gain,
+        robot=robot,
+        states=ProgramState,
         angles=f"[{_ANGLES}]",
         hold=round(1000 * HOLD_TIME),
         pieces="\n".join(pieces),
-        holding=ProgramState.HOLDING,
-        moving=ProgramState.MOVING,
-        done=ProgramState.DONE,
-        stopped=ProgramState.STOPPED,
-        silent=ProgramState.SILENCE,
     )
     if len(text) > PROGRAM_SIZE_MAX:
         raise InputError(
