@@ -40,7 +40,7 @@ def test_a_dry_run_checks_all_against_a_twin_and_moves_nothing(lab, tmp_path, ca
         text=True,
     ) as twin:
         try:
-            assert "A twin of a ur5 listens" in twin.stdout.readline()
+            assert "A twin of a ur5 (cb3) listens" in twin.stdout.readline()
             words = ["--rig", "ur", "--setup", str(path), "--count", "2", "--dry-run"]
             words += ["--out", str(tmp_path / "out")]
             assert main(["collect", *words]) == 2
@@ -57,7 +57,7 @@ def test_a_dry_run_checks_all_against_a_twin_and_moves_nothing(lab, tmp_path, ca
 def test_a_dry_run_without_a_controller_says_so_and_fails(lab, tmp_path, capsys):
     words = ["collect", "--rig", "ur", "--setup", str(lab[0]), "--count", "1", "--dry-run"]
     assert main(words) == 2
-    assert "NOT controller: no dashboard server answers at" in capsys.readouterr().out
+    assert "NOT controller: no RTDE server answers at" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

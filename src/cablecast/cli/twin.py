@@ -35,6 +35,8 @@ class Twin:
     """Segments of the simulated cable."""
     seed: int = 0
     """Seed of what differs from trial to trial."""
+    generation: Annotated[str, argument("GENERATION", "by the arm's model")] = ""
+    """Controller of the arm: cb3, e-series or polyscope-x."""
     fault: Annotated[tuple[str, ...], argument("NAME[:PHASE[:SECONDS]]")] = ()
     """Faults to make, such as protective_stop:cast:0.3 for 0.3 s after the start of a cast."""
 
@@ -51,13 +53,16 @@ class Twin:
             seed=self.seed,
             segment_count=self.segment_count,
             patience=PATIENCE,
+            generation=self.generation,
         )
+        generation = config.generation_of(setup.arm.model)
         faults = [_fault(text) for text in self.fault]
         with TwinProcess(setup, config) as twin:
             for fault in faults:
                 twin.admin.fault(fault.name, fault.phase, fault.after)
             print(
-                f"A twin of a {setup.arm.model} listens on {self.address}. Stop it with Ctrl-C.",
+                f"A twin of a {setup.arm.model} ({generation}) listens on {self.address}. Stop it "
+                "with Ctrl-C.",
                 flush=True,
             )
             twin.wait()

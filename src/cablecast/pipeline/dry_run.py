@@ -1,5 +1,6 @@
 """Dry run of a collection on a real arm: everything is checked and shown, and nothing moves."""
 
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +12,12 @@ from cablecast.motion.action import Action, ActionRanges
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
-from cablecast.rigs.ur.link import UrLink, check_ready
+from cablecast.rigs.ur.link import BY_HAND, UrLink, check_ready
 from cablecast.rigs.ur.program import JointCurve, check_path
 from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
+
+_SLOW_ANSWER = 1.0
 
 
 class Finding(NamedTuple):
@@ -87,18 +90,23 @@ def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
     link = None
     try:
         link = UrLink(robot)
+        start = time.monotonic()
         report = check_ready(link, robot)
+        asked = time.monotonic() - start
     except CablecastError as error:
         return [Finding("controller", str(error))]
     finally:
         if link is not None:
             link.close()
     height = float(setup.arm.grip_pose(report.q)[2])
-    found = Finding(
-        "controller",
-        None,
-        f"ready at {robot.address}, payload {report.payload:.2f} kg, grip {height:.2f} m high",
-    )
+    version = ".".join(map(str, link.version))
+    payload = "not reported" if report.payload is None else f"{report.payload:.2f} kg"
+    detail = f"{version} ready at {robot.address}, payload {payload}, grip {height:.2f} m high"
+    if asked > _SLOW_ANSWER:
+        detail += f"; its dashboard took {asked:.1f} s to answer, which delays every cast"
+    if not link.has_dashboard:
+        detail += f"; {BY_HAND}"
+    found = Finding("controller", None, detail)
     try:
         way, reset = reset_motions(report.q, setup)
     except CablecastError as error:

@@ -255,6 +255,6 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
 
 def test_a_controller_that_is_not_there_is_named_before_anything_is_printed(twin, capfd):
     robot = dataclasses.replace(twin[1].robot, address="127.255.255.1")
-    with pytest.raises(RigError, match=r"no dashboard server answers at 127.255.255.1:29999"):
+    with pytest.raises(RigError, match=r"no RTDE server answers at 127.255.255.1:30004"):
         UrLink(robot)
     assert capfd.readouterr().out == ""

@@ -46,17 +46,20 @@ def report(time=0.0, **changes):
     return Report(**(values | changes))
 
 
-def ready(version="3.15.8", remote="True", **changes):
-    answers = {"polyscopeVersion": version, "isInRemoteControl": remote}
-    link = SimpleNamespace(wait_for_report=lambda: report(**changes), ask=answers.__getitem__)
+def ready(version=(3, 15, 8), remote="true", **changes):
+    answers = {"is in remote control": remote} if (5, 6) <= version < (10,) else {}
+    link = SimpleNamespace(
+        wait_for_report=lambda: report(**changes), ask=answers.__getitem__, version=version
+    )
     return check_ready(link, ROBOT)
 
 
 def test_a_controller_that_is_ready_is_taken():
     ready()
-    ready(version="5.12.6")
-    # A CB3 knows no remote control.
-    ready(remote="could not understand")
+    ready(version=(5, 12, 6))
+    # Neither a CB3 nor an early e-Series can be asked for remote control, nor PolyScope X.
+    ready(version=(5, 4, 0))
+    ready(version=(10, 7, 0))
     ready(payload_cog=None)
 
 
@@ -69,7 +72,7 @@ def test_a_controller_that_is_ready_is_taken():
         ({"safety_bits": 1 << 9}, "fault: read the pendant's log"),
         ({"safety_bits": 1 << 1}, "not in its normal mode"),
         ({"robot_mode": 3}, "in mode 3, not running"),
-        ({"version": "5.12.6", "remote": "False"}, "in local control"),
+        ({"version": (5, 12, 6), "remote": "false"}, "in local control"),
         ({"speed_scaling": 0.5}, "at 50 %: set it to 100 %"),
         ({"payload": 0.89}, "payload on the controller is 0.89 kg"),
         ({"payload_cog": np.array([0.0, 0.03, 0.06])}, r"payload's centre on the controller"),

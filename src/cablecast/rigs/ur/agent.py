@@ -13,6 +13,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any, TextIO
 
 from cablecast.errors import RigError
@@ -24,7 +25,6 @@ DASHBOARD_PORT, PROGRAM_PORT = 29999, 30002
 OWNER_TIME_MAX = 0.5
 """Longest time for which the heart beats without a word from the owner [s]."""
 _POLL = 0.0005
-_CONNECT_TIME_MAX_MS = 3000
 
 
 class Agent:
@@ -46,8 +46,6 @@ class Agent:
         input_register: int,
         output_register: int,
     ):
-        import dashboard_client
-        import rtde_receive
 
         self._out = out
         self._beat_period = beat_period
@@ -56,12 +54,8 @@ class Agent:
         self._alive_until = 0.0
         self._beat = 0
         self._beat_at = 0.0
-        self._dashboard: Any = dashboard_client.DashboardClient(address, DASHBOARD_PORT)
-        self._dashboard.connect(_CONNECT_TIME_MAX_MS)
-        self._output_register = output_register
-        self._receive: Any = rtde_receive.RTDEReceiveInterface(
-            address, use_upper_range_registers=output_register >= 24
-        )
+        self._output_registers = [output_register + index for index in (STATE, TICK, NUMBER)]
+        self._receive, self._has_payload = receive(address, self._output_registers)
         self._inputs = RegisterWriter(address, input_register)
         for target in (self._record, self._pulse):
             threading.Thread(target=target, daemon=True).start()
@@ -83,11 +77,6 @@ class Agent:
             # One that is not written is a connection that broke: the owner notices the silence.
             with contextlib.suppress(OSError), self._write_lock:
                 self._inputs.write(command["register"], command["value"])
-        elif do == "ask":
-            try:
-                self.say(answer=str(getattr(self._dashboard, command["question"])()))
-            except Exception as error:
-                self.say(answer=None, error=_one_line(error))
 
     def _pulse(self) -> None:
         """Change the beat's register as long as the owner wants."""
@@ -125,12 +114,9 @@ class Agent:
                     r.getSafetyStatusBits(),
                     r.getRobotMode(),
                     r.getRuntimeState() == 2,
-                    r.getPayload(),
-                    self._payload_cog(),
-                    *(
-                        r.getOutputIntRegister(self._output_register + index)
-                        for index in (STATE, TICK, NUMBER)
-                    ),
+                    r.getPayload() if self._has_payload else None,
+                    r.getPayloadCog() if self._has_payload else None,
+                    *(r.getOutputIntRegister(index) for index in self._output_registers),
                 ]
                 # A report that changed while it was read is read again.
                 if r.getTimestamp() == now:
@@ -144,12 +130,34 @@ class Agent:
                 # A connection that breaks: the owner notices the silence.
                 time.sleep(0.01)
 
-    def _payload_cog(self) -> list[float] | None:
-        """Return the centre of the payload; None where the controller does not report it."""
-        try:
-            return self._receive.getPayloadCog()
-        except RuntimeError:
-            return None
+
+def receive(address: str, registers: Sequence[int]) -> tuple[Any, bool]:
+    """Return a connection that reports what `Report` needs, and whether it reports the payload.
+
+    By itself ur-rtde asks for ten times as much, and of PolyScope X it does not ask the payload.
+    CB3 reports it since 3.11, an e-Series since 5.5.
+    """
+    import rtde_receive
+
+    names = [
+        "timestamp",
+        "actual_q",
+        "actual_qd",
+        "target_q",
+        "speed_scaling",
+        "target_speed_fraction",
+        "safety_status_bits",
+        "robot_mode",
+        "runtime_state",
+        *(f"output_int_register_{index}" for index in registers),
+    ]
+    try:
+        more = [*names, "payload", "payload_cog"]
+        return rtde_receive.RTDEReceiveInterface(address, variables=more), True
+    except RuntimeError as error:
+        if "payload" not in str(error):
+            raise
+        return rtde_receive.RTDEReceiveInterface(address, variables=names), False
 
 
 def _one_line(error: Exception) -> str:

@@ -7,6 +7,7 @@ import enum
 import json
 import queue
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -19,11 +20,11 @@ from numpy.typing import NDArray
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import MissingExtraError, RigError
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
-from cablecast.rigs.ur.rtde import PHASE, RTDE_PORT, STOP
+from cablecast.rigs.ur.rtde import GET_VERSION, PHASE, RTDE_PORT, STOP, frame
 
 _CONNECT_TIME_MAX = 3.0
 _AGENT_TIME_MAX = 20.0
-_ANSWER_TIME_MAX = 5.0
+_ANSWER_TIME_MAX = 10.0
 _ALIVE_PERIOD = 0.05
 _REPORT_COUNT_MAX = 100_000
 _BEATS_PER_WATCHDOG = 10
@@ -43,7 +44,7 @@ class Report:
         safety_bits: Safety status bits of RTDE.
         robot_mode: Robot mode of RTDE; 7 is running.
         is_playing: True while a program runs.
-        payload: Payload that is set [kg].
+        payload: Payload that is set [kg]; None where the controller does not report it.
         payload_cog: Centre of that payload in the flange frame [m], shape [3]; None where the
             controller does not report it.
         state: State that the program wrote.
@@ -60,7 +61,7 @@ class Report:
     safety_bits: int
     robot_mode: int
     is_playing: bool
-    payload: float
+    payload: float | None
     payload_cog: NDArray[np.float64] | None
     state: int
     tick: int
@@ -71,6 +72,16 @@ class Report:
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
         if self.payload_cog is not None:
             object.__setattr__(self, "payload_cog", np.array(self.payload_cog, dtype=float))
+
+
+Version = tuple[int, int, int]
+CB3, E_SERIES, POLYSCOPE_X = 3, 5, 10
+"""Generations of controllers, by the major version of their software."""
+_REMOTE_CONTROL_SINCE = (5, 6, 0)
+BY_HAND = (
+    "PolyScope X has no dashboard: see to it on the pendant that remote control is on and no other "
+    "program runs, and enable the robot there after a stop"
+)
 
 
 class Phase(enum.IntEnum):
@@ -89,9 +100,12 @@ class UrLink:
     Args:
         robot: Address and ports.
 
+    Attributes:
+        version: Version of the controller's software.
+
     Raises:
         MissingExtraError: ur-rtde is not installed.
-        RigError: The controller does not answer.
+        RigError: The controller does not answer, or its generation is unknown.
     """
 
     def __init__(self, robot: RobotConfig):
@@ -99,12 +113,13 @@ class UrLink:
         self.reports: collections.deque[Report] = collections.deque(maxlen=_REPORT_COUNT_MAX)
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._alive_said = 0.0
-        for name, port in (
-            ("dashboard", DASHBOARD_PORT),
-            ("RTDE", RTDE_PORT),
-            ("program", PROGRAM_PORT),
-        ):
-            _probe(robot.address, port, name)
+        self._dashboard: socket.socket | None = None
+        with _reach(robot.address, RTDE_PORT, "RTDE") as connection:
+            self.version = _read_version(connection, robot.address)
+        # ur-rtde would print, and hang.
+        _reach(robot.address, PROGRAM_PORT, "program").close()
+        if self.has_dashboard:
+            _reach(robot.address, DASHBOARD_PORT, "dashboard").close()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "cablecast.rigs.ur.agent"],
             stdin=subprocess.PIPE,
@@ -131,7 +146,12 @@ class UrLink:
             input_register=robot.input_register,
             output_register=robot.output_register,
         )
-        answer = self._answer(_AGENT_TIME_MAX)
+        try:
+            answer = self._answers.get(timeout=_AGENT_TIME_MAX)
+        except queue.Empty:
+            raise RigError(
+                f"the controller at {robot.address} did not answer within {_AGENT_TIME_MAX:g} s"
+            ) from None
         if "missing" in answer:
             raise MissingExtraError("ur-rtde", "ur", "--rig ur")
         if "refused" in answer:
@@ -141,6 +161,11 @@ class UrLink:
                 f"the controller at {robot.address} refused the connection: {answer.get('failed')}"
             )
         self.wait_for_report()
+
+    @property
+    def has_dashboard(self) -> bool:
+        """True but for PolyScope X, which came without one."""
+        return self.version[0] < POLYSCOPE_X
 
     @property
     def is_alive(self) -> bool:
@@ -224,25 +249,49 @@ class UrLink:
             ) from None
 
     def ask(self, question: str) -> str:
-        """Return the dashboard's answer to a question: one of ur-rtde's `DashboardClient` methods.
+        """Return the dashboard's answer to a command of its manual, one line.
 
         Raises:
-            RigError: The dashboard does not answer.
+            RigError: The dashboard does not answer in time.
         """
-        # An answer that came too late belongs to an earlier question.
-        while not self._answers.empty():
-            self._answers.get_nowait()
-        self._tell(do="ask", question=question)
-        answer = self._answer(_ANSWER_TIME_MAX)
-        if answer.get("answer") is None:
+        address = self.robot.address
+        try:
+            if self._dashboard is None:
+                self._dashboard = _reach(address, DASHBOARD_PORT, "dashboard")
+                self._dashboard.settimeout(_ANSWER_TIME_MAX)
+                _read_line(self._dashboard)
+            self._dashboard.sendall(f"{question}\n".encode())
+            return _read_line(self._dashboard)
+        except OSError as error:
+            # An answer that comes too late belongs to no later question.
+            self._hang_up()
             raise RigError(
-                f"the dashboard at {self.robot.address} does not answer: {answer.get('error')}"
-            )
-        return answer["answer"]
+                f"the dashboard at {address} did not answer {question!r} within "
+                f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network slow. "
+                "Wait until the pendant responds. The same command resumes"
+            ) from None
+
+    def stop_program(self) -> None:
+        """End whatever program runs; the arm brakes.
+
+        Raises:
+            RigError: The controller does not take it.
+        """
+        if self.has_dashboard:
+            self.ask("stop")
+        else:
+            # A program replaces the one that runs.
+            self.send_program("def cablecast_stop():\n  stopj(15)\nend\n")
+
+    def _hang_up(self) -> None:
+        if self._dashboard is not None:
+            self._dashboard.close()
+            self._dashboard = None
 
     def close(self) -> None:
         """Let go of the controller; it may be called twice."""
         self.rest()
+        self._hang_up()
         with contextlib.suppress(OSError, ValueError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
@@ -268,14 +317,6 @@ class UrLink:
                 "has power and the network cable is in. The same command resumes"
             ) from None
 
-    def _answer(self, time_max: float) -> dict[str, Any]:
-        try:
-            return self._answers.get(timeout=time_max)
-        except queue.Empty:
-            raise RigError(
-                f"the controller at {self.robot.address} did not answer within {time_max:g} s"
-            ) from None
-
     def _read(self) -> None:
         """Sort what the process says."""
         stream = self._process.stdout
@@ -285,18 +326,51 @@ class UrLink:
                 self.reports.append(Report(*values["report"]))
             else:
                 self._answers.put(values)
-        self._answers.put({"failed": "its process ended", "error": "its process ended"})
+        self._answers.put({"failed": "its process ended"})
 
 
-def _probe(address: str, port: int, name: str) -> None:
-    """Refuse an address where nothing listens; ur-rtde would print, and hang."""
+def _reach(address: str, port: int, name: str) -> socket.socket:
+    """Return a connection to one of the controller's servers."""
     try:
-        socket.create_connection((address, port), _CONNECT_TIME_MAX).close()
+        return socket.create_connection((address, port), _CONNECT_TIME_MAX)
     except OSError as error:
         raise RigError(
             f"no {name} server answers at {address}:{port} ({error.strerror or error}): look "
             "whether the controller has power, is in the same network, and its services are on"
         ) from None
+
+
+def _read_line(connection: socket.socket) -> str:
+    """Return the next line of the dashboard, which says nothing unasked."""
+    line = b""
+    while not line.endswith(b"\n"):
+        data = connection.recv(1024)
+        if not data:
+            raise OSError("it hung up")
+        line += data
+    return line.decode("utf-8", "replace").strip()
+
+
+def _read_version(connection: socket.socket, address: str) -> Version:
+    """Return the version of the controller's software, which RTDE tells in every generation.
+
+    Raises:
+        RigError: It does not tell, or no such generation is known.
+    """
+    connection.settimeout(_ANSWER_TIME_MAX)
+    try:
+        connection.sendall(frame(GET_VERSION))
+        answer = connection.recv(19, socket.MSG_WAITALL)
+        major, minor, bugfix, _ = struct.unpack(">3x4I", answer)
+    except (OSError, struct.error) as error:
+        raise RigError(f"the controller at {address} does not say its version: {error}") from None
+    if major not in (CB3, E_SERIES, POLYSCOPE_X):
+        raise RigError(
+            f"the controller at {address} runs version {major}.{minor}.{bugfix}, and cablecast "
+            "knows 3 (CB3), 5 (e-Series) and 10 (PolyScope X): it moves no arm whose controller it "
+            "does not know"
+        )
+    return major, minor, bugfix
 
 
 _ROBOT_RUNNING = 7
@@ -348,28 +422,40 @@ def check_ready(link: UrLink, robot: RobotConfig) -> Report:
         RigError: It is not; says what a person has to do.
     """
     report = link.wait_for_report()
+    check_report(report, robot)
+    # RTDE tells all the rest; of PolyScope X nobody tells it.
+    if _REMOTE_CONTROL_SINCE <= link.version < (POLYSCOPE_X, 0, 0):
+        answer = link.ask("is in remote control")
+        if answer.lower() != "true":
+            raise RigError("the robot is in local control: switch the pendant to remote control")
+    return report
+
+
+def check_report(report: Report, robot: RobotConfig) -> None:
+    """Refuse a report of an arm that is not as the lab file says.
+
+    Raises:
+        RigError: It is not; says what a person has to do.
+    """
     check_safe(report)
     if report.robot_mode != _ROBOT_RUNNING:
         raise RigError(
             f"the robot is in mode {report.robot_mode}, not running: power it on and release its "
             "brakes on the pendant"
         )
-    if link.ask("polyscopeVersion").strip()[:1] >= "5" and link.ask("isInRemoteControl") != "True":
-        raise RigError("the robot is in local control: switch the pendant to remote control")
     if abs(report.speed_scaling - 1.0) > SPEED_TOLERANCE:
         raise RigError(
             f"the speed slider of the pendant is at {100 * report.speed_scaling:.0f} %: set it to "
             "100 %, or casts land elsewhere"
         )
-    if abs(report.payload - robot.payload_mass) > PAYLOAD_TOLERANCE:
+    mass, center = report.payload, report.payload_cog
+    if mass is not None and abs(mass - robot.payload_mass) > PAYLOAD_TOLERANCE:
         raise RigError(
-            f"the payload on the controller is {report.payload:.2f} kg, that of the lab file "
+            f"the payload on the controller is {mass:.2f} kg, that of the lab file "
             f"{robot.payload_mass:.2f} kg: weigh gripper and cable, and set both alike"
         )
-    center = report.payload_cog
     if center is not None and np.linalg.norm(center - robot.payload_cog) > CENTER_TOLERANCE:
         raise RigError(
             f"the payload's centre on the controller is at {center.round(3).tolist()} m, that of "
             f"the lab file at {list(robot.payload_cog)} m: measure it, and set both alike"
         )
-    return report

@@ -108,7 +108,7 @@ class Player:
             time.sleep(_POLL)
         # The program ends itself for want of a heartbeat; this is for one that does not.
         with contextlib.suppress(CablecastError):
-            link.ask("stop")
+            link.stop_program()
 
     def _wait_for_start(self, number: int, size: int) -> None:
         deadline = time.monotonic() + _START_TIME_MAX
@@ -118,8 +118,9 @@ class Player:
             if time.monotonic() > deadline:
                 raise RigError(
                     f"the controller did not start a program of {size / 1000:.1f} kB within "
-                    f"{_START_TIME_MAX:g} s: look at the log of the pendant, whether another "
-                    "program runs, and whether it takes programs of that size"
+                    f"{_START_TIME_MAX:g} s: look at the log of the pendant, whether it is in "
+                    "remote control, whether another program runs, and whether it takes programs "
+                    "of that size"
                 )
             time.sleep(_POLL)
 

@@ -15,7 +15,7 @@ from cablecast.errors import CablecastError, InputError, RigError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.ur.link import Phase, Report, UrLink, check_ready
+from cablecast.rigs.ur.link import Phase, Report, UrLink, check_ready, check_report
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
 from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
 from cablecast.setup import Setup
@@ -207,7 +207,7 @@ class RigUR(RigLifecycle):
         while (report := link.latest()).time < end:
             if not report.is_playing:
                 time.sleep(0.005)
-        check_ready(link, self.robot)
+        check_report(link.wait_for_report(), self.robot)
         reports = link.since(record.start_time)
         tail = record.start_time + curve.duration + _JOINT_TAIL
         used = [r for r in reports if r.time <= tail]

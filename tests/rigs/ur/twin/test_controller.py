@@ -22,9 +22,9 @@ def home(twin_setup):
     return twin_setup.arm.inverse(np.asarray(reset_pose(twin_setup.workspace), dtype=float))
 
 
-@pytest.fixture(params=[False, True], ids=["CB3", "e-Series"])
+@pytest.fixture(params=["cb3", "e-series"])
 def controller(request, twin_setup, home):
-    return Controller(twin_setup, home, is_e_series=request.param)
+    return Controller(twin_setup, home, request.param)
 
 
 @pytest.fixture
@@ -171,7 +171,7 @@ def test_a_program_beyond_the_controllers_size_does_nothing(controller, points, 
 
 
 def test_the_dashboard_answers_as_the_makers_does(twin_setup, home):
-    cb3, e_series = (Controller(twin_setup, home, flag) for flag in (False, True))
+    cb3, e_series = (Controller(twin_setup, home, name) for name in ("cb3", "e-series"))
     assert dashboard_answer(cb3, "robotmode") == "Robotmode: RUNNING"
     assert dashboard_answer(cb3, "PolyscopeVersion").startswith("URSoftware 3.15")
     assert dashboard_answer(e_series, "PolyscopeVersion").startswith("URSoftware 5.")

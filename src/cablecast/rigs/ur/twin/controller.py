@@ -106,9 +106,33 @@ class TwinLimits:
 MODE_POWER_OFF, MODE_RUNNING = 3, 7
 SAFETY_NORMAL, SAFETY_PROTECTIVE, SAFETY_EMERGENCY = 1, 3, 7
 _START_TIMESTAMP = 1000.0
-_CB3_VERSION, _E_SERIES_VERSION = (3, 15, 8, 106339), (5, 12, 6, 1102099)
 _EVENT_COUNT = 10_000
 _MESSAGE_COUNT = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class Generation:
+    """One generation of controllers.
+
+    Attributes:
+        version: Version of its software: major, minor, bugfix, build.
+        dt: Control cycle [s].
+        has_dashboard: True where a dashboard server answers.
+        has_remote_control: True where programs from outside need the pendant's permission.
+    """
+
+    version: tuple[int, int, int, int]
+    dt: float
+    has_dashboard: bool = True
+    has_remote_control: bool = True
+
+
+GENERATIONS = {
+    "cb3": Generation((3, 15, 8, 106339), 0.008, has_remote_control=False),
+    "e-series": Generation((5, 12, 6, 1102099), 0.002),
+    "polyscope-x": Generation((10, 7, 0, 0), 0.002, has_dashboard=False),
+}
+"""Generations by name; the last two run on the same arms."""
 
 
 @dataclasses.dataclass
@@ -126,19 +150,18 @@ class Controller:
     Args:
         setup: Arm, table and robot section.
         q: Joint angles at the start [rad], shape [6].
-        is_e_series: True for 500 Hz and PolyScope 5, False for 125 Hz and PolyScope 3.
+        generation: One of `GENERATIONS`.
     """
 
-    def __init__(self, setup: Setup, q: NDArray[np.float64], is_e_series: bool = False):
+    def __init__(self, setup: Setup, q: NDArray[np.float64], generation: str = "cb3"):
         robot = setup.robot
         if robot is None:
             raise InputError("a twin needs a lab file with a robot section")
         self.setup = setup
         self.robot = robot
-        self.is_e_series = is_e_series
-        self.dt = 0.002 if is_e_series else 0.008
         self.program_size_max = PROGRAM_SIZE_MAX
-        self.version = _E_SERIES_VERSION if is_e_series else _CB3_VERSION
+        self.generation = GENERATIONS[generation]
+        self.dt = self.generation.dt
         self.arm = LiveArm(setup, q)
         self.limits = TwinLimits(setup, self.dt)
         self.inputs: dict[str, Any] = collections.defaultdict(int)
@@ -156,6 +179,7 @@ class Controller:
         """Start up: at rest, without a program."""
         self.robot_mode, self.safety_mode = MODE_RUNNING, SAFETY_NORMAL
         self.speed_slider = 1.0
+        self.is_in_remote_control = True
         self._running: _Running | None = None
         self.target_q = self.arm.q.copy()
         self.target_qd = np.zeros(6)
@@ -192,6 +216,9 @@ class Controller:
         """Run a program instead of the one that runs, as a real controller does."""
         if not self.can_move:
             self.log("program refused", reason="stopped for safety")
+            return
+        if not self.is_in_remote_control:
+            self.log("program refused", reason="in local control")
             return
         if len(text) > self.program_size_max:
             # Real controllers do nothing, and say nothing.
@@ -232,6 +259,7 @@ class Controller:
         """Do what a person does after a stop: clear it, and release the brakes."""
         self.safety_mode, self.robot_mode = SAFETY_NORMAL, MODE_RUNNING
         self.speed_slider = 1.0
+        self.is_in_remote_control = True
         self.payload = self.robot.payload_mass
         self.limits.forget()
         self.log("cleared")

@@ -23,7 +23,7 @@ from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import ProgramState
 from cablecast.rigs.ur.rtde import PHASE, RTDE_PORT, STATE
-from cablecast.rigs.ur.twin.controller import MODE_POWER_OFF, Controller
+from cablecast.rigs.ur.twin.controller import GENERATIONS, MODE_POWER_OFF, Controller
 from cablecast.rigs.ur.twin.servers import (
     DASHBOARD_GREETING,
     Client,
@@ -45,6 +45,7 @@ looks then, and drawing whole resets would take minutes."""
 
 _HISTORY_TIME = 120.0
 _LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
+_SLOW_TIME = 3.0
 _CROOKED = np.radians(15.0)
 _PROGRAM_IDLE_TIME = 0.05
 _STICK_NODE_COUNT = 12
@@ -72,6 +73,7 @@ class TwinConfig:
         segment_count: Segments of the simulated cable.
         program_size_max: Longest program that the controller takes [byte].
         has_cable: False for an arm that holds a stick as long as the cable, which is quicker.
+        generation: One of `GENERATIONS`; by default "cb3", or "e-series" for an arm of that series.
     """
 
     address: str = "127.0.0.1"
@@ -82,6 +84,7 @@ class TwinConfig:
     segment_count: int = 30
     has_cable: bool = True
     program_size_max: int = PROGRAM_SIZE_MAX
+    generation: str = ""
 
     def __post_init__(self):
         check_count("twin camera_port", self.camera_port, 0, 65535)
@@ -90,6 +93,23 @@ class TwinConfig:
         check_seed(self.seed)
         check_count("twin segment_count", self.segment_count, 4, 200)
         check_count("twin program_size_max", self.program_size_max, 1, 10_000_000)
+        if self.generation not in ("", *GENERATIONS):
+            raise InputError(
+                f"unknown generation {self.generation[:40]!r} of a twin: one of "
+                f"{', '.join(GENERATIONS)}"
+            )
+
+    def generation_of(self, model: str) -> str:
+        """Return the generation of a twin of an arm, by the name of its model.
+
+        Raises:
+            InputError: There is no such arm with that generation's controller.
+        """
+        is_e_series = model.endswith("e")
+        generation = self.generation or ("e-series" if is_e_series else "cb3")
+        if is_e_series == (generation == "cb3"):
+            raise InputError(f"there is no {model} with a controller of generation {generation}")
+        return generation
 
 
 FAULTS: dict[str, str] = {
@@ -102,6 +122,9 @@ FAULTS: dict[str, str] = {
     "network_lost": "nothing passes between computer and controller for 5 s",
     "controller_dies": "controller without power",
     "controller_restarts": "controller without power for 3 s, then up again",
+    "local_control": "the pendant is switched to local control",
+    "dashboard_slow": "each answer of the dashboard takes 3 s",
+    "dashboard_off": "the dashboard's service is switched off",
     "cable_slips": "the cable slips in the jaws",
     "crooked_reset": "the reset leaves the cable 15 deg aside",
     "camera_frozen": "the camera sends the same picture again and again",
@@ -111,6 +134,16 @@ FAULTS: dict[str, str] = {
     "camera_moved_tag": "somebody moves a tag",
 }
 """Faults of the twin, each in words."""
+
+
+def faults_of(generation: str) -> list[str]:
+    """Return the faults that a generation of controllers can have."""
+    g = GENERATIONS[generation]
+    impossible = set() if g.has_remote_control else {"local_control"}
+    if not g.has_dashboard:
+        impossible |= {"dashboard_slow", "dashboard_off"}
+    return [name for name in FAULTS if name not in impossible]
+
 
 PHASES = ("idle", "reset", "approach", "cast", "settle", "readout", "now")
 """Phases that a fault may wait for: the arm stands, the reset's motion, the hold at the start of a
@@ -155,7 +188,8 @@ class TwinLaboratory:
         self.setup = setup
         self.config = config
         home = np.asarray(reset_pose(setup.workspace), dtype=float)
-        self.controller = Controller(setup, setup.arm.inverse(home), setup.arm.model.endswith("e"))
+        self.generation = config.generation_of(setup.arm.model)
+        self.controller = Controller(setup, setup.arm.inverse(home), self.generation)
         self.controller.program_size_max = config.program_size_max
         self.cable: LiveCable | None = None
         if config.has_cable:
@@ -167,11 +201,17 @@ class TwinLaboratory:
             self.controller, config.seed, heard=lambda: self._said.add(self.phase)
         )
         self.faults: list[Fault] = []
-        self.servers = Servers(config.address, {**_ROBOT_SERVERS, "admin": ADMIN_PORT})
+        self._robot_servers = set(_ROBOT_SERVERS)
+        if not self.controller.generation.has_dashboard:
+            self._robot_servers.remove("dashboard")
+        ports = {**_ROBOT_SERVERS, "admin": ADMIN_PORT}
+        self.servers = Servers(config.address, ports, self._robot_servers | {"admin"})
         self._phase = ("idle", self.controller.time)
         self._held: list[tuple[Client, bytes]] = []
         self._senders: list[Client] = []
         self._silent_until = -1.0
+        self._answer_time = 0.0
+        self._answers: collections.deque[tuple[float, Client, str]] = collections.deque()
         self._restart_at: float | None = None
         self._next_picture = 0.0
         self._heard_at = time.monotonic()
@@ -211,6 +251,9 @@ class TwinLaboratory:
         """Advance the world by one control cycle."""
         controller = self.controller
         self._read_programs()
+        while self._answers and self._answers[0][0] <= controller.time:
+            _, client, line = self._answers.popleft()
+            client.send(line.encode())
         self._make_faults()
         poses = controller.tick()
         self._grip = poses[-1]
@@ -247,7 +290,7 @@ class TwinLaboratory:
         if client.kind == "rtde":
             self.rtde.accept(client)
         elif client.kind == "dashboard":
-            client.send(f"{DASHBOARD_GREETING}\n".encode())
+            self._answer(client, DASHBOARD_GREETING)
         elif client.kind == "program":
             self._senders.append(client)
         client.state.update(text=b"", at=0.0)
@@ -270,9 +313,13 @@ class TwinLaboratory:
         for line in lines:
             text = line.decode("utf-8", "replace")
             if client.kind == "dashboard":
-                client.send(f"{dashboard_answer(self.controller, text)}\n".encode())
+                self._answer(client, dashboard_answer(self.controller, text))
             else:
                 client.send(json.dumps(self._administer(text)).encode() + b"\n")
+
+    def _answer(self, client: Client, line: str) -> None:
+        """Let the dashboard answer as soon as it does."""
+        self._answers.append((self.controller.time + self._answer_time, client, f"{line}\n"))
 
     def _read_programs(self) -> None:
         """Run each program that has arrived whole, that is, up to its last `end`."""
@@ -297,7 +344,10 @@ class TwinLaboratory:
             if do == "truth":
                 return self._truth(float(command["since"]), float(command["until"]))
             if do == "fault":
-                self.faults.append(Fault(**command))
+                fault = Fault(**command)
+                if fault.name not in faults_of(self.generation):
+                    raise InputError(f"a controller {self.generation} has no {fault.name}")
+                self.faults.append(fault)
             elif do == "clear":
                 self._clear()
             elif do != "state":
@@ -317,6 +367,9 @@ class TwinLaboratory:
         """Do what a person does to go on after a fault."""
         self.faults.clear()
         self._silent_until = -1.0
+        self._answer_time = 0.0
+        if "dashboard" in self._robot_servers:
+            self.servers.listen("dashboard")
         self.rtde.late_until = self.rtde.lost_until = -1.0
         if self.camera is not None:
             self.camera.fault(None)
@@ -375,6 +428,13 @@ class TwinLaboratory:
             controller.speed_slider = 0.5
         elif name == "wrong_payload":
             controller.payload = 0.0
+        elif name == "local_control":
+            controller.is_in_remote_control = False
+            controller.stop_program("local control")
+        elif name == "dashboard_slow":
+            self._answer_time = _SLOW_TIME
+        elif name == "dashboard_off":
+            self.servers.drop({"dashboard"})
         elif name == "lost_packets":
             self.rtde.lost_until = now + _LOST_TIME
         elif name == "late_packets":
@@ -384,8 +444,9 @@ class TwinLaboratory:
         elif name in ("controller_dies", "controller_restarts"):
             controller.stop_program("no power")
             controller.robot_mode = MODE_POWER_OFF
-            self.servers.drop(set(_ROBOT_SERVERS))
+            self.servers.drop(self._robot_servers)
             self._held.clear()
+            self._answers.clear()
             if name == "controller_restarts":
                 self._restart_at = now + _RESTART_TIME
         elif name.startswith("camera_"):
@@ -400,7 +461,7 @@ class TwinLaboratory:
         """Start a controller that had no power."""
         self._restart_at = None
         self.controller.boot()
-        for name in _ROBOT_SERVERS:
+        for name in self._robot_servers:
             self.servers.drop({name})
             self.servers.listen(name)
         self.controller.log("powered up")

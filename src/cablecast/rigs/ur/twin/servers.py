@@ -86,26 +86,29 @@ class Servers:
     Args:
         address: Loopback address.
         ports: Port by the name of the server.
+        names: Servers that listen from the start.
 
     Raises:
         InputError: The address is not of this computer, or a port is taken.
     """
 
-    def __init__(self, address: str, ports: dict[str, int]):
+    def __init__(self, address: str, ports: dict[str, int], names: set[str]):
         self.address = _check_loopback(address)
         self._ports = ports
         self.clients: list[Client] = []
         self._selector = selectors.DefaultSelector()
         self._listening: dict[str, socket.socket] = {}
         try:
-            for name in ports:
+            for name in names:
                 self.listen(name)
         except InputError:
             self.close()
             raise
 
     def listen(self, name: str) -> None:
-        """Open a server's port."""
+        """Open a server's port, unless it is open."""
+        if name in self._listening:
+            return
         server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -301,7 +304,7 @@ class RtdeServer:
         if kind == REQUEST_PROTOCOL_VERSION:
             client.send(frame(kind, bytes([int.from_bytes(payload[:2], "big") == 2])))
         elif kind == GET_VERSION:
-            client.send(frame(kind, struct.pack(">4I", *self.controller.version)))
+            client.send(frame(kind, struct.pack(">4I", *self.controller.generation.version)))
         elif kind == SETUP_OUTPUTS:
             self._set_outputs(client, payload)
         elif kind == SETUP_INPUTS:
@@ -419,7 +422,7 @@ _SAFETY_WORDS = {
 def dashboard_answer(controller: Controller, line: str) -> str:
     """Return the dashboard's answer to one command, without line breaks."""
     command = line.strip().lower()
-    major, minor, bugfix, build = controller.version
+    major, minor, bugfix, build = controller.generation.version
     running = controller.is_running_program
     safety = _SAFETY_WORDS[controller.safety_mode]
     questions = {
@@ -435,8 +438,8 @@ def dashboard_answer(controller: Controller, line: str) -> str:
         "get serial number": "20260000000",
         "quit": "Disconnected",
     }
-    if controller.is_e_series:
-        questions["is in remote control"] = "true"
+    if controller.generation.has_remote_control:
+        questions["is in remote control"] = str(controller.is_in_remote_control).lower()
     if command in questions:
         return questions[command]
     controller.log("dashboard", command=command)

@@ -1,0 +1,178 @@
+"""The three generations of controllers, each with what only it can do or fail to do."""
+
+import dataclasses
+import socket
+import struct
+import threading
+import time
+
+import pytest
+
+from cablecast.errors import InputError, RigError
+from cablecast.rigs.ur.agent import receive
+from cablecast.rigs.ur.link import UrLink, check_ready
+from cablecast.rigs.ur.twin.controller import GENERATIONS
+from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
+
+ARMS = {"cb3": "ur5", "e-series": "ur5e", "polyscope-x": "ur5e"}
+
+
+@pytest.fixture(scope="module", params=list(GENERATIONS))
+def twin(request, make_twin):
+    name = request.param
+    process, setup = make_twin(
+        model=ARMS[name], generation=name, has_cable=False, rate=20.0, patience=0.0
+    )
+    return name, process, setup
+
+
+def make(process, fault):
+    process.admin.fault(fault)
+    deadline = time.monotonic() + 30.0
+    while process.admin.state()["faults"] and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def test_each_generation_is_told_by_its_version_and_asked_only_what_it_can_answer(twin):
+    name, process, setup = twin
+    link = UrLink(setup.robot)
+    try:
+        assert link.version == GENERATIONS[name].version[:3]
+        assert link.has_dashboard == (name != "polyscope-x")
+        report = check_ready(link, setup.robot)
+        assert report.payload == setup.robot.payload_mass
+        if name != "polyscope-x":
+            return
+        for fault in ("dashboard_slow", "dashboard_off"):
+            with pytest.raises(InputError, match=f"polyscope-x has no {fault}"):
+                process.admin.fault(fault)
+    finally:
+        link.close()
+
+
+def test_a_slow_dashboard_delays_and_one_that_is_silent_is_named(twin, monkeypatch):
+    name, process, setup = twin
+    if name == "polyscope-x":
+        pytest.skip("it has no dashboard")
+    monkeypatch.setattr("cablecast.rigs.ur.link._ANSWER_TIME_MAX", 0.1)
+    link = UrLink(setup.robot)
+    try:
+        assert link.ask("running") == "Program running: false"
+        make(process, "dashboard_slow")
+        with pytest.raises(RigError, match=r"did not answer 'running' within 0\.1 s") as error:
+            link.ask("running")
+        assert "\n" not in str(error.value)
+        monkeypatch.setattr("cablecast.rigs.ur.link._ANSWER_TIME_MAX", 60.0)
+        assert link.ask("safetymode") == "Safetymode: NORMAL"
+        make(process, "dashboard_off")
+        with pytest.raises(RigError, match="did not answer 'running'"):
+            link.ask("running")
+        with pytest.raises(RigError, match="no dashboard server answers"):
+            link.ask("running")
+    finally:
+        link.close()
+        process.admin.clear()
+
+
+def test_local_control_is_refused_where_it_can_be_asked_for(twin):
+    name, process, setup = twin
+    if "local_control" not in faults_of(name):
+        assert name == "cb3"
+        return
+    link = UrLink(setup.robot)
+    try:
+        make(process, "local_control")
+        if name == "e-series":
+            with pytest.raises(RigError, match="switch the pendant to remote control"):
+                check_ready(link, setup.robot)
+        link.send_program("def cablecast_none():\n  stopj(2)\nend\n")
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            if process.admin.events()[-1].get("reason") == "in local control":
+                break
+            time.sleep(0.02)
+        assert process.admin.events()[-1]["what"] == "program refused"
+    finally:
+        link.close()
+        process.admin.clear()
+
+
+def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin):
+    _, process, setup = twin
+    link = UrLink(setup.robot)
+    try:
+        q = link.wait_for_report().target_q.round(6).tolist()
+        hold = f"servoj({q}, t=0.1, lookahead_time=0.1, gain=300)"
+        link.send_program(f"def hang():\n  local n = 0\n  while n < 1:\n    {hold}\n  end\nend\n")
+        deadline = time.monotonic() + 30.0
+        while process.admin.state()["program"] != "hang":
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        link.stop_program()
+        while process.admin.state()["program"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    finally:
+        link.close()
+
+
+@pytest.mark.parametrize("version", [(7, 1, 0, 0), (4, 9, 9, 9)])
+def test_a_controller_of_an_unknown_version_is_refused_in_one_line(
+    twin_address, version, monkeypatch
+):
+    server = socket.create_server((twin_address(), 0))
+    address, port = server.getsockname()
+    monkeypatch.setattr("cablecast.rigs.ur.link.RTDE_PORT", port)
+
+    def answer():
+        connection, _ = server.accept()
+        with connection:
+            assert connection.recv(3) == b"\x00\x03v"
+            connection.sendall(struct.pack(">HB4I", 19, ord("v"), *version))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    config = dataclasses.replace(_robot(), address=address)
+    number = ".".join(map(str, version[:3]))
+    with pytest.raises(RigError, match=f"runs version {number}, and cablecast knows 3") as error:
+        UrLink(config)
+    thread.join()
+    server.close()
+    assert "\n" not in str(error.value)
+
+
+def _robot():
+    from cablecast.arm.robot import RobotConfig
+
+    return RobotConfig(
+        address="127.0.0.1",
+        payload_mass=0.95,
+        payload_cog=(0.0, 0.0, 0.06),
+        box_low=(-2.0, -2.0, -2.0),
+        box_high=(2.0, 2.0, 2.0),
+    )
+
+
+def test_a_controller_too_old_to_report_the_payload_is_read_without_it(monkeypatch):
+    asked = []
+
+    def interface(address, variables):
+        asked.append(variables)
+        if "payload" in variables:
+            raise RuntimeError("The following variables was not found by the controller: [payload]")
+        return "connection"
+
+    monkeypatch.setattr("rtde_receive.RTDEReceiveInterface", interface)
+    assert receive("127.0.0.1", [24]) == ("connection", False)
+    assert set(asked[0]) - set(asked[1]) == {"payload", "payload_cog"}
+
+
+def test_an_arm_gets_no_controller_of_another_series():
+    assert TwinConfig().generation_of("ur5") == "cb3"
+    assert TwinConfig().generation_of("ur3e") == "e-series"
+    assert TwinConfig(generation="polyscope-x").generation_of("ur5e") == "polyscope-x"
+    with pytest.raises(InputError, match="no ur5 with a controller of generation polyscope-x"):
+        TwinConfig(generation="polyscope-x").generation_of("ur5")
+    with pytest.raises(InputError, match="unknown generation 'cb2'"):
+        TwinConfig(generation="cb2")
+    assert set(FAULTS) - set(faults_of("cb3")) == {"local_control"}
