@@ -96,7 +96,7 @@ def part_of(fault: str) -> str:
     """Return what fails: robot, camera or cable."""
     if fault.startswith("camera_"):
         return "camera"
-    return "cable" if fault in ("cable_slips", "crooked_reset") else "robot"
+    return "cable" if fault in ("cable_slips", "cable_drops", "crooked_reset") else "robot"
 
 
 @contextlib.contextmanager

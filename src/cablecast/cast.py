@@ -100,6 +100,7 @@ class EndpointTrack:
             trajectory.
         controller_log: Reports of the arm's controller at the times of `joint_path`; None where
             there is no controller.
+        note: Why a trial was aborted, in one line; empty where there is nothing to say.
     """
 
     times: NDArray[np.float64]
@@ -108,6 +109,7 @@ class EndpointTrack:
     nodes: NDArray[np.float64] | None = None
     joint_path: JointPath | None = None
     controller_log: ControllerLog | None = None
+    note: str = ""
 
     def __post_init__(self):
         for name in ("times", "endpoint_xy", "nodes"):

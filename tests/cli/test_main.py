@@ -87,7 +87,9 @@ def test_an_interrupted_run_exits_with_status_130_and_says_so(monkeypatch, capsy
 
     monkeypatch.setattr(Simulate, "run", interrupted)
     assert main(["simulate"]) == 130
-    assert capsys.readouterr().err == "cablecast: interrupted\n"
+    assert capsys.readouterr().err == (
+        "cablecast: interrupted. The same command goes on from what is kept\n"
+    )
 
 
 def test_ctrl_c_in_the_middle_of_a_simulation_ends_it_without_a_traceback(tmp_path):
@@ -106,7 +108,7 @@ def test_ctrl_c_in_the_middle_of_a_simulation_ends_it_without_a_traceback(tmp_pa
     process.send_signal(signal.SIGINT)
     _, rest = process.communicate(timeout=120)
     assert process.returncode == 130
-    assert rest.endswith("cablecast: interrupted\n")
+    assert rest.endswith("cablecast: interrupted. The same command goes on from what is kept\n")
     assert "Traceback" not in rest
 
 

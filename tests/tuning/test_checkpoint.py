@@ -106,11 +106,11 @@ def test_files_that_hold_something_else_are_named(file, text):
     [
         {},
         {"stage": "coarse"},
-        {"stage": "coarse", "candidates": [["x"]], "losses": [0.1], "seconds": 1.0},
-        {"stage": "coarse", "candidates": [[0.1], [0.2, 0.3]], "losses": [1, 2], "seconds": 1.0},
-        {"stage": "coarse", "candidates": [[0.1]], "losses": [0.1, 0.2], "seconds": 1.0},
-        {"stage": "coarse", "candidates": [[0.1]], "losses": 0.1, "seconds": 1.0},
-        {"stage": "coarse", "candidates": [[10**400]], "losses": [0.1], "seconds": 1.0},
+        {"stage": "fine", "candidates": [], "seconds": "long"},
+        {"stage": "coarse", "candidates": CANDIDATES.tolist(), "losses": [0.1], "seconds": 1.0},
+        {"stage": "coarse", "candidates": CANDIDATES.tolist(), "losses": ["x"], "seconds": 1.0},
+        {"stage": "coarse", "candidates": CANDIDATES.tolist(), "losses": [10**400] * 4},
+        {"stage": "coarse", "candidates": CANDIDATES.tolist(), "losses": LOSSES.tolist()},
     ],
     ids=str,
 )

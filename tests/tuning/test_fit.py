@@ -8,6 +8,7 @@ import pytest
 from cablecast.cable import CableParams
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
+from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig, TrackFit
 from cablecast.tuning.space import ParamPrior, SearchSpace
@@ -143,3 +144,40 @@ def test_a_posterior_is_read_back_as_it_was_written(result, cable, tmp_path):
         type(again).from_dict(
             values["posterior"] | {"mean": [0.5]}, values["search_range"], result.params
         )
+
+
+class StoppedError(Exception):
+    """Stands for Ctrl-C in the middle of a fit."""
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_a_fit_that_was_stopped_goes_on_at_its_step_with_the_same_result(
+    result, cable, few, others, engine, tmp_path, step
+):
+    reports = []
+
+    def stop(progress):
+        reports.append(progress.done)
+        if len(reports) == step:
+            raise StoppedError
+
+    parts = Parts(tmp_path)
+    with pytest.raises(StoppedError):
+        fit_params(cable, few, others, engine, engine, CONFIG, checkpoint=parts, progress=stop)
+    assert len(list(tmp_path.iterdir())) == step
+    taken = []
+    again = fit_params(
+        cable,
+        few,
+        others,
+        engine,
+        engine,
+        CONFIG,
+        checkpoint=parts,
+        progress=lambda progress: taken.append(progress.done),
+    )
+    assert taken[0] == step + 1
+    np.testing.assert_array_equal(again.params.to_array(), result.params.to_array())
+    np.testing.assert_array_equal(again.posterior.covariance, result.posterior.covariance)
+    assert again.history == result.history
+    assert again.simulation_count == result.simulation_count

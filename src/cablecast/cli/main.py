@@ -39,6 +39,10 @@ EXIT_READER_CLOSED = 141
 _STOP_SIGNALS = ("SIGTERM", "SIGHUP")
 
 
+_RESUMING = {"aim", "collect", "evaluate", "repeat", "reproduce", "select", "simulate", "tune"}
+"""Verbs that keep what is finished."""
+
+
 class Stopped(KeyboardInterrupt):
     """Request to stop by a signal other than Ctrl-C."""
 
@@ -106,10 +110,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CablecastError as error:
         return _refuse(_with_notes(error))
     except Stopped as stopped:
-        say(f"cablecast: stopped by {_with_notes(stopped)}")
+        say(f"cablecast: stopped by {_with_notes(stopped)}{_again(arguments)}")
         return 128 + stopped.number
     except KeyboardInterrupt:
-        say("cablecast: interrupted")
+        say(f"cablecast: interrupted{_again(arguments)}")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader, `head` for example, has seen enough.
@@ -153,6 +157,16 @@ def _run(arguments: list[str]) -> int:
         sys.stdout.flush()
         raise
     return command.run() or 0
+
+
+def _again(arguments: list[str]) -> str:
+    """Return what the same command does after a stop."""
+    verb = arguments[0] if arguments else ""
+    if verb in _RESUMING:
+        return ". The same command goes on from what is kept"
+    if verb == "train":
+        return ". The same command trains anew; the casts are kept"
+    return "" if verb in ("twin", "view") else ". Nothing is kept; the same command starts anew"
 
 
 def _refuse(text: str) -> int:

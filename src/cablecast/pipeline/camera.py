@@ -89,11 +89,13 @@ def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOf
         rig = make_rig(camera)
         try:
             rig.reset()
-            rig.execute(trajectory)
+            track = rig.execute(trajectory)
         finally:
             rig.close()
         if camera.found is None:
-            raise CameraError("the cast was aborted, so that the clocks could not be compared")
+            raise CameraError(
+                f"the cast was aborted, so that the clocks could not be compared: {track.note}"
+            )
         return camera.found
 
 

@@ -131,18 +131,14 @@ def _search(
     if has_measured_joints(casts) and can_identify_servo(casts):
         progress(Progress(task="Identifying the arm's servo"))
         servo = identify_servo(casts, len(training))
+    kept: Any = {
+        "checkpoint": run.parts(GENERATIONS_FOLDER) if keep else None,
+        "progress": progress,
+    }
     if isinstance(config, FitConfig):
-        result = fit_params(cable, training, validation, *engines, config, progress=progress)
+        result = fit_params(cable, training, validation, *engines, config, **kept)
     else:
-        result = tune_params(
-            cable,
-            training,
-            validation or training,
-            *engines,
-            config,
-            checkpoint=run.parts(GENERATIONS_FOLDER) if keep else None,
-            progress=progress,
-        )
+        result = tune_params(cable, training, validation or training, *engines, config, **kept)
     values = {
         "cable": cable.name,
         "method": method_name(config),

@@ -259,7 +259,7 @@ def attempt_trial(
             track = rig.execute(motion)
             if track.status is not TrialStatus.ABORTED:
                 return track, failures
-            reason = "the rig reported it as aborted"
+            reason = " ".join(track.note.split()) or "the rig reported it as aborted"
         # A rig is foreign code: whatever it raises, the trial has failed.
         except Exception as error:
             reason = str(error) if isinstance(error, RigError) else error_line(error)

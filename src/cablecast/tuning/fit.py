@@ -16,7 +16,8 @@ batches, however many starting points there are.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +112,19 @@ class FitState:
     losses: NDArray[np.float64]
     dampings: NDArray[np.float64]
     misfit: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            name: value.tolist() if isinstance(value, np.ndarray) else float(value)
+            for name, value in vars(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "FitState":
+        """Return the state that `to_dict` described."""
+        arrays = {name: np.array(value, dtype=float) for name, value in values.items()}
+        return cls(**{**arrays, "misfit": float(values["misfit"])})
 
     def best(self, count: int = 1) -> "FitState":
         """Return the points of least cost, the best first."""
@@ -356,19 +370,3 @@ def _damped_step(
         if not free.any():
             break
     return step
-
-
-def run_fit(
-    fit: TrackFit,
-    state: FitState,
-    iterations: int,
-    on_step: Callable[[FitState], None] | None = None,
-) -> FitState:
-    """Take some steps; the misfit is renewed once after the first half of them."""
-    for done in range(iterations):
-        state = fit.step(state)
-        if done == iterations // 2:
-            state = fit.rescaled(state)
-        if on_step is not None:
-            on_step(state)
-    return state

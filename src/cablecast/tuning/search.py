@@ -9,7 +9,7 @@ machine drew them.
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,8 +108,11 @@ def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDA
     return (cells + rng.random((count, dimension))) / count
 
 
+Result = TypeVar("Result")
+
+
 class Checkpoint:
-    """Evaluated generations of a search.
+    """Evaluated generations of a search, or the steps of a fit.
 
     Args:
         parts: Folder of the generations; None where they are not kept.
@@ -141,42 +144,59 @@ class Checkpoint:
             DamagedFileError: The generation is not what was stored.
             UnreadableFileError: The system refuses to read it.
         """
+        losses, is_new = self.step(
+            stage,
+            {"candidates": candidates.tolist()},
+            lambda: {"losses": evaluate(candidates).tolist()},
+            lambda values: np.array(values["losses"], dtype=float).reshape(len(candidates)),
+        )
+        return losses, is_new
+
+    def step(
+        self,
+        stage: str,
+        start: dict[str, Any],
+        make: Callable[[], dict[str, Any]],
+        read: Callable[[dict[str, Any]], Result],
+    ) -> tuple[Result, bool]:
+        """Return the result of the next step, and whether it was taken now.
+
+        Args:
+            stage: Name of the stage.
+            start: What the step starts from, as plain values: a stored one must start from the
+                same.
+            make: Takes a step that is not stored, and returns plain values.
+            read: Makes the result of these.
+
+        Raises:
+            InputError: A step from another start is stored.
+            DamagedFileError: The step is not what was stored.
+            UnreadableFileError: The system refuses to read it.
+        """
         number, self._count = self._count, self._count + 1
         name = f"{number:04d}"
         stored = None if self.parts is None else self.parts.get(name)
         if self.parts is not None and stored is not None:
             try:
-                losses, seconds = _generation(stored, stage, candidates)
+                is_same = stored["stage"] == stage and all(stored[k] == start[k] for k in start)
+                result, seconds = read(stored) if is_same else None, float(stored["seconds"])
             except (ValueError, TypeError, KeyError, OverflowError):
                 raise DamagedFileError(
-                    f"{self.parts.file(name)} holds no generation of a search. {self.parts.remedy}"
+                    f"{self.parts.file(name)} holds no step of a search. {self.parts.remedy}"
                 ) from None
-            if losses is None:
+            if result is None:
                 raise InputError(
                     f"generation {number} in {self.parts.folder} holds other candidates than this "
                     "version or machine draws: use another folder, or delete this one to restart "
                     "the search"
                 )
             self.seconds += seconds
-            return losses, False
-        start = time.monotonic()
-        losses = evaluate(candidates)
-        seconds = time.monotonic() - start
+            return result, False
+        begin = time.monotonic()
+        values = make()
+        seconds = time.monotonic() - begin
         if self.parts is not None:
             # Python writes floats so that they are read back bit-exactly.
-            entry = {"stage": stage, "candidates": candidates.tolist(), "losses": losses.tolist()}
-            self.parts.put(name, {**entry, "seconds": seconds})
+            self.parts.put(name, {"stage": stage, **start, **values, "seconds": seconds})
         self.seconds += seconds
-        return losses, True
-
-
-def _generation(
-    stored: dict[str, Any], stage: str, candidates: NDArray[np.float64]
-) -> tuple[NDArray[np.float64] | None, float]:
-    """Return stored losses, None if they are those of other candidates, and their seconds."""
-    known = np.array(stored["candidates"], dtype=float)
-    losses = np.array(stored["losses"], dtype=float)
-    if known.ndim != 2 or losses.shape != (len(known),):
-        raise ValueError
-    is_same = stored["stage"] == stage and np.array_equal(known, candidates)
-    return losses if is_same else None, float(stored["seconds"])
+        return read(values), True

@@ -5,7 +5,7 @@ widened, and an ensemble. `tune_params` is the paper's Differential Evolution.
 """
 
 import dataclasses
-import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from cablecast.errors import (
 from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.ensemble import MEMBER_COUNT, Ensemble, fit_ensemble
-from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit, run_fit
+from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit
 from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, Checkpoint, SearchDE
 from cablecast.tuning.space import (
     BOUND_DISTANCE,
@@ -189,8 +189,8 @@ def tune_params(
     config = config or TuneConfig()
     space = SearchSpace.for_cable(cable)
     search = SearchDE(space.to_unit(cable.params), config.population_size, config.seed)
-    log = _Log(cable, progress, config.coarse_generations + 1 + config.fine_generations)
     stored = Checkpoint(checkpoint)
+    log = _Log(cable, progress, config.coarse_generations + 1 + config.fine_generations, stored)
     objectives = {
         COARSE: TrackObjective(coarse_engine, cable, training),
         FINE: TrackObjective(engine, cable, training),
@@ -239,8 +239,9 @@ def tune_params(
 class _Log:
     """History of a search or a fit, whose steps it reports, and its simulations by stage."""
 
-    def __init__(self, cable: Cable, progress: ProgressCallback, total: int):
+    def __init__(self, cable: Cable, progress: ProgressCallback, total: int, stored: Checkpoint):
         self.cable, self.progress, self.total = cable, progress, total
+        self.stored = stored
         self.counts = {COARSE: 0, FINE: 0, ENSEMBLE: 0}
         self.history: list[tuple[str, float, float]] = []
 
@@ -261,16 +262,31 @@ class _Log:
         )
 
     def run_fit(self, stage: str, fit: TrackFit, state: FitState, iterations: int) -> FitState:
-        """Take some steps of a fit, and record them."""
-
-        def record(state: FitState) -> None:
-            length = self.cable.length
+        """Take some steps of a fit; the misfit is renewed once after the first half of them."""
+        length = self.cable.length
+        for done in range(iterations):
+            state, is_new = self._step(stage, fit, state)
+            if done == iterations // 2:
+                state = fit.rescaled(state)
             best, spread = float(state.best().losses[0]), float(state.losses.std())
-            self.add(stage, best * length, spread * length)
-
-        state = run_fit(fit, state, iterations, record)
+            self.add(stage, best * length, spread * length, report=is_new)
         self.counts[stage] += fit.simulation_count
         return state
+
+    def _step(self, stage: str, fit: TrackFit, state: FitState) -> tuple[FitState, bool]:
+        """Return the state after the next step, and whether it was taken now."""
+        before = fit.simulation_count
+
+        def make() -> dict[str, Any]:
+            after = fit.step(state).to_dict()
+            return {"state": after, "simulations": fit.simulation_count - before}
+
+        def read(values: dict[str, Any]) -> FitState:
+            fit.simulation_count = before + int(values["simulations"])
+            return FitState.from_dict(values["state"])
+
+        start = {"points": state.points.tolist(), "misfit": float(state.misfit)}
+        return self.stored.step(stage, start, make, read)
 
     @property
     def count(self) -> int:
@@ -293,6 +309,7 @@ def fit_params(
     engine: Engine,
     config: FitConfig | None = None,
     *,
+    checkpoint: Parts | None = None,
     progress: ProgressCallback = ignore,
 ) -> TuneResult:
     """Find the parameters by Levenberg-Marquardt with a prior, and their uncertainty.
@@ -304,13 +321,15 @@ def fit_params(
         coarse_engine: Simulator of the first steps.
         engine: Simulator of the last steps, at the resolution at which the result will be used.
         config: Settings of the fit.
+        checkpoint: Folder of the steps, from which the fit resumes.
         progress: Called after every step.
 
     Raises:
-        InputError: No sample of the tracks can be compared.
+        InputError: No sample of the tracks can be compared, or the checkpoint is damaged or belongs
+            to another fit.
     """
     config = config or FitConfig()
-    start = time.monotonic()
+    stored = Checkpoint(checkpoint)
     fine = TrackObjective(engine, cable, training)
     coarse = TrackObjective(coarse_engine, cable, training)
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
@@ -319,7 +338,7 @@ def fit_params(
     if spaces[0].names == spaces[1].names:
         del spaces[0]
     steps = len(spaces) * (config.coarse_iterations + config.fine_iterations)
-    log = _Log(cable, progress, steps + MEMBER_COUNT * config.ensemble_iterations)
+    log = _Log(cable, progress, steps + MEMBER_COUNT * config.ensemble_iterations, stored)
     fits = [_fit_in(space, coarse, fine, config, log) for space in spaces]
     likeliest = min(fits, key=lambda fit: fit.neg_log_posterior)
     state, posterior = likeliest.state, likeliest.posterior
@@ -353,7 +372,7 @@ def fit_params(
         validation_status=(training if validation is None else validation).status,
         simulation_count=log.count,
         coarse_simulation_count=log.count - log.counts[FINE],
-        seconds=time.monotonic() - start,
+        seconds=stored.seconds,
         history=log.history,
         posterior=posterior,
     )

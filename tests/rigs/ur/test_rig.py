@@ -87,7 +87,7 @@ def test_a_cast_whose_speed_falls_is_aborted_and_is_no_data(stick, cast):
         stick[0].admin.fault("speed_slider", "cast", 0.3)
         track = rig.execute(cast)
         assert track.status is TrialStatus.ABORTED
-        assert "the speed fell to 50 %" in rig.last_abort
+        assert "the speed fell to 50 %" in track.note
         # The slider still stands there: the next attempt must not begin.
         with pytest.raises(RigError, match="set it to 100 %"):
             rig.reset()
@@ -184,6 +184,22 @@ def test_a_reset_that_leaves_the_cable_aside_is_given_up_after_three(twin, rig, 
     twin[0].admin.fault("crooked_reset")
     with pytest.raises(RigError, match="does not lie straight after 1 resets"):
         rig.reset()
+
+
+def test_a_cable_that_slips_out_of_the_jaws_in_mid_cast_is_no_data(twin, wide_cast):
+    process, setup = twin
+    # A person grips it anew, and lays it straight, however the last test left it.
+    process.admin.fault("cable_slips")
+    while process.admin.state()["faults"]:
+        time.sleep(0.02)
+    process.admin.clear()
+    with RigQuick(setup, TruthCamera(setup)) as rig:
+        rig.reset()
+        process.admin.fault("cable_drops", "cast", 0.25)
+        track = rig.execute(wide_cast)
+        process.admin.clear()
+    assert track.status is TrialStatus.ABORTED
+    assert "it slipped out of the jaws" in track.note
 
 
 def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin):

@@ -40,6 +40,10 @@ STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
 """Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
 ahead [share]."""
 
+SLIP_DISTANCE = 0.06
+"""Distance beyond the free length of a cable from which it has slipped [m]: camera, calibration and
+clocks together are off by less."""
+
 _STILL_TIME = 0.3
 _HANG_STILL_TIME = 1.0
 _JOINT_TAIL = 0.4
@@ -124,14 +128,15 @@ class RigUR(RigLifecycle):
                 record = self._play("cablecast_cast", curve, Phase.CAST)
                 check_reports(record, curve)
             except CastAbortedError as aborted:
-                return self._aborted(aborted)
+                return _aborted(str(aborted))
             timing, log = self._settle(link, record, curve)
             link.set_phase(Phase.READOUT)
             filming = False
             track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
             self.last_timing = timing
             link.set_phase(Phase.IDLE)
-            return track
+            slip = find_slip(track, self.setup, self.sight())
+            return track if slip is None else _aborted(slip)
         finally:
             if filming:
                 self.camera.cancel()
@@ -236,12 +241,49 @@ class RigUR(RigLifecycle):
         ahead = place[1] - self.setup.workspace.reset_y
         return bool(abs(place[0]) < STRAIGHT_ASIDE * length and ahead > STRAIGHT_AHEAD * length)
 
-    def _aborted(self, reason: CastAbortedError) -> EndpointTrack:
-        """Return the track of a cast that must not become data."""
-        self.last_abort = str(reason)
-        return EndpointTrack(
-            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
-        )
+
+def _aborted(why: str) -> EndpointTrack:
+    """Return the track of a cast that must not become data."""
+    return EndpointTrack(
+        times=np.zeros(1),
+        endpoint_xy=np.full((1, 2), np.nan),
+        status=TrialStatus.ABORTED,
+        note=why,
+    )
+
+
+def find_slip(track: EndpointTrack, setup: Setup, sight: CameraSight | None) -> str | None:
+    """Return in words that an endpoint was where the gripped cable cannot reach, or None.
+
+    A raised endpoint is seen farther from the camera than it is: it may be anywhere on the ray from
+    there to the camera. Two samples must say so, for one may be a marker that was mistaken.
+
+    Args:
+        track: Track with the joints that the arm reported.
+        setup: Gives the arm and the length of the cable.
+        sight: Place of the camera; where None, endpoints are seen from straight above.
+    """
+    joints, cable = track.joint_path, setup.cable
+    if joints is None or track.status is TrialStatus.ABORTED:
+        return None
+    grip = setup.arm.grip_pose(joints.q)[:, :3]
+    grip = np.stack([np.interp(track.times, joints.times, grip[:, k]) for k in range(3)], axis=1)
+    low = np.column_stack([track.endpoint_xy, np.full(len(track.times), cable.radius)])
+    ray = np.array([0.0, 0.0, 1.0]) + np.zeros_like(low)
+    if sight is not None:
+        ray = np.asarray(sight.position) - low
+    # Nearest point of the ray above the table.
+    share = np.einsum("ij,ij->i", grip - low, ray) / np.einsum("ij,ij->i", ray, ray)
+    nearest = low + np.maximum(share, 0.0)[:, None] * ray
+    apart = np.linalg.norm(nearest - grip, axis=1)
+    apart = np.sort(apart[np.isfinite(apart)])[::-1]
+    length = cable.length + cable.attachment_length
+    if len(apart) < 2 or apart[1] <= length + SLIP_DISTANCE:
+        return None
+    return (
+        f"the end of the cable was seen {apart[1]:.2f} m from the grip, and {length:.2f} m are "
+        "free: it slipped out of the jaws, or the camera saw something else. Grip it as before"
+    )
 
 
 def check_lab(setup: Setup) -> RobotConfig:

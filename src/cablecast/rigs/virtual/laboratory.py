@@ -49,6 +49,8 @@ _RESET_REACH = 0.003
 """Distance from the reset pose within which a cable is laid down [m and rad]."""
 _AWAY = 0.05
 """Distance from the reset pose beyond which the next reset starts [m]."""
+_GRAVITY, _SLIDING = 9.81, 4.0
+"""Acceleration of gravity, and of friction on the table [m/s²]."""
 _SLIP_SHARE = 0.2
 """Share of its length that a cable loses when it slips in the jaws [-]."""
 
@@ -315,6 +317,8 @@ class LiveCable:
         scene = self._lab.scene
         self.nodes = self._home[:3] + scene.arc_lengths[:, None] * tangent(self._home[3], 0.0)
         self.nodes[2:, 2] = scene.end_height
+        self._velocity = np.zeros_like(self.nodes)
+        self._loose: Array | None = None
 
     def update(self, poses: Array, at_rest: bool, is_reset: bool = False) -> Trial | None:
         """Follow the grip.
@@ -328,8 +332,20 @@ class LiveCable:
         Returns:
             Draw of the trial that starts, where a cable was laid down; otherwise None.
         """
+        duration = len(poses) * self._lab.config.dt
+        self._time += duration
+        if self._loose is not None:
+            self._fly(duration)
+            self._poses = np.concatenate([self._poses, poses])[-2:]
+            return None
+        before = self.nodes
+        trial = self._follow(poses, at_rest, is_reset)
+        self._velocity = (self.nodes - before) / duration
+        return trial
+
+    def _follow(self, poses: Array, at_rest: bool, is_reset: bool) -> Trial | None:
+        """Follow the grip with a cable that it holds."""
         pose = poses[-1]
-        self._time += len(poses) * self._lab.config.dt
         off = np.abs(pose - self._home)
         if off[:3].max() > _AWAY:
             self._was_away = True
@@ -357,10 +373,31 @@ class LiveCable:
             self._slipped = True
             self.nodes = self._free_part(self.nodes)
 
+    def drop(self) -> None:
+        """Let the cable slip out of the jaws: until it is gripped anew, no pose moves it.
+
+        Its nodes fly on as if each were alone, and slide to rest on the table.
+        """
+        if self._loose is None:
+            self._loose = self._velocity
+
+    def _fly(self, duration: float) -> None:
+        """Move a cable that nobody holds."""
+        if self._loose is None:
+            return
+        self._loose[:, 2] -= _GRAVITY * duration
+        speed = np.linalg.norm(self._loose[:, :2], axis=1, keepdims=True)
+        lies = self.nodes[:, 2:] <= self._lab.scene.end_height
+        slower = np.where(lies, np.maximum(speed - _SLIDING * duration, 0.0), speed)
+        self._loose[:, :2] *= slower / np.maximum(speed, 1e-9)
+        self.nodes = self.nodes + self._loose * duration
+        low = self.nodes[:, 2] < self._lab.scene.end_height
+        self.nodes[low, 2], self._loose[low, 2] = self._lab.scene.end_height, 0.0
+
     def grip_anew(self) -> None:
         """Let a cable that slipped be gripped at its end again, and laid down."""
-        if self._slipped:
-            self._slipped, self._was_away = False, True
+        if self._slipped or self._loose is not None:
+            self._slipped, self._loose, self._was_away = False, None, True
 
     def _free_part(self, nodes: Array) -> Array:
         """Return the nodes of what is free of a cable that may have slipped."""

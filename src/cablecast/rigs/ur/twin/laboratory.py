@@ -126,6 +126,7 @@ FAULTS: dict[str, str] = {
     "dashboard_slow": "each answer of the dashboard takes 3 s",
     "dashboard_off": "the dashboard's service is switched off",
     "cable_slips": "the cable slips in the jaws",
+    "cable_drops": "the cable slips out of the jaws",
     "crooked_reset": "the reset leaves the cable 15 deg aside",
     "camera_frozen": "the camera sends the same picture again and again",
     "camera_black": "the camera sees nothing",
@@ -318,8 +319,11 @@ class TwinLaboratory:
                 client.send(json.dumps(self._administer(text)).encode() + b"\n")
 
     def _answer(self, client: Client, line: str) -> None:
-        """Let the dashboard answer as soon as it does."""
-        self._answers.append((self.controller.time + self._answer_time, client, f"{line}\n"))
+        """Let the dashboard answer now, also while the clock waits, or late."""
+        if self._answer_time == 0.0:
+            client.send(f"{line}\n".encode())
+        else:
+            self._answers.append((self.controller.time + self._answer_time, client, f"{line}\n"))
 
     def _read_programs(self) -> None:
         """Run each program that has arrived whole, that is, up to its last `end`."""
@@ -454,6 +458,8 @@ class TwinLaboratory:
                 self.camera.fault(name.removeprefix("camera_"))
         elif self.cable is not None and name == "cable_slips":
             self.cable.slip()
+        elif self.cable is not None and name == "cable_drops":
+            self.cable.drop()
         elif self.cable is not None:
             self.cable.lies_aside = _CROOKED
 
