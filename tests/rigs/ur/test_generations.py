@@ -156,7 +156,8 @@ def _robot():
 def test_a_controller_too_old_to_report_the_payload_is_read_without_it(monkeypatch):
     asked = []
 
-    def interface(address, variables):
+    def interface(address, variables, use_upper_range_registers):
+        assert use_upper_range_registers
         asked.append(variables)
         if "payload" in variables:
             raise RuntimeError("The following variables was not found by the controller: [payload]")

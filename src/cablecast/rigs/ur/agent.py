@@ -46,7 +46,6 @@ class Agent:
         input_register: int,
         output_register: int,
     ):
-
         self._out = out
         self._beat_period = beat_period
         self._lock = threading.Lock()
@@ -151,13 +150,20 @@ def receive(address: str, registers: Sequence[int]) -> tuple[Any, bool]:
         "runtime_state",
         *(f"output_int_register_{index}" for index in registers),
     ]
+    upper = min(registers) >= 24
     try:
         more = [*names, "payload", "payload_cog"]
-        return rtde_receive.RTDEReceiveInterface(address, variables=more), True
+        connection = rtde_receive.RTDEReceiveInterface(
+            address, variables=more, use_upper_range_registers=upper
+        )
+        return connection, True
     except RuntimeError as error:
         if "payload" not in str(error):
             raise
-        return rtde_receive.RTDEReceiveInterface(address, variables=names), False
+    connection = rtde_receive.RTDEReceiveInterface(
+        address, variables=names, use_upper_range_registers=upper
+    )
+    return connection, False
 
 
 def _one_line(error: Exception) -> str:
