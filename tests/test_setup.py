@@ -171,7 +171,7 @@ def test_a_list_replaces_the_list_that_was_there(tmp_path):
         "  - {id: 3, x: 1, y: 0}\n  - {id: 4, x: 1, y: 1}\n  rate: 30.0  # mine\n\n# the arm\n"
         "arm:\n  model: ur5e\n"
     )
-    update_lab_file(file, {"camera": {"tags": default_layout().to_rows()}})
+    update_lab_file(file, {"camera": {"tags": default_layout().to_dict()["tags"]}})
     camera = load_setup(file).camera
     assert camera is not None
     assert camera.tags == default_layout()

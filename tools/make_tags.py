@@ -10,7 +10,7 @@ import argparse
 import pathlib
 import sys
 
-from cablecast.camera.tags import default_layout
+from cablecast.camera.tags import FAMILY, TAG_COUNTS, default_layout
 from cablecast.errors import CablecastError
 from cablecast.files import write_bytes
 from cablecast.setup import load_setup
@@ -23,16 +23,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("out", type=pathlib.Path, help="folder to write to")
     parser.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
+    parser.add_argument(
+        "--family", default=FAMILY, help=f"one of {', '.join(TAG_COUNTS)}; {FAMILY} where missing"
+    )
     args = parser.parse_args(arguments)
     try:
         workspace = Workspace() if args.setup is None else load_setup(args.setup).workspace
+        layout = default_layout(workspace, args.family)
         cv2 = load_cv2()
     except CablecastError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    layout = default_layout(workspace)
     for tag in layout.tags:
-        encoded = cv2.imencode(".png", tag_picture(tag.id))[1]
+        encoded = cv2.imencode(".png", tag_picture(tag.id, family=layout.family))[1]
         write_bytes(args.out / f"tag-{tag.id:02}.png", encoded.tobytes())
     layout.save(args.out / "tags.yaml")
     print(f"{len(layout.tags)} tags and tags.yaml are in {args.out}: print them so that the black")

@@ -126,7 +126,7 @@ def test_a_layout_survives_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "fragment"),
     [
-        ("tags: 3", "list named `tags`"),
+        ("tags: 3", "tags must be a list"),
         ("tags: [{id: 1, x: 0}]", "lacks the keys ['y']"),
         ("tags: [{id: 1, x: 0, y: 0, colour: red}]", "unknown keys ['colour']"),
         ("tags: [{id: 1, x: 0, y: 0, yaw_deg: left}]", "yaw_deg = 'left' is not a number"),

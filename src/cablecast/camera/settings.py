@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.camera.lens import Lens
-from cablecast.camera.tags import TagLayout
+from cablecast.camera.tags import FAMILY, TagLayout, tag_family
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 CLOCKS = ("device", "arrival")
@@ -46,6 +46,8 @@ class CameraSettings:
         view_deg: Angle of view over the image's diagonal [deg], where no lens is given.
         lens: Lens, from `cablecast calibrate lens`; found from the tags where None.
         tags: Tags on the table; `default_layout` where None.
+        tag_family: Family of these tags, a key of `cablecast.camera.tags.TAG_COUNTS`; that of the
+            layout where it names one.
         marker: Length and width of the marker along and across the cable [m].
         marker_hue: Hue of the marker on a table that counts as grey; 120 is green [deg].
         films: Folder that keeps the film of each trial; none are kept where None.
@@ -65,6 +67,7 @@ class CameraSettings:
     view_deg: float = 78.0
     lens: Lens | None = None
     tags: TagLayout | None = None
+    tag_family: str = FAMILY
     marker: tuple[float, float] = (0.038, 0.016)
     marker_hue: float = MARKER_HUE
     films: str | None = None
@@ -108,6 +111,8 @@ class CameraSettings:
                 f"camera lens was calibrated for {lens.width} x {lens.height} px, but the camera "
                 f"is asked for {self.width} x {self.height}"
             )
+        family = self.tag_family if self.tags is None else self.tags.family
+        object.__setattr__(self, "tag_family", tag_family(family))
         if len(self.marker) != 2:
             raise InputError(f"camera marker = {self.marker} must be a length and a width")
         for value in self.marker:
@@ -123,7 +128,7 @@ class CameraSettings:
             **vars(self),
             "marker": list(self.marker),
             "lens": self.lens and self.lens.to_dict(),
-            "tags": self.tags and self.tags.to_rows(),
+            "tags": self.tags and self.tags.to_dict()["tags"],
         }
         return {name: value for name, value in values.items() if value is not None}
 
@@ -148,10 +153,11 @@ class CameraSettings:
             values["source"] = str(source)
         elif isinstance(source, str) and "://" not in source and (base / source).is_file():
             values["source"] = str(base / source)
+        family = values.get("tag_family", FAMILY)
         if isinstance(values.get("tags"), str):
-            values["tags"] = TagLayout.load(base / values["tags"])
+            values["tags"] = TagLayout.load(base / values["tags"], family)
         elif "tags" in values:
-            values["tags"] = TagLayout.from_rows(values["tags"])
+            values["tags"] = TagLayout.from_dict(values["tags"], family)
         if isinstance(values.get("films"), str) and values["films"].strip():
             values["films"] = str((base / values["films"]).resolve())
         if "lens" in values:

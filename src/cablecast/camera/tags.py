@@ -1,7 +1,7 @@
 """Fiducial tags on the table: where they lie, and where the robot stands that has touched them.
 
-Tags are AprilTags of the family 36h11. tools/make_tags.py writes pictures of those that a layout
-asks for, to print, and the layout as a file to edit.
+Tags are of one family of AprilTag or ArUco, 36h11 where a layout names none. tools/make_tags.py
+writes pictures of those that a layout asks for, to print, and the layout as a file to edit.
 
 The tags' places were measured with a tape; the robot reports where it touched them in its own base
 frame, to a fraction of a millimetre. A rigid fit of the one onto the other gives the height and the
@@ -12,6 +12,7 @@ import dataclasses
 import itertools
 import math
 import pathlib
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,8 +24,18 @@ from cablecast.errors import InputError, check_count, check_keys, check_number, 
 from cablecast.files import read_csv, read_yaml, write_text
 from cablecast.workspace import Workspace
 
-TAG_COUNT_MAX = 587
-"""Number of tags in the family."""
+TAG_COUNTS = {
+    **{f"{n}X{n}_{count}": count for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
+    "ARUCO_ORIGINAL": 1024,
+    "ARUCO_MIP_36h12": 250,
+    "APRILTAG_16h5": 30,
+    "APRILTAG_25h9": 35,
+    "APRILTAG_36h10": 2320,
+    "APRILTAG_36h11": 587,
+}
+"""Number of tags in each family, by the name of OpenCV's dictionary without its DICT_."""
+FAMILY = "APRILTAG_36h11"
+"""Family of tags that name none."""
 _EDGE_X, _EDGE_Y = 0.105, 0.10
 """Distance of the outer tags' centres from the table's edges along x and y [m]."""
 _SPACING = 0.65
@@ -68,7 +79,7 @@ class Tag:
     size: float = 0.1
 
     def __post_init__(self):
-        check_count("tag id", self.id, 0, TAG_COUNT_MAX - 1)
+        check_count("tag id", self.id, 0, max(TAG_COUNTS.values()) - 1)
         check_ranges(
             self,
             {
@@ -97,12 +108,17 @@ class TagLayout:
 
     Attributes:
         tags: One entry per tag.
+        family: Family of the tags, a key of `TAG_COUNTS`.
     """
 
     tags: tuple[Tag, ...]
+    family: str = FAMILY
 
     def __post_init__(self):
+        object.__setattr__(self, "family", tag_family(self.family))
         ids = [tag.id for tag in self.tags]
+        for tag_id in ids:
+            check_count(f"tag id of {self.family}", tag_id, 0, TAG_COUNTS[self.family] - 1)
         if len(ids) < 4:
             raise InputError(f"a layout needs at least 4 tags, not {len(ids)}")
         if doubled := sorted({i for i in ids if ids.count(i) > 1}):
@@ -112,9 +128,9 @@ class TagLayout:
         """Return the corners of a tag [m], shape [4, 3]; None if the layout has no such tag."""
         return next((tag.corners for tag in self.tags if tag.id == tag_id), None)
 
-    def to_rows(self) -> list[dict[str, Any]]:
-        """Return plain values, which `from_rows` reads."""
-        return [
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, which `from_dict` reads."""
+        rows = [
             {
                 "id": tag.id,
                 "x": float(tag.x),
@@ -124,45 +140,58 @@ class TagLayout:
             }
             for tag in self.tags
         ]
+        return {"family": self.family, "tags": rows}
 
     @classmethod
-    def from_rows(cls, rows: Any) -> "TagLayout":
-        """Make a layout from plain values.
+    def from_dict(cls, values: Any, family: str = FAMILY) -> "TagLayout":
+        """Make a layout from plain values: a list of tags, or tags and their family.
 
         Raises:
-            InputError: The rows describe no layout.
+            InputError: The values describe no layout.
         """
-        if not isinstance(rows, list):
-            raise InputError(f"tags must be a list, not {str(rows)[:40]!r}")
+        values = values if isinstance(values, Mapping) else {"tags": values}
+        values = check_keys(values, {"family", "tags"}, "a tag layout", required={"tags"})
+        if not isinstance(values["tags"], list):
+            raise InputError(f"tags must be a list, not {str(values['tags'])[:40]!r}")
         keys, tags = {"id", "x", "y", "yaw_deg", "size"}, []
-        for row in rows:
+        for row in values["tags"]:
             row = check_keys(row, keys, "a tag", required={"id", "x", "y"})
             yaw_deg = check_number("yaw_deg", row.pop("yaw_deg", 0.0), -360.0, 360.0, "deg")
             tags.append(Tag(**row, yaw=math.radians(yaw_deg)))
-        return cls(tags=tuple(tags))
+        return cls(tags=tuple(tags), family=values.get("family", family))
 
     def save(self, path: pathlib.Path) -> None:
         """Write the layout as YAML, for a person to edit."""
-        write_text(path, yaml.safe_dump({"tags": self.to_rows()}, sort_keys=False))
+        write_text(path, yaml.safe_dump(self.to_dict(), sort_keys=False))
 
     @classmethod
-    def load(cls, path: pathlib.Path) -> "TagLayout":
-        """Read a layout.
+    def load(cls, path: pathlib.Path, family: str = FAMILY) -> "TagLayout":
+        """Read a layout; `family` is that of a file which names none.
 
         Raises:
             InputError: There is no such file, or it is no layout; says what is wrong with it.
         """
         try:
-            rows = read_yaml(path).get("tags")
-            if not isinstance(rows, list):
-                raise InputError(f"{path} must hold a list named `tags`")
-            return cls.from_rows(rows)
+            return cls.from_dict(read_yaml(path), family)
         except (OSError, InputError) as error:
             where = "" if str(path) in str(error) else f"{path}: "
             raise InputError(f"tag layout {where}{error}") from None
 
 
-def default_layout(workspace: Workspace | None = None) -> TagLayout:
+def tag_family(name: Any) -> str:
+    """Return the family that a name means: APRILTAG_36h11, tag36h11 and 36h11 are one.
+
+    Raises:
+        InputError: There is no such family; names those that there are.
+    """
+    plain = {re.sub(r"^(apriltag_|aruco_mip_)", "", key.lower()): key for key in TAG_COUNTS}
+    wanted = re.sub(r"^(dict_)?(apriltag_?|tag_?|aruco_mip_)?", "", str(name).strip().lower())
+    if wanted not in plain:
+        raise InputError(f"tag family {str(name)[:40]!r} must be one of {', '.join(TAG_COUNTS)}")
+    return plain[wanted]
+
+
+def default_layout(workspace: Workspace | None = None, family: str = FAMILY) -> TagLayout:
     """Return tags of 10 cm, or less on a small table, along its edges and clear of the robot.
 
     The paper's table, which is the default, has eleven.
@@ -183,7 +212,8 @@ def default_layout(workspace: Workspace | None = None) -> TagLayout:
     places = [(x, y) for x, y in places if math.hypot(x, y) >= _ROBOT_RADIUS]
     # Smaller on a small table, so that they do not overlap.
     size = min(_SIZE, 0.6 * min(across[1] - across[0], along[0] - along[1]))
-    return TagLayout(tags=tuple(Tag(id=i, x=x, y=y, size=size) for i, (x, y) in enumerate(places)))
+    tags = tuple(Tag(id=i, x=x, y=y, size=size) for i, (x, y) in enumerate(places))
+    return TagLayout(tags=tags, family=family)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -287,7 +317,7 @@ def fit_table(layout: TagLayout, touched: Mapping[int, Point]) -> TableFit:
         residuals=dict(zip(ids, residuals.tolist(), strict=True)),
         outliers=outliers,
         rms=float(np.sqrt(np.mean(residuals[agree] ** 2))),
-        layout=TagLayout(tags=moved),
+        layout=dataclasses.replace(layout, tags=moved),
     )
 
 

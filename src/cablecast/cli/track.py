@@ -85,5 +85,6 @@ def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:
     print(
         f"tags      {metrics['tags_used']} used, rms {metrics['calibration_rms_mm']:.1f} mm"
         + (f", moved: {metrics['tags_rejected']}" if metrics["tags_rejected"] else "")
+        + (", turned by 180 deg against OpenCV's own pictures" if metrics["tags_turned"] else "")
     )
     print(f"track     {out / TRACK_FILE}\npicture   {out / PICTURE_FILE}")

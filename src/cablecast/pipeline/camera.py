@@ -160,7 +160,7 @@ def calibrate_table(
     if write:
         rows = [
             {name: value if name == "id" else round(value, 5) for name, value in row.items()}
-            for row in fit.layout.to_rows()
+            for row in fit.layout.to_dict()["tags"]
         ]
         changes = {
             "arm": {
@@ -168,7 +168,7 @@ def calibrate_table(
                 "base_yaw_deg": round(fit.base_yaw_deg, 3),
             },
             "workspace": {"table_near_y": round(setup.workspace.table_near_y - fit.axis_xy[1], 5)},
-            "camera": {"tags": rows},
+            "camera": {"tags": rows, "tag_family": fit.layout.family},
         }
         update_lab_file(lab_file, changes)
     return fit

@@ -236,6 +236,7 @@ def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, An
         "calibration_rms_mm": 1e3 * calibration.rms,
         "tags_used": len(calibration.tag_ids),
         "tags_rejected": list(calibration.rejected_ids),
+        "tags_turned": calibration.turned,
     }
 
 

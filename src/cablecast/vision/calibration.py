@@ -18,7 +18,7 @@ from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.tags import TagLayout
 from cablecast.errors import InputError
 from cablecast.files import read_json, write_json
-from cablecast.vision.tags import detect_tags, load_cv2, to_grey
+from cablecast.vision.tags import detect_tags, family_seen, load_cv2, to_grey
 
 TAG_COUNT_MIN = 4
 """Fewest tags that determine the lens and the camera's pose."""
@@ -94,6 +94,8 @@ class Calibration:
         rms: Root mean square of that distance on the table [m].
         tag_ids: Numbers of the tags that were used.
         rejected_ids: Numbers of tags that were seen where the layout does not have them.
+        turned: Whether the tags are turned by 180 degrees against the pictures that the installed
+            OpenCV draws; those of the AprilTag library are, up to OpenCV 5.0.
     """
 
     view: CameraView
@@ -101,6 +103,7 @@ class Calibration:
     rms: float
     tag_ids: tuple[int, ...]
     rejected_ids: tuple[int, ...] = ()
+    turned: bool = False
 
     def save(self, path: pathlib.Path) -> None:
         """Write the calibration as JSON."""
@@ -212,20 +215,28 @@ def calibrate_view(
             f"the lens was calibrated for {lens.width} x {lens.height} px, "
             f"but the pictures have {width} x {height}"
         )
+    guess = Lens.from_view(width, height, diagonal_view) if lens is None else lens
     rejected: list[int] = []
+    turned: bool | None = None
     while True:
         if len(seen) < TAG_COUNT_MIN:
             extra = f", and tags {sorted(rejected)} lie elsewhere" if rejected else ""
+            if not seen and not rejected and (other := family_seen(images[:1])):
+                extra = f", but some of {other} are seen"
             raise InputError(
-                f"{len(seen)} of the layout's {len(layout.tags)} tags can be used{extra}: "
-                f"at least {TAG_COUNT_MIN} are needed"
+                f"{len(seen)} of the layout's {len(layout.tags)} tags can be used{extra}: at least "
+                f"{TAG_COUNT_MIN} of {layout.family} are needed"
             )
         ids = sorted(seen)
         points = np.concatenate([layout.corners_of(i) for i in ids])  # pyright: ignore
-        corners = np.concatenate([seen[i] for i in ids])
-        guess = Lens.from_view(width, height, diagonal_view) if lens is None else lens
-        view = _fit_view(points, corners, guess, lens_known=lens is not None)
-        miss = np.linalg.norm(view.to_image(points) - corners, axis=1).reshape(-1, 4)
+        fits = []
+        for turn in (False, True) if turned is None else (turned,):
+            corners = np.concatenate([np.roll(seen[i], 2 * turn, axis=0) for i in ids])
+            view = _fit_view(points, corners, guess, lens_known=lens is not None)
+            miss = np.linalg.norm(view.to_image(points) - corners, axis=1).reshape(-1, 4)
+            fits.append((float(np.median(miss)), turn, view, corners, miss))
+        # Of either orientation, the one that most tags agree with.
+        _, turned, view, corners, miss = min(fits, key=lambda fit: fit[0])
         worst = int(np.argmax(miss.max(axis=1)))
         if miss[worst].max() <= _OUTLIER_PX:
             break
@@ -238,6 +249,7 @@ def calibrate_view(
         rms=float(np.sqrt(np.mean(np.sum(on_table**2, axis=1)))),
         tag_ids=tuple(ids),
         rejected_ids=tuple(sorted(rejected)),
+        turned=turned,
     )
 
 
@@ -271,7 +283,7 @@ def _average_tags(
     """Return median corners of each tag of the layout over the pictures that show it [px]."""
     quads: dict[int, list[NDArray[np.float64]]] = {}
     for image in images:
-        for tag_id, quad in detect_tags(image).items():
+        for tag_id, quad in detect_tags(image, layout.family).items():
             if layout.corners_of(tag_id) is not None:
                 quads.setdefault(tag_id, []).append(quad)
     # The median: an arm that passes over a tag's rim spoils a few pictures, not most.

@@ -266,7 +266,7 @@ def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
     cv2 = load_cv2()
     image = report.image.copy()
     rejected = () if report.calibration is None else report.calibration.rejected_ids
-    for tag_id, quad in detect_tags(image).items():
+    for tag_id, quad in detect_tags(image, report.settings.tag_family).items():
         colour = _REFUSED if tag_id in rejected else _SEEN
         cv2.polylines(image, [np.round(quad).astype(np.int32)], True, colour, 2, cv2.LINE_AA)
         u, v = np.round(quad.max(axis=0)).astype(int).tolist()

@@ -139,13 +139,14 @@ class CameraOfTrials:
         self._tracker = self._new_tracker(self._start_xy)
         self._sight = CameraSight(position=self.calibration.view.position)
         self._usual = Brightness.of(images[-1])
-        self._tags = detect_tags(images[-1])
+        self._tags = detect_tags(images[-1], tags_of(setup).family)
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
             **self.settings.to_dict(),
             "calibration_rms_mm": 1e3 * self.calibration.rms,
             "tags_used": len(self.calibration.tag_ids),
             "tags_rejected": list(self.calibration.rejected_ids),
+            "tags_turned": self.calibration.turned,
         }
 
     def __enter__(self) -> Self:
@@ -160,7 +161,7 @@ class CameraOfTrials:
         frames = self._fresh(_CHECK_FRAMES, after)
         for frame in frames:
             watch.look(frame)
-        seen = detect_tags(frames[-1].image)
+        seen = detect_tags(frames[-1].image, tags_of(self.setup).family)
         common = sorted(set(seen) & set(self._tags))
         moved = [
             tag_id
@@ -430,8 +431,9 @@ def calibrate_camera(images: list[NDArray[np.uint8]], setup: Setup) -> Calibrati
 
 def tags_of(setup: Setup) -> TagLayout:
     """Return the tags on the table of a set-up."""
-    tags = None if setup.camera is None else setup.camera.tags
-    return default_layout(setup.workspace) if tags is None else tags
+    if setup.camera is None:
+        return default_layout(setup.workspace)
+    return setup.camera.tags or default_layout(setup.workspace, setup.camera.tag_family)
 
 
 def _track(tracker: EndpointTracker, frame: Frame) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.config import CameraConfig, clutter_place
 from cablecast.setup import Setup
-from cablecast.vision.tags import load_cv2, tag_picture
+from cablecast.vision.tags import cells_of, load_cv2, tag_picture
 from cablecast.vision.tracker import MarkerConfig
 from cablecast.workspace import Workspace
 
@@ -163,7 +163,8 @@ def _table_texture(
     for tag in layout.tags:
         # Nobody sticks a tag exactly where the plan has it.
         x, y = rng.normal([tag.x, tag.y], _TAG_ERROR)
-        _paste_tag(texture, origin, dataclasses.replace(tag, x=float(x), y=float(y)))
+        placed = dataclasses.replace(tag, x=float(x), y=float(y))
+        _paste_tag(texture, origin, placed, layout.family)
     # As fine as a camera pixel sees it.
     return cv2.GaussianBlur(texture, (0, 0), 0.7), origin
 
@@ -193,17 +194,17 @@ def _foam(columns: int, rows: int, rng: np.random.Generator) -> Image:
     return texture
 
 
-def _paste_tag(texture: Image, origin: tuple[float, float], tag: Tag) -> None:
+def _paste_tag(texture: Image, origin: tuple[float, float], tag: Tag, family: str) -> None:
     """Stick a printed tag on the table."""
     cv2 = load_cv2()
     cell = 12
-    picture = tag_picture(tag.id, cell)
+    picture = tag_picture(tag.id, cell, family)
     # Within a white rim of one cell. A square's side lies half a pixel beside its pixels' centres.
-    near, far = cell - 0.5, 9 * cell - 0.5
+    near, far = cell - 0.5, (cells_of(family) + 1) * cell - 0.5
     source = np.array([[near, near], [far, near], [far, far], [near, far]])
     corners = tag.corners[:, :2]
     place = np.stack([corners[:, 0] - origin[0], origin[1] - corners[:, 1]], axis=1) / _TEXEL
-    # The rim reaches an eighth of the square's side beyond it; more than that need not be warped.
+    # The rim reaches at most a sixth of the square's side beyond it; more need not be warped.
     reach = 0.25 * tag.size / _TEXEL
     left, top = np.maximum(np.floor(place.min(axis=0) - reach), 0).astype(int)
     right, bottom = np.ceil(place.max(axis=0) + reach).astype(int)
