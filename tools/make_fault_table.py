@@ -1,7 +1,7 @@
 """Try every fault of the robot in every phase of a trial, and write what came of it.
 
     python tools/make_fault_table.py --out docs/faults.md
-    python tools/make_fault_table.py --faults protective_stop --phases cast
+    python tools/make_fault_table.py --generations e-series --faults protective_stop --phases cast
 
 What was tried is kept in a file, so that the command goes on where it was stopped.
 
@@ -32,7 +32,7 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.link import Phase, check_ready
 from cablecast.rigs.ur.program import check_path, joint_move
 from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR
-from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig
+from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.ur.twin.truth import TruthCamera
 from cablecast.setup import Setup, load_setup
@@ -52,6 +52,8 @@ STOPPING = {
     "controller_restarts",
 }
 """Faults after which the arm must come to rest."""
+ARMS = {"cb3": "ur5", "e-series": "ur5e", "polyscope-x": "ur5e"}
+"""Arm of each generation of controllers."""
 ACTIONS = np.array([[-0.4, 0.3, 0.62, 0.5], [-0.3, 0.35, 0.62, 0.4]])
 CAMERA = {"width": 960, "height": 540, "rate": 30.0, "exposure": 0.002}
 """Settings of the camera, small for quick drawing."""
@@ -101,7 +103,7 @@ def part_of(fault: str) -> str:
 
 @contextlib.contextmanager
 def running_twin(
-    setup: Setup, rate: float, address: str, part: str
+    setup: Setup, generation: str, rate: float, address: str, part: str
 ) -> Iterator[tuple[TwinProcess, Setup]]:
     """Run a twin at an address of its own, and yield it with the set-up to reach it."""
     if setup.robot is None or setup.camera is None:
@@ -113,6 +115,7 @@ def running_twin(
     config = TwinConfig(
         address=robot.address,
         rate=rate,
+        generation=generation,
         has_cable=part == "cable",
         segment_count=SEGMENT_COUNT,
         camera_port=0,
@@ -120,7 +123,8 @@ def running_twin(
         patience=0.0 if part == "robot" else 5.0,
     )
     camera = dataclasses.replace(setup.camera, **CAMERA)
-    setup = dataclasses.replace(setup, robot=robot, camera=camera)
+    arm = dataclasses.replace(setup.arm, model=ARMS[generation])
+    setup = dataclasses.replace(setup, arm=arm, robot=robot, camera=camera)
     seen = setup if part == "camera" else dataclasses.replace(setup, camera=None)
     with TwinProcess(seen, config) as twin:
         if twin.camera_url is not None:
@@ -202,9 +206,21 @@ def cell(outcome: Outcome) -> str:
     return f"{words}{rest}; {'resumed' if outcome.resumed else '**not resumed**'}"
 
 
+def table(cells: dict[str, str], generation: str, faults: list[str], phases: list[str]) -> str:
+    """Return the table of one generation."""
+    rows = [
+        f"| `{fault}`: {FAULTS[fault]} | "
+        + " | ".join(cells.get(f"{generation} {fault} {phase}", "–") for phase in phases)
+        + " |"
+        for fault in faults
+    ]
+    return "\n".join([f"| fault | {' | '.join(phases)} |", "|---" * (1 + len(phases)) + "|", *rows])
+
+
 def main() -> None:
     """Try faults in phases, and print or write the table."""
     parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--generations", nargs="+", default=list(ARMS), choices=ARMS)
     parser.add_argument("--faults", nargs="+", default=list(FAULTS), choices=FAULTS)
     parser.add_argument("--phases", nargs="+", default=list(PHASES), choices=PHASES)
     parser.add_argument("--rate", type=float, default=1.0, help="largest speed of the clock")
@@ -217,39 +233,31 @@ def main() -> None:
     args = parser.parse_args()
     args.kept.parent.mkdir(parents=True, exist_ok=True)
     cells = json.loads(args.kept.read_text()) if args.kept.is_file() else {}
-    wanted = [(fault, phase) for fault in args.faults for phase in args.phases]
-    missing = [(fault, phase) for fault, phase in wanted if f"{fault} {phase}" not in cells]
     lab = load_setup(ROOT / "examples" / "twin.yaml")
-    for part in ("robot", "camera", "cable"):
-        due = [(fault, phase) for fault, phase in missing if part_of(fault) == part]
-        if not due or args.only_kept:
-            continue
-        with running_twin(lab, args.rate, args.address, part) as (twin, setup):
-            for fault, phase in due:
-                outcome = try_fault(twin, setup, fault, phase)
-                cells[f"{fault} {phase}"] = cell(outcome)
-                args.kept.write_text(json.dumps(cells, indent=1))
-                print(f"{fault} in {phase}: {outcome}", file=sys.stderr, flush=True)
-    rows = [
-        f"| `{fault}`: {FAULTS[fault]} | "
-        + " | ".join(cells.get(f"{fault} {phase}", "–") for phase in args.phases)
-        + " |"
-        for fault in args.faults
-    ]
-    text = "\n".join(
-        [
-            f"| fault | {' | '.join(args.phases)} |",
-            "|---" * (1 + len(args.phases)) + "|",
-            *rows,
-        ]
-    )
+    tables = []
+    for generation in args.generations:
+        faults = [fault for fault in args.faults if fault in faults_of(generation)]
+        for part in ("robot", "camera", "cable"):
+            due = [
+                (fault, phase)
+                for fault in faults
+                for phase in args.phases
+                if part_of(fault) == part and f"{generation} {fault} {phase}" not in cells
+            ]
+            if not due or args.only_kept:
+                continue
+            with running_twin(lab, generation, args.rate, args.address, part) as (twin, setup):
+                for fault, phase in due:
+                    outcome = try_fault(twin, setup, fault, phase)
+                    cells[f"{generation} {fault} {phase}"] = cell(outcome)
+                    args.kept.write_text(json.dumps(cells, indent=1))
+                    print(f"{fault} in {phase}: {outcome}", file=sys.stderr, flush=True)
+        shown = [f for f in faults if any(f"{generation} {f} {p}" in cells for p in args.phases)]
+        tables.append(f"## {generation}\n\n{table(cells, generation, shown, args.phases)}")
+    text = "\n\n".join(tables)
     if args.out is None:
         print(text)
         return
-    command = "python tools/make_fault_table.py --out docs/faults.md"
-    unfinished = ""
-    if any(f"{fault} {phase}" not in cells for fault, phase in wanted):
-        unfinished = "\nA dash stands where the command was stopped before it came so far."
     args.out.write_text(
         f"""# Faults of the robot, in every phase
 
@@ -259,8 +267,10 @@ person clears the fault, and the same command is given again. "Resumed" means th
 that the dataset is whole. "At rest" is by the twin's clock, for faults after which the arm must
 stop; after a fault of camera or cable the arm finishes its motion, which was checked. The reset
 only lifts the cable and sets it down. The arm holds a stick except where the cable fails, and the
-twin reports the true landing except where the camera fails.{unfinished}
-Written by `{command}`.
+twin reports the true landing except where the camera fails. There is a table for each generation of
+controllers; a row is missing where a fault was not tried on it, and a dash stands where the command
+was stopped before it came so far.
+Written by `python tools/make_fault_table.py --out docs/faults.md`.
 
 {text}
 """
