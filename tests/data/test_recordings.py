@@ -165,8 +165,8 @@ def test_a_marker_that_is_lost_a_moment_before_the_end_was_seen_at_rest(x_of, st
     [
         (lambda rows: [row.pop("y_m") for row in rows], "lacks the columns y_m"),
         (lambda rows: rows[3].update(x_m="fast"), "x_m = 'fast' in row 4"),
-        (lambda rows: rows[3].update(time_s=0.0), "times must ascend"),
-        (lambda rows: rows[3].update(time_s=""), "has no time"),
+        (lambda rows: [row.update(time_s=-t) for t, row in enumerate(rows)], r"row \d+ \(time"),
+        (lambda rows: [row.update(time_s="") for row in rows], r"row 1 \(time_s = nan\)"),
         (lambda rows: [row.update(x_m="") for row in rows], "seen 0 times"),
         (lambda rows: [row.pop("r2_m") for row in rows], "lacks r2_m"),
         (lambda rows: [row.update(r2_m="") for row in rows], "neither joints, nor a grip"),
@@ -187,3 +187,74 @@ def test_a_file_that_cannot_be_read_is_refused(name, tmp_path):
     (tmp_path / "broken.parquet").write_bytes(b"PAR1 and nothing else")
     with pytest.raises(InputError, match=r"no file|no Parquet file"):
         read_recordings(tmp_path / name, SETUP)
+
+
+LAG = 0.03
+
+
+def log_of_a_controller(troubles=True):
+    """Return the rows of three casts as a controller logs them, and the numbers of bad rows."""
+    rng = np.random.default_rng(3)
+    rows, bad = [], []
+    for number, theta in enumerate((-0.5, -0.4, -0.6)):
+        action = Action(theta, 0.4, 0.62, 0.6)
+        commanded = plan_trajectory(action, SETUP).joint_path
+        times = np.cumsum(rng.uniform(0.010, 0.034, 120))
+        times = times[times < commanded.times[-1] + 0.5]
+        for tick, time in enumerate(times):
+            q = [np.interp(time - LAG, commanded.times, commanded.q[:, k]) for k in range(6)]
+            row = {"cast": f"take {number}", "time_s": time, "x_m": 0.2, "y_m": 1.0}
+            row |= {f"q{k + 1}_rad": angle for k, angle in enumerate(q)}
+            names = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
+            row |= dict(zip(names, action.to_array(), strict=True))
+            if troubles and tick == 20:
+                rows.append(dict(row))
+            if troubles and tick in (30, 40, 50, 60):
+                changes = {
+                    30: {"q2_rad": 1e154},
+                    40: {"time_s": time - 0.4},
+                    50: {"q3_rad": float(row["q3_rad"]) + 0.8},
+                    60: {"time_s": "nan"},
+                }
+                row |= changes[tick]
+                bad.append(len(rows) + 1)
+            rows.append(row)
+    return rows, bad
+
+
+def test_a_log_as_controllers_write_it_is_taken_and_what_is_not_sound_is_named(tmp_path):
+    rows, bad = log_of_a_controller()
+    lines = []
+    table = write_table(rows, tmp_path / "table.csv")
+    imported = import_casts(table, SETUP, report=lines.append)
+    assert len(imported) == 3
+    assert f"row {bad[0]} (q2_rad = 1e+154) and 3 more" in lines[0]
+    assert "1 rows repeat the time of the row before" in lines[1]
+    assert len(lines) == 6
+    clean, _ = log_of_a_controller(troubles=False)
+    whole = import_casts(write_table(clean, tmp_path / "clean.csv"), SETUP)
+    for cast in range(3):
+        kept, all_of_it = imported.measured_joints(cast), whole.measured_joints(cast)
+        assert len(kept.times) == len(all_of_it.times) - 4
+        assert np.isin(kept.times, all_of_it.times).all()
+
+
+def test_a_cast_with_a_gap_in_its_motion_is_left_out_and_named(tmp_path):
+    rows, _ = log_of_a_controller(troubles=False)
+    first = [row for row in rows if row["cast"] == "take 0"]
+    middle = [row for row in first if 0.4 < row["time_s"] < 0.8]
+    rows = [row for row in rows if not any(row is gone for gone in middle)]
+    lines = []
+    casts = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
+    assert [cast.name for cast in casts] == ["take 1", "take 2"]
+    assert "'take 0': the joints moved unseen for 0.4" in lines[0]
+    assert "the cast is left out" in lines[0]
+
+
+def test_a_time_without_an_end_does_not_hide_what_follows(tmp_path):
+    rows = rows_with(lambda t: 0.2)
+    rows[3]["time_s"] = 1e5
+    lines = []
+    (one,) = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
+    assert len(one.times) == len(rows) - 1
+    assert "row 4 (time 100000 s" in lines[0]

@@ -109,6 +109,22 @@ def test_a_servo_is_found_at_any_rate_of_report(dataset, rate):
     assert_same_response(identify_servo(reported).model, SERVO, reported)
 
 
+def test_reports_at_uneven_times_tell_the_servo(dataset):
+    reported = report(dataset, SERVO, rate=500.0)
+    rng = np.random.default_rng(1)
+    times, q = [], []
+    for row in range(len(reported)):
+        joints = reported.measured_joints(row)
+        # Steps of 10 to 34 ms.
+        kept = np.cumsum(rng.integers(5, 18, 1000))
+        kept = kept[kept < len(joints.times)]
+        times.append(joints.times[kept])
+        q.append(joints.q[kept].ravel())
+    extra = reported.extra | {"actual_times": times, "actual_q": q}
+    found = identify_servo(dataclasses.replace(reported, extra=extra)).model
+    np.testing.assert_allclose(found.lag[MOVING], SERVO.lag[MOVING], atol=LAG)
+
+
 @pytest.mark.parametrize(
     "servo", [LATE_AND_FAST, SLOW_WITHOUT_DELAY], ids=["late and fast", "slow without delay"]
 )

@@ -29,12 +29,13 @@ class Import:
     def run(self) -> None:
         """Import, and print the number of casts."""
         from cablecast.cli.options import load_lab
+        from cablecast.cli.streams import say
         from cablecast.pipeline.import_casts import import_casts
         from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS["tune"]
-        dataset = import_casts(self.table, setup, out=out)
+        dataset = import_casts(self.table, setup, out=out, report=say)
         counts = dataset.status_counts
         ends = ", ".join(f"{count} {code}" for code, count in counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({ends})")

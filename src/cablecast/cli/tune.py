@@ -19,9 +19,9 @@ class Tune:
     identifies from the same casts how the arm lags behind its set points. The default is a
     least-squares fit that starts from what the cable's file states: it takes seconds, two casts are
     enough, and it states the uncertainty of each parameter. `--method de` is the paper's
-    Differential Evolution, which takes about three minutes for 80 casts on two cores and can be
-    interrupted. From 20 casts on, a quarter is held out to measure the result. Give the resulting
-    params.json to `cablecast simulate --params`.
+    Differential Evolution, which takes about three minutes for 80 casts on two cores. The same
+    command resumes an interrupted one of either kind. From 20 casts on, a quarter is held out to
+    measure the result. Give the resulting params.json to `cablecast simulate --params`.
     """
 
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of --dataset")] = None

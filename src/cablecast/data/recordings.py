@@ -4,9 +4,11 @@ A row is one moment of one cast. It may hold the endpoint, the joints, the grip,
 cells are empty where something was not measured at that time.
 """
 
+import bisect
 import dataclasses
 import hashlib
 import pathlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cast import TrialStatus
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
+from cablecast.rigs.checked import JOINT_ANGLE_MAX
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -34,6 +37,15 @@ TABLE_SIZE_MAX = 2**31
 _REST_DISTANCE = 0.01
 _REST_TIME = 0.2
 _SAMPLES_MIN = 4
+# No clock of a cast counts further [s], and nothing of it is farther away [m].
+_TIME_MAX, _DISTANCE_MAX = 1e7, 100.0
+# A joint that leaves its neighbours in time by more is a spike [rad]: in 34 ms one turns 0.1 rad.
+_SPIKE = 0.3
+# A joint may turn unseen for as long [s]: logs have steps of up to 34 ms.
+_GAP_MAX = 0.25
+# Joints that differ by less have not moved [rad].
+_STILL = 0.01
+_UNSOUND_MAX = 0.2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,8 +83,14 @@ class Recording:
         return float(self.times[-1])
 
 
-def read_recordings(path: str | pathlib.Path, setup: Setup) -> list[Recording]:
+def read_recordings(
+    path: str | pathlib.Path, setup: Setup, report: Callable[[str], None] = lambda line: None
+) -> list[Recording]:
     """Read a table of recorded casts.
+
+    Logs are taken as they are: of rows with the same time the first one counts, filled up by the
+    others; rows with an absurd value, and those by which time runs back, are left out. A cast of
+    which more than a fifth is left out, or whose joints moved unseen, is left out whole.
 
     Args:
         path: CSV or Parquet file with the columns `cast`, `time_s`, `x_m` and `y_m`, and with the
@@ -80,13 +98,14 @@ def read_recordings(path: str | pathlib.Path, setup: Setup) -> list[Recording]:
             `grip_z_m`, `grip_yaw_rad`) or the action (`theta1_rad`, `theta2_rad`, `r2_m`,
             `psi_rad`).
         setup: Set-up of the casts; gives the table, and the height of a grip without one.
+        report: Told in one line what of a cast is left out, and why.
 
     Returns:
         The casts in the order in which they first appear.
 
     Raises:
-        InputError: There is no such file, a column is missing, a cell is no number, times do not
-            ascend, or a cast has no motion.
+        InputError: There is no such file, a column is missing, a cell is no number, or no cast is
+            sound.
     """
     path = pathlib.Path(path)
     names, columns = _read_table(path)
@@ -95,10 +114,95 @@ def read_recordings(path: str | pathlib.Path, setup: Setup) -> list[Recording]:
         groups.setdefault(name, []).append(row)
     if not groups:
         raise InputError(f"{path} holds no casts")
-    return [
-        _recording(path, name, {c: values[rows] for c, values in columns.items()}, setup)
-        for name, rows in groups.items()
-    ]
+    casts: list[Recording] = []
+    first: InputError | None = None
+    for name, rows in groups.items():
+        cells = {c: values[rows] for c, values in columns.items()}
+        where = f"{path}, cast {name[:40]!r}"
+        try:
+            sound = _sound(where, cells, np.array(rows) + 1, report)
+            casts.append(_recording(where, name, sound, setup))
+        except InputError as error:
+            first = first or error
+            if len(groups) > 1:
+                report(f"{error}: the cast is left out")
+    if not casts:
+        raise first or InputError(f"{path} holds no casts")
+    return casts
+
+
+def _sound(
+    where: str, columns: dict[str, Array], rows: NDArray[np.int64], report: Callable[[str], None]
+) -> dict[str, Array]:
+    """Return the sound rows of a cast, and report the others.
+
+    Args:
+        where: File and cast, for messages.
+        columns: Values of the cast.
+        rows: Numbers of its rows in the table, the first one being 1.
+        report: Told what is left out.
+    """
+    times = columns[TIME_COLUMN]
+    why = [""] * len(times)
+    for name, values in columns.items():
+        bound = {TIME_COLUMN: _TIME_MAX}.get(name, _DISTANCE_MAX)
+        bound = JOINT_ANGLE_MAX if name in JOINT_COLUMNS else bound
+        absurd = np.abs(values) > bound
+        if name == TIME_COLUMN:
+            absurd |= np.isnan(values)
+        if name in JOINT_COLUMNS:
+            known = np.flatnonzero(np.isfinite(values) & ~absurd)
+            absurd[known[1:-1]] |= _leap(values[known]) > _SPIKE
+        for row in np.flatnonzero(absurd):
+            why[row] = why[row] or f"{name} = {values[row]:g}"
+    left = np.array([not words for words in why])
+    rising = _ascending(times[left])
+    latest = np.maximum.accumulate(np.where(rising, times[left], -np.inf))
+    for row, before, is_sound in zip(np.flatnonzero(left), latest, rising, strict=True):
+        if not is_sound:
+            why[row] = f"time {times[row]:g} s after {before:g} s"
+    out = np.array([bool(words) for words in why])
+    if out.any():
+        at = int(np.argmax(out))
+        more = f" and {out.sum() - 1} more" if out.sum() > 1 else ""
+        words = f"{where}: row {rows[at]} ({why[at]}){more} of {len(out)} rows cannot be used"
+        if out.mean() > _UNSOUND_MAX:
+            raise InputError(words)
+        report(words)
+    kept, places = np.unique(times[~out], return_inverse=True)
+    if doubled := np.count_nonzero(~out) - len(kept):
+        report(f"{where}: {doubled} rows repeat the time of the row before")
+    found = {}
+    for name, values in columns.items():
+        found[name] = np.full(len(kept), np.nan)
+        # The first row of a time is written last.
+        known = np.flatnonzero(np.isfinite(values[~out]))[::-1]
+        found[name][places[known]] = values[~out][known]
+    return found
+
+
+def _leap(values: Array) -> Array:
+    """Return how far each value but the first and last is from between its neighbours."""
+    before, here, after = values[:-2], values[1:-1], values[2:]
+    low, high = np.minimum(before, after), np.maximum(before, after)
+    return np.maximum(np.maximum(low - here, here - high), 0.0)
+
+
+def _ascending(times: Array) -> NDArray[np.bool_]:
+    """Return which times are of the longest series that never falls."""
+    ends: list[float] = []
+    last: list[int] = []
+    before = np.full(len(times), -1)
+    for index, time in enumerate(times.tolist()):
+        place = bisect.bisect_right(ends, time)
+        before[index] = last[place - 1] if place else -1
+        ends[place : place + 1], last[place : place + 1] = [time], [index]
+    kept = np.zeros(len(times), dtype=bool)
+    index = last[-1] if last else -1
+    while index >= 0:
+        kept[index] = True
+        index = before[index]
+    return kept
 
 
 def file_digest(path: pathlib.Path) -> str:
@@ -161,16 +265,8 @@ def _numbers(path: pathlib.Path, name: str, cells: list[Any]) -> Array:
     return values
 
 
-def _recording(path: pathlib.Path, name: str, columns: dict[str, Array], setup: Setup) -> Recording:
-    where = f"{path}, cast {name[:40]!r}"
+def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -> Recording:
     times = columns[TIME_COLUMN]
-    if not np.all(np.isfinite(times)):
-        raise InputError(f"{where}: a row has no time")
-    if np.any(np.diff(times) <= 0):
-        at = int(np.argmax(np.diff(times) <= 0))
-        raise InputError(
-            f"{where}: the times must ascend, but {times[at + 1]:g} s follows {times[at]:g} s"
-        )
     xy = np.stack([columns[column] for column in TRACK_COLUMNS], axis=-1)
     seen = np.all(np.isfinite(xy), axis=1)
     if seen.sum() < _SAMPLES_MIN:
@@ -190,6 +286,16 @@ def _recording(path: pathlib.Path, name: str, columns: dict[str, Array], setup: 
         looks &= times <= last_seen
     joint_times, q = _group(columns, JOINT_COLUMNS, motion.get(JOINT_COLUMNS))
     grip_times, grip_xy = _group(columns, GRIP_COLUMNS, motion.get(GRIP_COLUMNS))
+    if joint_times is not None and q is not None and len(q) > 1:
+        gaps = np.where(
+            np.ptp([q[:-1], q[1:]], axis=0).max(axis=1) > _STILL, np.diff(joint_times), 0
+        )
+        if gaps.max() > _GAP_MAX:
+            at = int(np.argmax(gaps))
+            raise InputError(
+                f"{where}: the joints moved unseen for {gaps[at]:.2f} s from {joint_times[at]:g} s "
+                f"on, more than {_GAP_MAX:g} s"
+            )
     poses = None
     if grip_times is not None and grip_xy is not None:
         poses = _poses(columns, grip_xy, motion[GRIP_COLUMNS], setup.workspace)

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+from collections.abc import Callable
 from typing import Any
 
 from cablecast.cast import EndpointTrack
@@ -21,17 +22,18 @@ def import_casts(
     setup: Setup,
     *,
     out: str | os.PathLike[str] | None = None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> Dataset:
     """Make a dataset of kind "tune" of casts that were recorded elsewhere; see `read_recordings`.
 
-    It is kept in a folder unless `out` is None.
+    It is kept in a folder unless `out` is None. `report` is told in one line what is left out.
 
     Raises:
         InputError: There is no such file, or it cannot be understood.
         DatasetError: The folder holds something else.
     """
     table = pathlib.Path(table)
-    recordings = read_recordings(table, setup)
+    recordings = read_recordings(table, setup, report)
     rig = {"rig": "import", "file": table.name, "sha256": file_digest(table)}
     with folder_or_temporary(out) as folder:
         writer = DatasetWriter(

@@ -1,4 +1,9 @@
-"""From the first cast to an aimed one with `--rig ur`, through the twin's sockets and camera."""
+"""From the first cast to an aimed one with `--rig ur`, through the twin's sockets and camera.
+
+CABLECAST_GENERATION=e-series or polyscope-x runs it on a controller of another generation.
+"""
+
+import os
 
 import numpy as np
 import pytest
@@ -22,7 +27,10 @@ TWIN = {"segment_count": 10, "rate": 10.0}
 
 @pytest.fixture(scope="module")
 def twin(make_twin):
-    return make_twin({"settle_time": 1.5, "silence_max": 60.0}, camera=CAMERA, **TWIN)
+    generation = os.environ.get("CABLECAST_GENERATION", "cb3")
+    model = "ur5" if generation == "cb3" else "ur5e"
+    robot = {"settle_time": 1.5, "silence_max": 60.0}
+    return make_twin(robot, model, camera=CAMERA, generation=generation, **TWIN)
 
 
 @pytest.fixture
