@@ -8,6 +8,7 @@ import dataclasses
 import itertools
 import json
 import pathlib
+import sys
 
 import numpy as np
 from tools.fit_camera_error import Clip, measure
@@ -37,7 +38,7 @@ class Args:
         clips: Number of clips, of which every other one has an arm.
         seed: Seed of the clips, of noise and of light.
         out: JSON file of what was found; none where None.
-        only: Part of the names of the lights to try; all where empty.
+        only: Parts of the names of the lights to try, between commas; all where empty.
     """
 
     clips: int = 12
@@ -113,7 +114,7 @@ def main(args: Args) -> None:
     found: dict[str, dict[str, float]] = {}
     rows: list[tuple] = []
     for name, config in lights().items():
-        if args.only not in name and not name.startswith("even"):
+        if not any(word in name for word in args.only.split(",")) and "even" not in name:
             continue
         camera.config = config
         # The green ones are found by the usual hue; any other one is said.
@@ -121,6 +122,7 @@ def main(args: Args) -> None:
         row = summary(measure(camera, calibration, args.clips, args.seed, marker=marker))
         found[name] = row
         row["of_even"] = row["rms_mm"] / found[even_of(name)]["rms_mm"]
+        print(f"{name}: {row}", file=sys.stderr, flush=True)
         found_text = f"{row['found_pct']:.1f}"
         rows.append((name, row["frame_count"], found_text, *(f"{row[k]:.2f}" for k in ERRORS)))
     columns = ("light", "frames", "found [%]", "rms [mm]", "of even light", "largest [mm]")

@@ -9,6 +9,7 @@ pytest.importorskip("cv2")
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import InputError
+from cablecast.rigs.virtual.config import LightConfig
 from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck
 from cablecast.vision.live import CameraFacts, Frame
@@ -88,3 +89,72 @@ def test_a_marker_of_too_few_pixels_is_told():
     for scale, is_told in ((300.0, True), (400.0, False)):
         advice = dataclasses.replace(report, px_per_m=scale).advice()
         assert any("the marker is" in line for line in advice) == is_told
+
+
+def lit_check(facts, frame_rate, light, row_time=0.0, seconds=1.5, **settings):
+    """Return a check of a table without cable, in a light, by the virtual camera."""
+    from cablecast.rigs.virtual.camera import Film, VirtualCamera
+    from cablecast.rigs.virtual.config import CameraConfig
+    from cablecast.rigs.virtual.drawing import FilmedTrial
+
+    config = CameraConfig(
+        frame_rate=frame_rate, exposure=0.001, row_time=row_time, light=light
+    ).resized(320)
+    nodes = np.full((1, 4, 3), [0.0, -3.0, 0.0])
+    cable = Setup().cable
+    still = FilmedTrial(cable=cable, times=np.array([seconds]), nodes=nodes, joint_path=None)
+    film = Film(VirtualCamera(config), still, 4)
+    asked = {"width": 320, "height": 180, "rate": frame_rate, **settings}
+    setup = Setup(camera=dataclasses.replace(SETTINGS, **asked))
+    looked = CameraCheck(setup, dataclasses.replace(facts, width=320, height=180))
+    for frame in film.arrivals:
+        time = film.time(frame) + 3.0
+        looked.look(Frame(time=time, arrival=900.0 + time, image=film.frame(frame)))
+    return looked.report()
+
+
+EVEN = LightConfig(drift=0.0, flicker=0.0, step=0.0)
+
+
+@pytest.mark.parametrize("frame_rate", [30.0, 60.0, 120.0])
+@pytest.mark.parametrize("amplitude", [0.1, 0.3])
+def test_flicker_is_recognised_by_its_beat_and_weighed_against_blur(frame_rate, amplitude):
+    light = dataclasses.replace(EVEN, lamp_flicker=amplitude, lamp_rate=100.2)
+    report = lit_check(DEVICE, frame_rate, light)
+    assert report.flicker is not None
+    assert report.flicker.rate == 100.0
+    # A white table is saturated in the brightest phase.
+    assert 0.5 * amplitude < report.flicker.amplitude < 1.2 * amplitude
+    assert report.flicker.row_time is None
+    assert any("exposure of 10.0 ms, too, but a tip at 5 m/s" in line for line in report.advice())
+
+
+def test_even_light_and_a_slow_change_of_it_are_no_flicker():
+    for light in (EVEN, dataclasses.replace(EVEN, drift=0.1, drift_period=4.0)):
+        assert lit_check(DEVICE, 60.0, light).flicker is None
+
+
+def test_rolling_bands_tell_the_row_time():
+    row_time = 0.8 / 60 / 180
+    light = dataclasses.replace(EVEN, lamp_flicker=0.3, lamp_rate=100.2)
+    report = lit_check(DEVICE, 60.0, light, row_time=row_time * 320 / 1920)
+    assert report.flicker is not None
+    assert report.flicker.row_time == pytest.approx(row_time, rel=0.1)
+    assert any("set `row_time: " in line for line in report.advice())
+
+
+def test_a_white_balance_that_drifts_is_told():
+    light = dataclasses.replace(EVEN, balance=(1.0, 0.85, 1.0), balance_time=1.5)
+    report = lit_check(DEVICE, 60.0, light)
+    said = [line for line in report.advice() if "white balance" in line]
+    assert len(said) == 1
+    assert said[0].startswith("green changed by -")
+    told = dataclasses.replace(report, facts=dataclasses.replace(DEVICE, auto_balance=True))
+    assert any("white balance is automatic" in line for line in told.advice())
+
+
+def test_repeated_frames_are_told():
+    report = check(DEVICE, even(), even(start=900.0))
+    assert report.repeated_count == 0
+    told = dataclasses.replace(report, repeated_count=7)
+    assert any("7 of 60 frames are the one before again" in line for line in told.advice())

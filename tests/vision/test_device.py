@@ -48,6 +48,7 @@ def test_a_device_is_asked_for_format_size_rate_focus_and_exposure_in_that_order
         (cv2.CAP_PROP_FPS, 60.0),
         (cv2.CAP_PROP_AUTOFOCUS, 0),
         (cv2.CAP_PROP_FOCUS, 12.0),
+        (cv2.CAP_PROP_AUTO_WB, 0),
         (cv2.CAP_PROP_AUTO_EXPOSURE, 3.0),
         (cv2.CAP_PROP_AUTO_EXPOSURE, 1.0),
         # V4L2 counts in tenths of a millisecond.
@@ -58,6 +59,7 @@ def test_a_device_is_asked_for_format_size_rate_focus_and_exposure_in_that_order
 def test_the_answers_of_a_device_are_read_back():
     def stubborn(number, backend):
         answers = {cv2.CAP_PROP_EXPOSURE: 156.0, cv2.CAP_PROP_AUTO_EXPOSURE: 3.0}
+        answers[cv2.CAP_PROP_AUTO_WB] = 1.0
         return FakeDevice(number, backend, answers)
 
     _, facts = open_capture(SETTINGS, stubborn)
@@ -66,6 +68,7 @@ def test_the_answers_of_a_device_are_read_back():
     assert facts.exposure == pytest.approx(0.0156)
     assert facts.auto_exposure is True
     assert facts.autofocus is False
+    assert facts.auto_balance is True
 
 
 def test_what_a_driver_does_not_know_is_unknown():

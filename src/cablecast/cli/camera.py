@@ -11,6 +11,7 @@ from cablecast.cli.options import argument
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
+    from cablecast.setup import Setup
     from cablecast.vision.check import CameraReport
 
 Task = typing.Literal["check", "sync"]
@@ -40,6 +41,11 @@ class CameraVerb:
     """Speed of the cable's end for which the blur is stated, for check [m/s]."""
     picture: Annotated[pathlib.Path | None, argument("FILE", "not kept")] = None
     """Keep the last picture, with the tags and the table's edges drawn into it, for check."""
+    pick: bool = False
+    """Learn hue and size of the marker that lies at the end of the cable, and write them into the
+    lab file, for check."""
+    at: Annotated[tuple[float, float] | None, argument("X Y", "where a reset lays the end")] = None
+    """Place near the marker, for --pick [m]."""
     film: Annotated[pathlib.Path | None, argument("FILE", "the robot makes a cast")] = None
     """Film of the swinging arm, for sync."""
     log: Annotated[pathlib.Path | None, argument("FILE", "the robot makes a cast")] = None
@@ -47,7 +53,7 @@ class CameraVerb:
     begin: Annotated[float, argument("S")] = 0.0
     """Time of the camera's clock at the first frame of the film, for sync [s]."""
     write: bool = True
-    """Write the offset into the lab file, for sync."""
+    """Write the offset, or the marker of --pick, into the lab file."""
 
     def run(self) -> int:
         """Check or sync, and print what was found; return the exit status."""
@@ -61,6 +67,8 @@ class CameraVerb:
         report = check_camera(setup, seconds=self.seconds, tip_speed=self.tip_speed)
         advice = report.advice()
         _print_report(report, advice)
+        if self.pick:
+            self._pick(report, setup)
         if self.picture is not None:
             from cablecast.files import write_bytes
             from cablecast.vision.check import draw_report
@@ -68,6 +76,22 @@ class CameraVerb:
             write_bytes(self.picture, draw_report(report, setup.workspace))
             print(f"picture   {self.picture}")
         return EXIT_ADVICE if advice else 0
+
+    def _pick(self, report: "CameraReport", setup: "Setup") -> None:
+        from cablecast.setup import update_lab_file
+        from cablecast.vision.tracker import pick_marker
+
+        if report.calibration is None:
+            raise InputError(f"no marker without the table: {report.calibration_error}")
+        workspace = setup.workspace
+        at = self.at or (0.0, workspace.reset_y + setup.cable.length)
+        found = pick_marker(report.image, report.calibration.view, workspace, at)
+        size = [round(found.length, 3), round(found.width, 3)]
+        values = {"marker": size, "marker_hue": round(found.hue, 1)}
+        print(f"marker    hue {found.hue:.0f} deg, {1e3 * size[0]:.0f} x {1e3 * size[1]:.0f} mm")
+        if self.write:
+            update_lab_file(self.setup, {"camera": values})
+            print(f"written   {self.setup}")
 
     def _sync(self) -> int:
         from cablecast.pipeline.camera import sync_camera, sync_film
@@ -109,6 +133,9 @@ def _print_report(report: "CameraReport", advice: list[str]) -> None:
         table.add_column(heading)
     exposure = "unknown" if facts.exposure is None else f"{1e3 * facts.exposure:.2f} ms"
     lost = f"{report.missed_count} by the camera, {report.dropped_count} by this computer"
+    flicker = "none"
+    if report.flicker is not None:
+        flicker = f"{100 * report.flicker.amplitude:.0f} % at {report.flicker.rate:g} Hz"
     bright, sd = report.brightness, asked.clock_offset_sd
     rows = [
         ("size", f"{asked.width} x {asked.height} px", f"{facts.width} x {facts.height} px"),
@@ -118,7 +145,10 @@ def _print_report(report: "CameraReport", advice: list[str]) -> None:
         ("lost frames", "0", f"{lost}, of {report.frame_count}"),
         ("exposure", f"{1e3 * asked.exposure:.2f} ms", exposure),
         ("automatic exposure", "off", _switch(facts.auto_exposure)),
+        ("automatic white balance", "off", _switch(facts.auto_balance)),
         ("autofocus", "off", _switch(facts.autofocus)),
+        ("repeated frames", "0", str(report.repeated_count)),
+        ("flicker", "below 5 %", flicker),
         ("brightness", "", f"{bright.mean:.0f} of 255, {100 * bright.clipped:.1f} % saturated"),
         (
             "blur",

@@ -17,8 +17,21 @@ from cablecast.vision.tracker import chroma_of, green_places, marker_mask, table
 from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
 from cablecast.workspace import Workspace
 
+_ROW_COUNT, _COLUMN_STEP = 60, 8
+"""Rows whose brightness is kept, and distance of the pixels that it is the mean of [px]."""
 _KEPT_COUNT = 8
 """Pictures that are kept, for the tags."""
+_LAMP_RATES, _LAMP_SPREAD, _LAMP_STEPS = (100.0, 120.0), 0.006, 25
+"""Rates at which lamps on the mains flicker [1/s], how far these stray [-], and rates tried."""
+_FLICKER_MIN, _FLICKER_MAX = 0.05, 0.5
+"""Amplitudes of a flicker that is worth a word, and that the tracker evens out [-]."""
+_BAND_STEPS, _BAND_GAIN, _BAND_ERROR = 40, 1.5, 0.2
+"""Row times that are tried for bands, the gain in amplitude that shows these, and the difference of
+the time to read a frame that is worth a word [share of the time between two frames]."""
+_DRIFT_MIN = 0.03
+"""Change of a colour over a check that is worth a word [-]."""
+_REPEATED_MIN = 0.02
+"""Share of repeated frames that is worth a word [-]."""
 _RATE_SHARE_MIN = 0.95
 _EXPOSURE_CHANGE = 1.2
 _DARK, _CLIPPED_MAX = 45.0, 0.05
@@ -33,6 +46,59 @@ _OPENING = 2.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Flicker:
+    """Flicker of lamps on the mains.
+
+    Attributes:
+        rate: Rate of the flicker, twice the mains' frequency [1/s].
+        amplitude: Amplitude, relative to the mean brightness [-].
+        row_time: Time between the exposures of two rows, by the bands of a rolling shutter [s];
+            None without bands.
+    """
+
+    rate: float
+    amplitude: float
+    row_time: float | None
+
+
+def find_flicker(
+    times: NDArray[np.float64], rows: NDArray[np.float64], row_step: int
+) -> Flicker | None:
+    """Return the flicker that frames show, however slowly they are taken; None without any.
+
+    A lamp's phase at the time of each frame tells its rate, whatever beat it makes with the frames.
+    What stands still in all frames is the scene's: a beat of nothing is not seen.
+
+    Args:
+        times: Times of the frames [s], shape [frame].
+        rows: Brightness of every row_step-th row, shape [frame, row].
+        row_step: Distance of these rows [px].
+    """
+    bright = np.log(np.maximum(rows, 1.0))
+    rest = bright - bright.mean(axis=0)
+    mean = rest.mean(axis=1)
+    # What drifts is no flicker.
+    rest = rest - np.polyval(np.polyfit(times, mean, 1), times)[:, None]
+    dt = float(np.median(np.diff(times)))
+    from_middle = row_step * (np.arange(rows.shape[1]) - (rows.shape[1] - 1) / 2)
+    row_times = np.linspace(0.0, dt / (row_step * rows.shape[1]), _BAND_STEPS)
+    best, found = 0.0, None
+    for lamp in _LAMP_RATES:
+        for rate in lamp * np.linspace(1 - _LAMP_SPREAD, 1 + _LAMP_SPREAD, _LAMP_STEPS):
+            by_time = np.exp(-2j * np.pi * rate * times) @ rest / len(times)
+            turns = np.exp(-2j * np.pi * rate * np.outer(row_times, from_middle))
+            amplitudes = 2.0 * np.abs(turns @ by_time) / rows.shape[1]
+            place = int(np.argmax(amplitudes))
+            if amplitudes[place] > best:
+                best = float(amplitudes[place])
+                banded = best > _BAND_GAIN * amplitudes[0]
+                found = Flicker(
+                    rate=lamp, amplitude=best, row_time=float(row_times[place]) if banded else None
+                )
+    return found if best > _FLICKER_MIN else None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraReport:
     """State of a camera.
 
@@ -44,6 +110,10 @@ class CameraReport:
         arrival_rate: Frames per second by their arrival [1/s].
         missed_count: Frames that the camera left out, by the gaps between the times.
         dropped_count: Frames that this computer was too slow to take.
+        repeated_count: Frames that were sent twice.
+        flicker: Flicker of the lamps; None where there is none.
+        drift: Change of blue, green and red against their mean from begin to end [-], shape [3].
+        duration: Time that was looked at [s].
         brightness: Brightness of the last picture.
         failure: What is wrong with the pictures (frozen, dark); None if nothing is.
         tags_seen: Numbers of the layout's tags that were seen.
@@ -53,7 +123,7 @@ class CameraReport:
         px_per_m: Scale in the middle of the table [px/m]; NaN without a calibration.
         tip_speed: Speed of the cable's end for which the blur is stated [m/s].
         blur: Way of the end at that speed during one exposure [m].
-        green: Things of the marker's colour on the table that are larger than it is, as x, y and
+        same_coloured: Things of the marker's colour on the table that are larger, as x, y and
             radius [m], shape [place, 3].
         image: Last picture.
         counted_stamps: Whether the stamps of a stream are counted from its opening, and not
@@ -67,6 +137,10 @@ class CameraReport:
     arrival_rate: float
     missed_count: int
     dropped_count: int
+    repeated_count: int
+    flicker: Flicker | None
+    drift: NDArray[np.float64]
+    duration: float
     brightness: Brightness
     failure: str | None
     tags_seen: tuple[int, ...]
@@ -76,7 +150,7 @@ class CameraReport:
     px_per_m: float
     tip_speed: float
     blur: float
-    green: NDArray[np.float64]
+    same_coloured: NDArray[np.float64]
     image: NDArray[np.uint8]
     counted_stamps: bool
 
@@ -108,11 +182,19 @@ class CameraReport:
                 "they are made up, so set `clock: arrival`"
             )
         if self.missed_count:
-            said.append(f"the camera left out {self.missed_count} frames")
+            said.append(
+                f"the camera left out {self.missed_count} frames: take a faster port, or ask for "
+                "fewer or smaller ones"
+            )
         if self.dropped_count:
             said.append(
                 f"this computer dropped {self.dropped_count} frames: close other programs, or ask "
                 "for fewer or smaller ones"
+            )
+        if self.repeated_count > _REPEATED_MIN * self.frame_count:
+            said.append(
+                f"{self.repeated_count} of {self.frame_count} frames are the one before again: the "
+                "camera is slower than it says, so ask for a lower rate, or shorten the exposure"
             )
         if asked.clock_offset_sd is None:
             said.append("the offset of its clock is unknown: run `cablecast camera sync`")
@@ -120,7 +202,7 @@ class CameraReport:
 
     def _picture_advice(self) -> list[str]:
         """Return advice about exposure, focus and light."""
-        said = []
+        said = self._light_advice()
         if self.facts.auto_exposure:
             said.append("exposure is automatic: switch it off with the camera's own tool")
         exposure, asked = self.facts.exposure, self.settings.exposure
@@ -144,6 +226,37 @@ class CameraReport:
             said.append(
                 f"{100 * self.brightness.clipped:.0f} % of the picture is saturated: less light, "
                 "gain or exposure"
+            )
+        return said
+
+    def _light_advice(self) -> list[str]:
+        """Return advice about flicker, bands and white balance."""
+        said, flicker, asked = [], self.flicker, self.settings
+        if flicker is not None:
+            period = 1.0 / flicker.rate
+            known = "which the tracker evens out"
+            if flicker.amplitude > _FLICKER_MAX:
+                known = "more than the +-50 % that the tracker evens out"
+            said.append(
+                f"lamps flicker with {flicker.rate:g} Hz, +-{100 * flicker.amplitude:.0f} % from "
+                f"frame to frame, {known}. Lamps without flicker or daylight end it; an exposure "
+                f"of {1e3 * period:.1f} ms, too, but a tip at {self.tip_speed:g} m/s would smear "
+                f"{1e3 * period * self.tip_speed:.0f} mm"
+            )
+            read = (flicker.row_time or 0.0) * self.facts.height * self.rate
+            told = asked.row_time * self.facts.height * self.rate
+            if flicker.row_time is not None and abs(read - told) > _BAND_ERROR:
+                said.append(
+                    "bands roll through the picture, for the shutter exposes row after row: set "
+                    f"`row_time: {flicker.row_time:.2g}` in place of {asked.row_time:.2g}"
+                )
+        worst = int(np.argmax(np.abs(self.drift)))
+        if self.facts.auto_balance:
+            said.append("white balance is automatic: switch it off with the camera's own tool")
+        elif abs(self.drift[worst]) > _DRIFT_MIN:
+            said.append(
+                f"{('blue', 'green', 'red')[worst]} changed by {100 * self.drift[worst]:+.0f} % in "
+                f"{self.duration:.1f} s: switch automatic white balance off"
             )
         return said
 
@@ -172,7 +285,7 @@ class CameraReport:
                 f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or let "
                 "the robot touch them (`cablecast calibrate table`)"
             )
-        for x, y, radius in self.green:
+        for x, y, radius in self.same_coloured:
             said.append(
                 f"something of the marker's colour, {200 * radius:.0f} cm wide, lies at x, y = "
                 f"{x:.2f}, {y:.2f} m: what lands on it is not seen, so clear it away"
@@ -194,13 +307,17 @@ class CameraCheck:
         self._failure: str | None = None
         self._times: list[tuple[float, float]] = []
         self._images: list[NDArray[np.uint8]] = []
+        self._rows: list[NDArray[np.float64]] = []
+        self._repeated_count = 0
 
     def look(self, frame: Frame) -> None:
         """Look at the next frame."""
         self._times.append((frame.time, frame.arrival))
         self._images = [*self._images[-_KEPT_COUNT + 1 :], frame.image]
+        step = max(1, frame.image.shape[0] // _ROW_COUNT)
+        self._rows.append(frame.image[::step, ::_COLUMN_STEP].mean(axis=1))
         try:
-            self._watch.look(frame)
+            self._repeated_count += not self._watch.look(frame)
         except CameraError as error:
             self._failure = str(error)
 
@@ -220,7 +337,7 @@ class CameraCheck:
         counted = float(np.ptp(stamps)) < _COUNTED and self._times[0][0] < _OPENING
         pace = rate / arrival_rate if arrival_rate > 0 else 1.0
         calibration, refused, image = None, None, self._images[-1]
-        ids, px_per_m, green = (), float("nan"), np.empty((0, 3))
+        ids, px_per_m, same = (), float("nan"), np.empty((0, 3))
         try:
             calibration = calibrate_camera(self._images, self._setup)
         except InputError as error:
@@ -232,9 +349,13 @@ class CameraCheck:
             px_per_m = calibration.view.pixels_per_metre(centre)
             light = table_light(image, calibration.view, workspace)
             mask = marker_mask(*chroma_of(image, self._settings.marker_hue, light), 45.0) > 0
-            green = green_places(mask, calibration.view, workspace)
-            green = green[green[:, 2] > length]
+            same = green_places(mask, calibration.view, workspace)
+            same = same[same[:, 2] > length]
         exposure = self._facts.exposure
+        times = np.array(self._times)[:, 0] - self._times[0][0]
+        rows, row_step = np.array(self._rows), max(1, image.shape[0] // _ROW_COUNT)
+        tints = rows.mean(axis=1) / rows.mean(axis=(1, 2))[:, None].clip(1.0)
+        count = max(len(tints) // 5, 1)
         return CameraReport(
             settings=self._settings,
             facts=self._facts,
@@ -243,6 +364,10 @@ class CameraCheck:
             arrival_rate=arrival_rate,
             missed_count=max(int(gaps.sum()) - dropped_count, 0),
             dropped_count=dropped_count,
+            repeated_count=self._repeated_count,
+            flicker=find_flicker(times, rows.mean(axis=-1), row_step),
+            drift=np.median(tints[-count:], axis=0) / np.median(tints[:count], axis=0) - 1.0,
+            duration=float(times[-1]),
             brightness=Brightness.of(image),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
@@ -252,7 +377,7 @@ class CameraCheck:
             px_per_m=px_per_m,
             tip_speed=self._tip_speed,
             blur=self._tip_speed * (self._settings.exposure if exposure is None else exposure),
-            green=green,
+            same_coloured=same,
             image=image,
             counted_stamps=counted and self._facts.kind == "stream" and not 0.95 < pace < 1.05,
         )
@@ -278,7 +403,7 @@ def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
         _line(image, view, [(0.0, low), (0.0, high)], _AXIS)
         _line(image, view, [(-x, w.reset_y), (x, w.reset_y)], _AXIS)
         turn = np.linspace(0.0, 2.0 * np.pi, 24)
-        for x, y, radius in report.green:
+        for x, y, radius in report.same_coloured:
             circle = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
             _line(image, view, [(a, b) for a, b in circle.tolist()], _REFUSED)
     return cv2.imencode(".png", image)[1].tobytes()

@@ -82,6 +82,7 @@ class CameraFacts:
         exposure: Exposure [s]; None where it cannot be asked.
         auto_exposure: Whether exposure is automatic; None where it cannot be asked.
         autofocus: Whether focus is automatic; None where it cannot be asked.
+        auto_balance: Whether the white balance is automatic; None where it cannot be asked.
     """
 
     kind: str
@@ -92,6 +93,7 @@ class CameraFacts:
     exposure: float | None = None
     auto_exposure: bool | None = None
     autofocus: bool | None = None
+    auto_balance: bool | None = None
 
 
 class LiveCamera:
@@ -223,9 +225,13 @@ _SAME_MAX = 4
 """Most frames in a row that may be equal: a driver may repeat a late one."""
 _DARK_MAX = 12.0
 """Mean brightness, of 255, below which a picture shows nothing."""
-_EXPOSURE_CHANGE = 1.45
-"""Factor of brightness that daylight and lamps stay below in a session, and an exposure that was
-set anew exceeds."""
+_LIGHT_CHANGE, _COLOUR_CHANGE = 4.0, 1.6
+"""Factors of brightness and of a colour since the calibration beyond which the tracker, which evens
+them out, has too little left to go by: lamps that flicker by +-50 % stay within a factor of 3."""
+_CLIPPED_MAX = 0.9
+"""Share of saturated pixels from which on a picture shows nothing: a white table alone may be."""
+_WHITE = 248.0
+"""Brightness from which on a pixel is saturated, but for its noise."""
 _SHADE = 0.2
 """Share of the pixels that are darker than the one by which brightness is compared: white table may
 be saturated, the floor and the tags' ink are not."""
@@ -237,27 +243,32 @@ class Brightness:
 
     Attributes:
         mean: Mean of all pixels, of 255.
+        colour: Blue, green and red as multiples of their mean [-].
         shade: Brightness of its darker parts, of 255.
         clipped: Share of the pixels that are saturated [-].
     """
 
     mean: float
+    colour: tuple[float, float, float]
     shade: float
     clipped: float
 
     @classmethod
     def of(cls, image: NDArray[np.uint8]) -> "Brightness":
         """Return the brightness of a picture, BGR, shape [v, u, 3]."""
-        grey = image[::_STRIDE, ::_STRIDE].mean(axis=-1)
+        pixels = image[::_STRIDE, ::_STRIDE]
+        grey, (blue, green, red) = pixels.mean(axis=-1), pixels.mean(axis=(0, 1)) + 1.0
+        third = float(blue + green + red) / 3
         return cls(
             mean=float(grey.mean()),
+            colour=(float(blue) / third, float(green) / third, float(red) / third),
             shade=float(np.quantile(grey, _SHADE)),
-            clipped=float(np.mean(grey >= 254.0)),
+            clipped=float(np.mean(grey >= _WHITE)),
         )
 
 
 class FrameWatch:
-    """Looks at each frame for a camera that is frozen, dark, or exposed anew.
+    """Looks at each frame for a camera that is frozen, dark, or sees another light.
 
     A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
     `usual` is the brightness at the time of the calibration; it is not compared where None.
@@ -269,11 +280,11 @@ class FrameWatch:
         self._last: NDArray[np.uint8] | None = None
         self._same_count = 0
 
-    def look(self, frame: Frame) -> None:
-        """Look at the next frame.
+    def look(self, frame: Frame) -> bool:
+        """Look at the next frame, and return whether it is another one than the last.
 
         Raises:
-            CameraError: The camera is frozen, dark, or was exposed anew; says what to do.
+            CameraError: The camera is frozen, dark, or sees another light; says what to do.
         """
         sampled = frame.image[::_STRIDE, ::_STRIDE]
         same = self._last is not None and np.array_equal(sampled, self._last)
@@ -292,13 +303,23 @@ class FrameWatch:
                 "light, take off the lens cap, and repeat the trial"
             )
         if self._usual is None:
-            return
+            return not same
         change = now.shade / max(self._usual.shade, 1.0)
-        if not 1 / _EXPOSURE_CHANGE < change < _EXPOSURE_CHANGE:
+        if change < 1 / _LIGHT_CHANGE or now.clipped > _CLIPPED_MAX:
             raise CameraError(
-                f"{where} is {change:.2f} times as bright as when it was calibrated: the light or "
-                "the exposure has changed. Switch automatic exposure off, and start anew"
+                f"{where} is {change:.2f} times as bright as when it was calibrated, and "
+                f"{100 * now.clipped:.0f} % of it are white: the light or the exposure has "
+                "changed. Switch automatic exposure off, and start anew"
             )
+        for name, a, b in zip(
+            ("blue", "green", "red"), now.colour, self._usual.colour, strict=True
+        ):
+            if not 1 / _COLOUR_CHANGE < a / b < _COLOUR_CHANGE:
+                raise CameraError(
+                    f"{where} sees {a / b:.2f} times as much {name} as when it was calibrated: "
+                    "switch automatic white balance off, and start anew"
+                )
+        return not same
 
 
 def open_capture(
@@ -349,6 +370,7 @@ def _configure(capture: Any, settings: CameraSettings) -> None:
     capture.set(cv2.CAP_PROP_AUTOFOCUS, 0)
     if settings.focus is not None:
         capture.set(cv2.CAP_PROP_FOCUS, settings.focus)
+    capture.set(cv2.CAP_PROP_AUTO_WB, 0)
     capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _AUTO_EXPOSURE_ON)
     capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _AUTO_EXPOSURE_OFF)
     capture.set(cv2.CAP_PROP_EXPOSURE, round(settings.exposure / _EXPOSURE_UNIT))
@@ -371,12 +393,14 @@ def _read_back(capture: Any, kind: str) -> CameraFacts:
     exposure = float(capture.get(cv2.CAP_PROP_EXPOSURE))
     automatic = float(capture.get(cv2.CAP_PROP_AUTO_EXPOSURE))
     autofocus = float(capture.get(cv2.CAP_PROP_AUTOFOCUS))
+    balance = float(capture.get(cv2.CAP_PROP_AUTO_WB))
     # What a driver does not know it answers with 0 or -1.
     return dataclasses.replace(
         facts,
         exposure=exposure * _EXPOSURE_UNIT if exposure > 0 else None,
         auto_exposure=automatic == _AUTO_EXPOSURE_ON if automatic > 0 else None,
         autofocus=autofocus > 0 if autofocus >= 0 else None,
+        auto_balance=balance > 0 if balance >= 0 else None,
     )
 
 

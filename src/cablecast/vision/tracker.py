@@ -31,6 +31,8 @@ Grab = Callable[[Window], NDArray[np.uint8]]
 _HUE_FIRST_DEG, _HUE_DEG = 45.0, 30.0
 """Largest distance of the marker's hue in the first frame from what it is said to be, and of later
 hues from that one [deg]: tape and tape, lamp and lamp differ."""
+_HUE_AKIN_DEG = 60.0
+"""Distance from the marker's hue within which a thing's chroma along it counts [deg]."""
 _NOISE_FACTOR = 3.5
 """Least chroma of the marker's pixels, in standard deviations of that of the table about it."""
 _CHROMA_MIN, _VIVID_MIN = 10.0, 25.0
@@ -45,13 +47,21 @@ _GAIN_BIN, _GAIN_NEAR = 0.03, 0.08
 """Width of the bins of the logarithm of brightness, and of the peak in it that is unmoved table."""
 _TINT_RATE = 1.0
 """Fastest change of the light's colour, in its logarithm [1/s]."""
-_SAMPLE_COUNT = 12_000
-"""Pixels of a piece from which its light is found."""
-_SHARE_MIN, _SHARE_MAX, _SHARE_CLIPPED = 0.75, 1.6, 2.4
-"""Chroma of a patch that may be the marker, as a multiple of the marker's own; with less of it in
-sight its centroid is not its middle."""
-_AREA_MIN = 0.88
-"""Share of the marker's area that must be seen while it hardly moves."""
+_PICK_RADIUS, _PICK_AREA, _PICK_BLUR = 0.15, (0.5e-4, 60e-4), 1.3
+"""Distance from where a marker is said to lie within which it is looked for [m], its area [m²], and
+the variance that lens and pixels add to it [px²]."""
+_SAMPLE_COUNT = 3_000
+"""Pixels of a piece from which its light and its noise are found."""
+_SHARE_MIN, _SHARE_MAX = 0.75, 1.6
+_SHARE_BANDS, _SHARE_ROUGH = 0.6, 2.4
+"""Chroma of a patch that may be the marker, as a multiple of the marker's own: least and most; and
+least among the bands of a rolling shutter, most there or where white is saturated. With less of it
+in sight its centroid is not its middle."""
+_BAND_MIN = 0.2
+"""Range of the logarithm of brightness over the rows of a piece from which on there are bands."""
+_AREA_MIN, _AREA_ROUGH = 0.88, 0.12
+"""Share of the marker's area that must be seen while it hardly moves, and how much less where the
+light is known roughly."""
 _GRID = 1.0
 """Change of the marker's seen width by the grid of pixels and the compression of colours [px]: its
 area in compressed frames changed by up to 13, 11 and 4 % where it was 6, 8 and 12 px wide."""
@@ -124,9 +134,10 @@ def table_light(
     image: NDArray[np.uint8], view: CameraView, workspace: Workspace
 ) -> NDArray[np.float64]:
     """Return the colour of the light, blue, green and red about 1 [-], by the table as grey."""
-    v, u = np.mgrid[0 : image.shape[0] : 8, 0 : image.shape[1] : 8]
+    stride = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / _SAMPLE_COUNT)))
+    v, u = np.mgrid[0 : image.shape[0] : stride, 0 : image.shape[1] : stride]
     on_table = workspace.on_table(view.to_table(np.stack([u, v], axis=-1).astype(float)))
-    pixels = image[::8, ::8][on_table].astype(float)
+    pixels = image[::stride, ::stride][on_table].astype(float)
     fair = pixels[(pixels < _CLIPPED).all(axis=1) & (pixels > _DARK).all(axis=1)]
     if len(fair) < max(_FAIR_MIN * len(pixels) / 6, 1):
         return np.ones(3)
@@ -155,11 +166,11 @@ def marker_mask(
         hue_tolerance: Largest difference from the marker's hue [deg].
     """
     cv2 = load_cv2()
-    aside = np.tan(np.radians(hue_tolerance)) * along + _NOISE_FACTOR * noise
-    inside = (along > _least_chroma(noise)) & (np.abs(across) < aside)
-    mask = inside.astype(np.uint8) * np.uint8(255)
+    mask = (along > _least_chroma(noise)).astype(np.uint8) * np.uint8(255)
     if not mask.any():
         return mask
+    aside = np.float32(np.tan(np.radians(hue_tolerance))) * along
+    mask[np.abs(across) > aside + np.float32(_NOISE_FACTOR * noise)] = 0
     # Noise makes single coloured pixels on dark ground; a blurred marker has holes.
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
     return cv2.dilate(mask, np.ones((5, 5), np.uint8))
@@ -178,11 +189,13 @@ def chroma_of(
     """
     weights = (chroma_axes(hue_deg) / light).astype(np.float32)
     both = load_cv2().transform(image.astype(np.float32), weights)
-    return both[..., 0], both[..., 1], _spread(both[::8, ::8, 0])
+    return both[..., 0], both[..., 1], _spread(both[..., 0])
 
 
 def _spread(values: NDArray[np.floating]) -> float:
-    """Return the standard deviation of most values, whatever the others are."""
+    """Return the standard deviation of most values of a picture, whatever the others are."""
+    stride = max(1, int(np.sqrt(values.size / _SAMPLE_COUNT)))
+    values = values[::stride, ::stride]
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
@@ -258,6 +271,7 @@ class _Light:
             self._rows = _row_medians(np.log(grey + 0.5))
             self._rows -= np.median(self._rows)
         self._tint, self._time, self.is_clipped = np.zeros(3), -np.inf, False
+        self.has_bands = False
 
     def even(
         self, piece: NDArray[np.uint8], window: Window, time: float
@@ -272,7 +286,7 @@ class _Light:
         then = self.first[top:bottom:stride, left:right:stride].astype(np.float32)
         fair = (then > _DARK).all(axis=-1)
         unclipped = fair & (now < _CLIPPED).all(axis=-1) & (then < _CLIPPED).all(axis=-1)
-        self.is_clipped = (fair & ~unclipped).mean() > _FAIR_MIN
+        self.is_clipped = bool((fair & ~unclipped).mean() > _FAIR_MIN / 3)
         if unclipped.mean() > _FAIR_MIN and not self._by_rows:
             fair = unclipped
         if fair.mean() < _FAIR_MIN / 3:
@@ -282,6 +296,7 @@ class _Light:
         rows = np.zeros(len(grey))
         if self._by_rows:
             rows = _row_medians(grey)
+            self.has_bands = float(np.ptp(rows)) > _BAND_MIN
             grey = grey - rows[:, None]
         # What moved is some of the piece; the table is what changed alike.
         peak = _peak(grey[fair])
@@ -498,7 +513,12 @@ class EndpointTracker:
         frame, self._frame_time = len(self._times), time
         patch = None
         if not self._seen:
-            patch = self._first(time, grab) if frame % _SEARCH_PERIOD == 0 else None
+            if frame % _SEARCH_PERIOD == 0:
+                # The cable may have a colour not far from the marker's.
+                patch = self._first(time, grab, _HUE_DEG)
+                patch = patch or self._first(time, grab, _HUE_FIRST_DEG)
+                if self._light is not None and (self._still_chroma is None or patch is not None):
+                    self._look_at_still(self._light, patch)
         else:
             lost_count = frame - 1 - self._seen[-1].frame
             patch = self._near(time, lost_count, grab)
@@ -565,13 +585,13 @@ class EndpointTracker:
         """
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
-    def _first(self, time: float, grab: Grab) -> _Patch | None:
-        """Return the marker in the first frame that shows it.
+    def _first(self, time: float, grab: Grab, hue_tolerance: float) -> _Patch | None:
+        """Return the marker in the first frame that shows it, by its hue within a tolerance [deg].
 
         Whatever else has its colour then lies still, and is no marker later either.
         """
         expected = self.config.marker.area * self._px_per_m**2
-        candidates = []
+        self._hue_tolerance, candidates = hue_tolerance, []
         for patch in self._patches(self._frame, time, grab):
             if 0.85 < patch.area / expected < 1.6 and self._shaped(patch, blur_px=0.0):
                 # By size alone, the marker is the most vivid patch.
@@ -586,21 +606,25 @@ class EndpointTracker:
         found = min(candidates, key=lambda pair: pair[0])[1] if candidates else None
         if found is not None:
             self._hue, self._hue_tolerance = self._hue + found.hue_off, _HUE_DEG
-        if self._light is not None and (self._still_chroma is None or found is not None):
-            self._look_at_still(self._light, found)
         return found
 
     def _look_at_still(self, light: _Light, marker: _Patch | None) -> None:
         """Keep what has the marker's colour in the first frame, and is not the marker."""
         along, across, noise = chroma_of(light.first, self._hue, light.colour)
-        mask = marker_mask(along, across, noise, self._hue_tolerance) > 0
+        # What is hardly of its hue would still be added to a marker beside it.
+        akin, mask = (
+            marker_mask(along, across, noise, tolerance) > 0
+            for tolerance in (_HUE_AKIN_DEG, self._hue_tolerance)
+        )
         if marker is not None and self._still_chroma is None:
             left, top, right, bottom = marker.box
-            mask[top:bottom, left:right] = False
-        elif self.still_green is not None:
+            akin[top:bottom, left:right] = mask[top:bottom, left:right] = False
+        elif self._still_chroma is not None and self.still_green is not None:
+            akin &= self._still_chroma > 0
             mask &= self.still_green
         self.still_green = mask
-        self._still_chroma = np.where(mask, load_cv2().blur(along, (3, 3)), 0.0)
+        still = load_cv2().blur(along, (3, 3))
+        self._still_chroma = np.where(akin, np.maximum(still, 1e-3), 0.0).astype(np.float32)
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
         """Return the marker where it is expected, if it is there."""
@@ -655,7 +679,7 @@ class EndpointTracker:
         still = None
         if self._still_chroma is not None:
             still = self._still_chroma[top:bottom, left:right]
-        noise = _spread(along[::2, ::2])
+        noise = _spread(along)
         patches = _find_patches(along, across, still, noise, self._hue_tolerance, (left, top))
         least = max(_VIVID_MIN, 1.5 * _least_chroma(noise))
         green, u_max, v_max = self.still_green, self._frame[2] - 1, self._frame[3] - 1
@@ -678,14 +702,17 @@ class EndpointTracker:
         best, best_score = None, np.inf
         for patch in patches:
             share = patch.chroma / (self._chroma or patch.chroma)
-            # Where white is saturated, the light is brighter than it seems.
-            clipped = self._light is not None and self._light.is_clipped
-            if not _SHARE_MIN <= share <= (_SHARE_CLIPPED if clipped else _SHARE_MAX):
+            # Where white is saturated, the light is brighter than it seems, and bands show roughly.
+            light = self._light
+            rough = light is not None and (light.is_clipped or light.has_bands)
+            low = _SHARE_BANDS if light is not None and light.has_bands else _SHARE_MIN
+            if not low <= share <= (_SHARE_ROUGH if rough else _SHARE_MAX):
                 continue
             # The share says little of a marker that is slowly covered: it changes with the light.
             moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
             slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
-            if slow and patch.area < self._area_min * self._area:
+            least = self._area_min - (_AREA_ROUGH if rough else 0.0)
+            if slow and patch.area < least * self._area:
                 continue
             # What the window cuts off may be the marker's other half.
             if patch.touches_edge and window != self._frame:
@@ -710,6 +737,51 @@ class EndpointTracker:
         longest = (length + blur_px) / np.sqrt(12.0) * 1.3 + 1.0
         widest = length / np.sqrt(12.0) * 1.15 + 1.0
         return patch.extent[0] <= longest and patch.extent[1] <= widest
+
+
+def pick_marker(
+    image: NDArray[np.uint8], view: CameraView, workspace: Workspace, at: ArrayLike
+) -> MarkerConfig:
+    """Return hue and size of the marker that lies at a place of the table in a picture.
+
+    Args:
+        image: Picture, BGR, shape [v, u, 3].
+        view: Calibrated camera.
+        workspace: Gives the table, which counts as grey.
+        at: Place near the marker's middle [m], shape [2].
+
+    Raises:
+        InputError: Nothing there is coloured, and of a marker's size.
+    """
+    place = np.asarray(at, dtype=float)
+    light, px_per_m = table_light(image, view, workspace), view.pixels_per_metre(place)
+    u, v = view.to_image(np.array([*place, 0.0])).tolist()
+    height, width = image.shape[:2]
+    half = _PICK_RADIUS * px_per_m
+    left, top = max(int(u - half), 0), max(int(v - half), 0)
+    piece = image[top : min(int(v + half), height), left : min(int(u + half), width)]
+    found: list[tuple[float, float, _Patch]] = []
+    for hue in np.arange(0.0, 360.0, 15.0) if piece.size else ():
+        along, across, noise = chroma_of(piece, float(hue), light)
+        for patch in _find_patches(along, across, None, noise, _HUE_DEG, (left, top)):
+            area = patch.area / px_per_m**2
+            fits = _PICK_AREA[0] < area < _PICK_AREA[1] and not patch.touches_edge
+            if fits and patch.vivid > _VIVID_MIN and abs(patch.hue_off) < 7.6:
+                distance = float(np.linalg.norm(view.to_table(patch.pixel) - place))
+                found.append((distance, float(hue) + patch.hue_off, patch))
+    if not found:
+        raise InputError(
+            f"no marker is seen within {100 * _PICK_RADIUS:.0f} cm of x, y = {place[0]:.2f}, "
+            f"{place[1]:.2f} m: wrap vivid tape of another colour than the cable around its end, "
+            "or say where it lies"
+        )
+    _, hue, patch = min(found, key=lambda row: row[0])
+    # A bar with round ends, as wide as its variance says without that of lens and pixels.
+    variance = max(patch.extent[1] ** 2 - _PICK_BLUR, 0.1)
+    width_m = float(np.sqrt(13.0 * variance)) / px_per_m
+    variance = max(patch.extent[0] ** 2 - _PICK_BLUR, 0.1)
+    length_m = float(np.sqrt(12.0 * variance)) / px_per_m + 0.2 * width_m
+    return MarkerConfig(length=max(length_m, width_m), width=width_m, hue=hue % 360.0)
 
 
 def sight_of(tracker: EndpointTracker) -> CameraSight:

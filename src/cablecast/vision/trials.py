@@ -28,6 +28,8 @@ _CHECK_FRAMES = 6
 _LOCATE_FRAMES = 3
 _TAG_MOVE_MAX = 3.0
 """Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
+_TAGS_SEEN_MIN = 0.5
+"""Smallest share of the tags of the calibration that are still seen."""
 _APART_MAX = 60.0
 """Largest distance of two times of one trial by both clocks, if these have been compared [s]."""
 _LATENCY_MAX = 0.25
@@ -163,6 +165,11 @@ class CameraOfTrials:
             watch.look(frame)
         seen = detect_tags(frames[-1].image, tags_of(self.setup).family)
         common = sorted(set(seen) & set(self._tags))
+        if len(common) < _TAGS_SEEN_MIN * len(self._tags):
+            raise CameraError(
+                f"only {len(common)} of {len(self._tags)} tags are still seen: clear what covers "
+                "them, and switch automatic focus off"
+            )
         moved = [
             tag_id
             for tag_id in common
@@ -190,8 +197,9 @@ class CameraOfTrials:
         watch = FrameWatch(self.settings.source, self._usual)
 
         def look(frame: Frame) -> None:
-            watch.look(frame)
-            _track(tracker, frame)
+            # One that the driver repeats shows the marker where it was.
+            if watch.look(frame):
+                _track(tracker, frame)
             if writer is not None:
                 writer.write(frame.image, frame.time)
 

@@ -45,7 +45,7 @@ _STILL_COUNT = 4
 """Pictures of a still scene, each with noise of its own, that are sent in turn."""
 _MOVE = (0.06, -0.04)
 """Way by which the fault moves a tag [m]."""
-_EXPOSED = 1.9
+_EXPOSED = 6.0
 """Brightness of a picture after the exposure was changed, as a multiple of the usual."""
 _DARK = 2.0
 _START_TIMEOUT = 60.0
