@@ -42,6 +42,8 @@ class Calibrate:
     """Side of a square of the board, for lens [m]."""
     tag: Annotated[float, argument("M")] = 0.045
     """Side of a tag on the board, for lens [m]."""
+    family: Annotated[str, argument("NAME")] = "4X4_100"
+    """Family of the tags on the board, for lens, such as 5X5_100."""
     write: bool = True
     """Write the result into the lab file."""
 
@@ -94,7 +96,13 @@ class Calibrate:
         from cablecast.vision.calibration import Board
 
         across, down = self.squares
-        board = Board(column_count=across, row_count=down, square=self.square, tag=self.tag)
+        board = Board(
+            column_count=across,
+            row_count=down,
+            square=self.square,
+            tag=self.tag,
+            family=self.family,
+        )
         with console_progress() as progress:
             fit = calibrate_lens_of(
                 self.setup,
@@ -108,7 +116,9 @@ class Calibrate:
         print(f"board     {pattern}, in {fit.picture_count} pictures")
         print(f"misfit    {fit.rms_px:.2f} px")
         focal = fit.lens.focal
-        print(f"lens      focal length {focal[0]:.1f} x {focal[1]:.1f} px")
+        print(f"lens      focal length {focal[0]:.1f} x {focal[1]:.1f} px +- {fit.focal_sd:.1f}")
+        u, v = fit.lens.centre
+        print(f"centre    {u:.1f}, {v:.1f} px +- {fit.centre_sd:.1f}")
 
 
 def _ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:

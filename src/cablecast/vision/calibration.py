@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.lens import CameraView, Lens
-from cablecast.camera.tags import TagLayout
+from cablecast.camera.tags import TagLayout, tag_family
 from cablecast.errors import InputError
 from cablecast.files import read_json, write_json
-from cablecast.vision.tags import detect_tags, family_seen, load_cv2, to_grey
+from cablecast.vision.tags import detect_tags, dictionary_of, family_seen, load_cv2, to_grey
 
 TAG_COUNT_MIN = 4
 """Fewest tags that determine the lens and the camera's pose."""
@@ -28,19 +28,31 @@ _OUTLIER_PX = 3.0
 """Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
 _BOARD_SPREAD_MIN = 0.35
 """Smallest share of the image's width over which all pictures together must show the board."""
+_BOARD_MOVE_MIN = 0.005
+"""Way of the board's corners, as a share of the width, from which on its pose is another one."""
 BOARD_CORNERS_MIN = 12
 """Fewest corners of a board by which a picture counts."""
+FOCAL_SD_MAX = 0.01
+"""Largest standard deviation of the focal length that is a fit, as a share of it."""
+CENTRE_SD_MAX = 0.003
+"""Largest standard deviation of the centre, as a share of the width. Sets of pictures below both
+bounds put points on the table, and to 5 cm above it, within 1 mm; see test_lens_fit.py."""
+_TILT_ADVICE = (
+    "take pictures with the board tilted by 20 to 40 degrees, to the left, right, front and back, "
+    "and with it in the corners of the picture"
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Board:
-    """A ChArUco board for calibrating a lens, the squares' corners between tags 4x4.
+    """A ChArUco board for calibrating a lens.
 
     Attributes:
         column_count: Number of squares across.
         row_count: Number of squares down.
         square: Side of a square [m].
         tag: Side of a tag in it [m].
+        family: Family of the tags, a key of `cablecast.camera.tags.TAG_COUNTS`.
         legacy: True for the pattern of OpenCV before 4.6, which starts with a white square where
             the number of rows is even.
     """
@@ -49,12 +61,16 @@ class Board:
     row_count: int = 8
     square: float = 0.06
     tag: float = 0.045
+    family: str = "4X4_100"
     legacy: bool = False
+
+    def __post_init__(self):
+        object.__setattr__(self, "family", tag_family(self.family))
 
     def to_opencv(self) -> Any:
         """Return the board as OpenCV knows it."""
         cv2 = load_cv2()
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
+        dictionary = dictionary_of(self.family)
         size = (self.column_count, self.row_count)
         board = cv2.aruco.CharucoBoard(size, self.square, self.tag, dictionary)
         board.setLegacyPattern(self.legacy)
@@ -75,12 +91,18 @@ class LensFit:
         rms_px: Root mean square distance of the board's corners from where the lens puts them [px].
         picture_count: Number of pictures that show enough of the board.
         board: Board that they show; `legacy` marks the older pattern.
+        focal_sd: Standard deviation of the focal lengths, the larger [px].
+        centre_sd: Standard deviation of the centre along u and v, the larger [px].
+        distortion_sd: Standard deviations of k1, k2, p1, p2, k3 [-].
     """
 
     lens: Lens
     rms_px: float
     picture_count: int
     board: Board
+    focal_sd: float
+    centre_sd: float
+    distortion_sd: tuple[float, ...]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,9 +161,9 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit
     is used.
 
     Raises:
-        InputError: Too few pictures show the board, or always in the same part of the image.
+        InputError: Too few pictures show the board, or they do not determine the lens; says which
+            pictures to take.
     """
-    cv2 = load_cv2()
     height, width = images[0].shape[:2] if images else (0, 0)
     for image in images:
         if image.shape[:2] != (height, width):
@@ -150,28 +172,103 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit
     # The wrong pattern puts corners where there are none: none is found, or a few by chance.
     found = [[find_board(image, pattern) for image in images] for pattern in patterns]
     counts = [sum(len(ids) for _, ids in pictures) for pictures in found]
-    board, pictures = (patterns[i := int(counts[1] > counts[0])], found[i])
-    charuco = board.to_opencv()
-    objects, pixels = [], []
-    for corners, ids in pictures:
-        if len(ids) >= BOARD_CORNERS_MIN:
-            object_points, image_points = charuco.matchImagePoints(corners, ids)
-            objects.append(object_points)
-            pixels.append(image_points)
-    if len(objects) < VIEW_COUNT_MIN:
+    if not any(counts) and (other := family_seen(images)) not in (None, board.family):
         raise InputError(
-            f"{len(objects)} of {len(images)} pictures show the board: "
-            f"at least {VIEW_COUNT_MIN} are needed"
+            f"0 of {len(images)} pictures show the board with tags of {board.family}: they show "
+            f"tags of {other}. Name that family, and the board's squares"
         )
+    i = int(counts[1] > counts[0])
+    return fit_lens(found[i], patterns[i], (width, height))
+
+
+def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, int]) -> LensFit:
+    """Fit a lens to the corners of a board in pictures of a width and a height [px].
+
+    Args:
+        found: Corners of the board in each picture, and their numbers, from `find_board`.
+        board: Board with the pattern that they show.
+        size: Width and height of the pictures [px].
+
+    Raises:
+        InputError: Too few pictures show enough of the board, or they do not determine the lens.
+    """
+    cv2, charuco, width = load_cv2(), board.to_opencv(), size[0]
+    views, places = [], []
+    for corners, ids in found:
+        columns, rows = np.divmod(np.ravel(ids), board.column_count - 1)
+        # A single row says nothing of the angle at which the board is held.
+        if len(ids) < BOARD_CORNERS_MIN or not np.ptp(columns) or not np.ptp(rows):
+            continue
+        place = dict(zip(np.ravel(ids).tolist(), np.reshape(corners, (-1, 2)), strict=True))
+        # A picture of the same pose says nothing new, and would count as if it did.
+        if all(_apart(place, other) > _BOARD_MOVE_MIN * width for other in places):
+            views.append(charuco.matchImagePoints(corners, ids))
+            places.append(place)
+    if len(views) < VIEW_COUNT_MIN:
+        raise InputError(
+            f"{len(views)} of {len(found)} pictures show the board in a pose of its own, with "
+            f"{BOARD_CORNERS_MIN} corners in two rows or more: at least {VIEW_COUNT_MIN} are needed"
+        )
+    objects, pixels = (list(points) for points in zip(*views, strict=True))
     spread = np.ptp(np.concatenate(pixels).reshape(-1, 2)[:, 0]) / width
     if spread < _BOARD_SPREAD_MIN:
         raise InputError(
             f"the board was seen over {100 * spread:.0f} % of the image's width only: "
             f"show it in all corners, over at least {100 * _BOARD_SPREAD_MIN:.0f} %"
         )
-    rms, K, distortion, _, _ = cv2.calibrateCamera(objects, pixels, (width, height), None, None)
-    lens = _lens_from_opencv(width, height, K, distortion)
-    return LensFit(lens=lens, rms_px=float(rms), picture_count=len(objects), board=board)
+    try:
+        rms, K, distortion, rvecs, tvecs = cv2.calibrateCamera(objects, pixels, size, None, None)
+    except cv2.error:
+        raise InputError(f"the pictures do not determine the lens: {_TILT_ADVICE}") from None
+    sds = rms * _intrinsic_sds(objects, K, distortion, rvecs, tvecs)
+    lens = _lens_from_opencv(*size, K, distortion)
+    fit = LensFit(
+        lens=lens,
+        rms_px=float(rms),
+        picture_count=len(views),
+        board=board,
+        focal_sd=float(max(sds[:2])),
+        centre_sd=float(max(sds[2:4])),
+        distortion_sd=tuple(sds[4:].tolist()),
+    )
+    tilts = [np.degrees(np.arccos(abs(cv2.Rodrigues(rvec)[0][2, 2]))) for rvec in rvecs]
+    share = fit.focal_sd / min(lens.focal)
+    if not (share <= FOCAL_SD_MAX and fit.centre_sd <= CENTRE_SD_MAX * width):
+        raise InputError(
+            f"the pictures do not determine the lens: focal length {lens.focal[0]:.0f} px +- "
+            f"{100 * share:.1f} %, centre +- {fit.centre_sd:.1f} px; at most "
+            f"{100 * FOCAL_SD_MAX:g} % and {CENTRE_SD_MAX * width:.1f} px. The board is tilted by "
+            f"{min(tilts):.0f} to {max(tilts):.0f} deg: {_TILT_ADVICE}"
+        )
+    return fit
+
+
+def _apart(a: dict[int, NDArray[np.float32]], b: dict[int, NDArray[np.float32]]) -> float:
+    """Return how far the corners of a board went between two pictures, on average [px]."""
+    common = a.keys() & b.keys()
+    return float(np.mean([np.linalg.norm(a[i] - b[i]) for i in common])) if common else np.inf
+
+
+def _intrinsic_sds(
+    objects: list[Any], K: Any, distortion: Any, rvecs: Any, tvecs: Any
+) -> NDArray[np.float64]:
+    """Return standard deviations of fu, fv, cu, cv, k1, k2, p1, p2, k3 for a misfit of 1 px (rms).
+
+    OpenCV's own (`calibrateCameraExtended`) leaves directions out that the pictures do not
+    determine at all, and so calls a lens exact about which they say nothing.
+    """
+    cv2, information = load_cv2(), np.zeros((9, 9))
+    for points, rvec, tvec in zip(objects, rvecs, tvecs, strict=True):
+        slopes = cv2.projectPoints(points, rvec, tvec, K, distortion)[1]
+        pose, inner = slopes[:, :6], slopes[:, 6:15]
+        # What the board's pose, which is fitted too, does not explain.
+        inner = inner - pose @ np.linalg.lstsq(pose, inner, rcond=None)[0]
+        information += inner.T @ inner
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    # The misfit is that of both coordinates of a corner.
+    variance = (vectors**2 / np.maximum(values, 1e-14)).sum(axis=1) / 2
+    return np.sqrt(variance) / scale
 
 
 def find_board(image: NDArray[np.uint8], board: Board) -> tuple[Any, Any]:

@@ -35,13 +35,13 @@ def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def tag_picture(tag_id: int, cell: int = 40, family: str = FAMILY) -> NDArray[np.uint8]:
     """Draw a tag with its white rim of one cell [px]; its black square has `cells_of` cells."""
     cv2 = load_cv2()
-    square = cv2.aruco.generateImageMarker(_dictionary(family), tag_id, cells_of(family) * cell)
+    square = cv2.aruco.generateImageMarker(dictionary_of(family), tag_id, cells_of(family) * cell)
     return np.pad(square, cell, constant_values=255)
 
 
 def cells_of(family: str) -> int:
     """Return the number of cells along a side of a family's black square."""
-    return _dictionary(family).markerSize + 2
+    return dictionary_of(family).markerSize + 2
 
 
 def detect_tags(image: NDArray[np.uint8], family: str = FAMILY) -> dict[int, NDArray[np.float64]]:
@@ -56,7 +56,7 @@ def detect_tags(image: NDArray[np.uint8], family: str = FAMILY) -> dict[int, NDA
     parameters.errorCorrectionRate = 0.9
     parameters.adaptiveThreshWinSizeStep = 4
     parameters.perspectiveRemovePixelPerCell = 5
-    detector = cv2.aruco.ArucoDetector(_dictionary(family), parameters)
+    detector = cv2.aruco.ArucoDetector(dictionary_of(family), parameters)
     corners, ids, _ = detector.detectMarkers(grey)
     if ids is None:
         return {}
@@ -131,6 +131,7 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _dictionary(family: str) -> Any:
+def dictionary_of(family: str) -> Any:
+    """Return OpenCV's dictionary of a family."""
     cv2 = load_cv2()
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family}"))

@@ -1,0 +1,136 @@
+"""Lenses from a board: determined by the pictures, or refused with those that are missing."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from cablecast.camera.lens import CameraView, Lens
+from cablecast.camera.tags import default_layout
+from cablecast.errors import InputError
+from cablecast.rigs.virtual.camera import VirtualCamera
+from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.vision.calibration import Board, calibrate_lens, fit_lens
+from cablecast.vision.tags import load_cv2
+
+cv2 = load_cv2()
+LENS = Lens(
+    width=1920,
+    height=1080,
+    focal=(1360.0, 1360.0),
+    centre=(970.0, 530.0),
+    distortion=(-0.1, 0.05, 0.0005, -0.0003, 0.0),
+)
+BOARD = Board()
+CORNERS = np.array(BOARD.to_opencv().getChessboardCorners())
+VIEW = CameraView(
+    lens=LENS, rotation=((1, 0, 0), (0, -1, 0), (0, 0, -1)), position=(0.0, 0.75, 1.9)
+)
+# Scatter of a corner of a real board [px].
+NOISE = 0.2
+# An error beyond so many standard deviations is no scatter.
+SD_COUNT = 4.0
+# What a lens that is not refused costs on the table, and 5 cm above it [m].
+COST = 1e-3
+
+
+def seen(rng, turn, place):
+    """Corners of the board, turned (a rotation vector) at a place before the camera [m]."""
+    points = (CORNERS - CORNERS.mean(axis=0)) @ cv2.Rodrigues(np.array(turn, float))[0].T + place
+    pixels = LENS.distort(points[:, :2] / points[:, 2:])
+    ids = np.flatnonzero(np.all((pixels > 5) & (pixels < [1914, 1074]), axis=1))
+    pixels = pixels[ids] + rng.normal(0.0, NOISE, (len(ids), 2))
+    return pixels[:, None].astype(np.float32), ids[:, None].astype(np.int32)
+
+
+def anywhere(rng, far=1.6):
+    z = rng.uniform(0.5 * far, far)
+    return [rng.uniform(-0.5, 0.5) * z, rng.uniform(-0.25, 0.25) * z, z]
+
+
+def tilted(rng, largest=0.6):
+    return [*rng.uniform(-largest, largest, 2), 0.0]
+
+
+SETS = {
+    "all face the camera": lambda r: [seen(r, [0, 0, 0], anywhere(r)) for _ in range(10)],
+    "facing and still": lambda r: [seen(r, [0, 0, 0], [0, 0, 0.7]) for _ in range(10)],
+    "facing and rolled": lambda r: [seen(r, [0, 0, a], [0, 0, 0.7]) for a in np.linspace(0, 3, 10)],
+    "one tilt": lambda r: [seen(r, [0.5, 0, 0], anywhere(r)) for _ in range(10)],
+    "tilted by 5 degrees": lambda r: [seen(r, tilted(r, 0.08), anywhere(r)) for _ in range(10)],
+    "tiny in the middle": lambda r: [seen(r, tilted(r), [0, 0, 5.0]) for _ in range(10)],
+    "far away": lambda r: [seen(r, tilted(r), anywhere(r, 8.0)) for _ in range(10)],
+    "one picture": lambda r: [seen(r, tilted(r), anywhere(r))],
+    "one picture ten times": lambda r: 10 * [seen(r, tilted(r), anywhere(r))],
+    "a single row": lambda r: [
+        (corners[20:30], ids[20:30])
+        for corners, ids in (seen(r, tilted(r), [0, 0, 1.0]) for _ in range(10))
+    ],
+    "two pictures by turns": lambda r: 5 * [seen(r, tilted(r), anywhere(r)) for _ in range(2)],
+    "tilted about one axis": lambda r: [
+        seen(r, [a, 0, 0], anywhere(r)) for a in np.linspace(-0.6, 0.6, 10)
+    ],
+    "in one half": lambda r: [
+        seen(r, tilted(r), [r.uniform(-0.9, -0.3), r.uniform(-0.2, 0.2), 1.2]) for _ in range(10)
+    ],
+    "as it should be": lambda r: [seen(r, tilted(r), anywhere(r)) for _ in range(12)],
+}
+HONEST = ("tilted about one axis", "in one half", "as it should be")
+
+
+def cost(lens):
+    """Return the largest rms error over the table with a lens, at heights up to 5 cm [m]."""
+    points = np.concatenate([tag.corners for tag in default_layout().tags])
+    rvec, tvec = cv2.solvePnP(
+        points, VIEW.to_image(points), lens.matrix, np.array(lens.distortion)
+    )[1:]
+    R = cv2.Rodrigues(rvec)[0]
+    view = CameraView(
+        lens=lens, rotation=tuple(map(tuple, R)), position=tuple((-R.T @ tvec).ravel())
+    )
+    x, y = np.meshgrid(np.linspace(-1.2, 1.2, 15), np.linspace(0.05, 1.4, 9))
+    errors = []
+    for z in (0.0, 0.0055, 0.05):
+        found = view.to_table(VIEW.to_image(np.stack([x, y, np.full_like(x, z)], axis=-1)), z)
+        errors.append(np.sqrt(np.mean((found[..., 0] - x) ** 2 + (found[..., 1] - y) ** 2)))
+    return max(errors)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", SETS)
+def test_a_set_of_pictures_gives_a_lens_that_it_determines_or_none(name, seed):
+    found = SETS[name](np.random.default_rng(seed))
+    size = (LENS.width, LENS.height)
+    if name not in HONEST:
+        with pytest.raises(InputError, match=r"20 to 40 degrees|are needed|in all corners"):
+            fit_lens(found, BOARD, size)
+        return
+    fit = fit_lens(found, BOARD, size)
+    assert np.abs(np.subtract(fit.lens.focal, LENS.focal)).max() < SD_COUNT * fit.focal_sd
+    assert np.abs(np.subtract(fit.lens.centre, LENS.centre)).max() < SD_COUNT * fit.centre_sd
+    misses = np.abs(np.subtract(fit.lens.distortion, LENS.distortion))
+    assert np.all(misses < SD_COUNT * np.array(fit.distortion_sd))
+    assert cost(fit.lens) < COST
+
+
+def test_drawn_pictures_of_a_board_that_faces_the_camera_are_refused():
+    camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
+    down, rng = np.diag([1.0, -1.0, -1.0]), np.random.default_rng(5)
+    pictures = [
+        camera.board_frame(BOARD, down, [rng.uniform(-0.7, 0.7), 0.75, rng.uniform(0.4, 1.2)], seed)
+        for seed in range(6)
+    ]
+    with pytest.raises(InputError, match=r"do not determine the lens.*tilted by 0 to"):
+        calibrate_lens(pictures, BOARD)
+
+
+def test_a_board_of_another_family_is_named():
+    camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
+    board, down = dataclasses.replace(BOARD, family="5X5_100"), np.diag([1.0, -1.0, -1.0])
+    pictures = [camera.board_frame(board, down, [0.0, 0.75, 0.8], 0)]
+    with pytest.raises(InputError, match=r"0 of 1 pictures .* 4X4_100: they show tags of 5X5"):
+        calibrate_lens(pictures, BOARD)
+    with pytest.raises(InputError, match="1 of 1 pictures show the board"):
+        calibrate_lens(pictures, board)
