@@ -35,6 +35,8 @@ class Twin:
     """Segments of the simulated cable."""
     seed: int = 0
     """Seed of what differs from trial to trial."""
+    program_size_max: Annotated[int, argument("BYTES")] = 100_000
+    """Longest program that the controller takes."""
     generation: Annotated[str, argument("GENERATION", "by the arm's model")] = ""
     """Controller of the arm: cb3, e-series or polyscope-x."""
     fault: Annotated[tuple[str, ...], argument("NAME[:PHASE[:SECONDS]]")] = ()
@@ -53,6 +55,7 @@ class Twin:
             seed=self.seed,
             segment_count=self.segment_count,
             patience=PATIENCE,
+            program_size_max=self.program_size_max,
             generation=self.generation,
         )
         generation = config.generation_of(setup.arm.model)
