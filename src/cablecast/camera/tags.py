@@ -297,7 +297,7 @@ def fit_table(layout: TagLayout, touched: Mapping[int, Point]) -> TableFit:
             "were the tags measured from the robot's axis?"
         )
     _check_spread(places[agree])
-    R, t = _rigid(points[agree], places[agree])
+    R, t = rigid_fit(points[agree], places[agree])
     residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
     axis = R[:, 2]
     tilt_deg = float(np.degrees(np.arccos(np.clip(axis[2], -1.0, 1.0))))
@@ -335,17 +335,17 @@ def _consensus(points: Array, places: Array) -> Array:
     best, best_median = np.full(len(points), np.inf), np.inf
     for three in itertools.combinations(range(len(points)), 3):
         index = list(three)
-        R, t = _rigid(points[index], places[index])
+        R, t = rigid_fit(points[index], places[index])
         residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
         if np.median(residuals) < best_median:
             best, best_median = residuals, float(np.median(residuals))
     # Three points alone are as inexact as a touch; those about the median give a better pose.
     near = best <= np.maximum(OUTLIER, 2.5 * best_median)
-    R, t = _rigid(points[near], places[near])
+    R, t = rigid_fit(points[near], places[near])
     return np.linalg.norm(points @ R.T + t - places, axis=1)
 
 
-def _rigid(points: Array, places: Array) -> tuple[Array, Array]:
+def rigid_fit(points: Array, places: Array) -> tuple[Array, Array]:
     """Return the rotation and translation that bring points nearest to places (Kabsch, 1976)."""
     middle, centre = points.mean(axis=0), places.mean(axis=0)
     U, _, Vt = np.linalg.svd((points - middle).T @ (places - centre))

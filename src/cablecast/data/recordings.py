@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cast import TrialStatus
+from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
 from cablecast.rigs.checked import JOINT_ANGLE_MAX
@@ -84,7 +85,10 @@ class Recording:
 
 
 def read_recordings(
-    path: str | pathlib.Path, setup: Setup, report: Callable[[str], None] = lambda line: None
+    path: str | pathlib.Path,
+    setup: Setup,
+    report: Callable[[str], None] = lambda line: None,
+    mocap: MocapNames | None = None,
 ) -> list[Recording]:
     """Read a table of recorded casts.
 
@@ -99,6 +103,8 @@ def read_recordings(
             `psi_rad`).
         setup: Set-up of the casts; gives the table, and the height of a grip without one.
         report: Told in one line what of a cast is left out, and why.
+        mocap: Names of the points, where the path is a take of Motive or Vicon, or a folder of
+            them, one cast each.
 
     Returns:
         The casts in the order in which they first appear.
@@ -108,7 +114,10 @@ def read_recordings(
             sound.
     """
     path = pathlib.Path(path)
-    names, columns = _read_table(path)
+    if mocap is None:
+        names, columns = _read_table(path)
+    else:
+        names, columns = mocap.table(path, setup.workspace)
     groups: dict[str, list[int]] = {}
     for row, name in enumerate(names):
         groups.setdefault(name, []).append(row)
@@ -206,8 +215,10 @@ def _ascending(times: Array) -> NDArray[np.bool_]:
 
 
 def file_digest(path: pathlib.Path) -> str:
-    """Return the checksum of a file."""
-    return hashlib.sha256(read_bytes(path, TABLE_SIZE_MAX)).hexdigest()[:16]
+    """Return the checksum of a file, or of the tables of a folder."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    content = b"".join(read_bytes(file, TABLE_SIZE_MAX) for file in files)
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def _read_table(path: pathlib.Path) -> tuple[list[str], dict[str, Array]]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from cablecast.cast import EndpointTrack
 from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.data.mocap import MocapNames
 from cablecast.data.recordings import Recording, file_digest, read_recordings
 from cablecast.data.schema import SCHEMA_VERSION
 from cablecast.data.store import track_row
@@ -23,18 +24,22 @@ def import_casts(
     *,
     out: str | os.PathLike[str] | None = None,
     report: Callable[[str], None] = lambda line: None,
+    mocap: MocapNames | None = None,
 ) -> Dataset:
     """Make a dataset of kind "tune" of casts that were recorded elsewhere; see `read_recordings`.
 
-    It is kept in a folder unless `out` is None. `report` is told in one line what is left out.
+    It is kept in a folder unless `out` is None. `mocap` names the points of takes of Motive or
+    Vicon. `report` is told in one line what is left out.
 
     Raises:
         InputError: There is no such file, or it cannot be understood.
         DatasetError: The folder holds something else.
     """
     table = pathlib.Path(table)
-    recordings = read_recordings(table, setup, report)
+    recordings = read_recordings(table, setup, report, mocap)
     rig = {"rig": "import", "file": table.name, "sha256": file_digest(table)}
+    if mocap is not None:
+        rig |= {"end": mocap.end, "grip": list(mocap.grip), "frame": file_digest(mocap.frame)}
     with folder_or_temporary(out) as folder:
         writer = DatasetWriter(
             folder,

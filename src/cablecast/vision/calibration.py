@@ -346,7 +346,7 @@ def calibrate_view(
         rms=float(np.sqrt(np.mean(np.sum(on_table**2, axis=1)))),
         tag_ids=tuple(ids),
         rejected_ids=tuple(sorted(rejected)),
-        turned=turned,
+        turned=bool(turned),
     )
 
 

@@ -1,0 +1,273 @@
+"""Takes of a motion-capture system, as OptiTrack Motive and Vicon export them, in our frame."""
+
+import csv
+import dataclasses
+import pathlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.camera.tags import rigid_fit
+from cablecast.cast import EndpointTrack
+from cablecast.errors import InputError, check_number
+from cablecast.files import JSON_SIZE_MAX, read_bytes, read_csv
+from cablecast.vision.tracker import track_samples
+from cablecast.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+_UNITS = {"meters": 1.0, "m": 1.0, "centimeters": 0.01, "cm": 0.01, "millimeters": 1e-3, "mm": 1e-3}
+_SECTIONS = ("Trajectories", "Segments", "Objects")
+_SOLVED = ("Rigid Body Marker", "Bone Marker")
+"""Types of Motive that are no measurement, but where a body that was fitted has its markers."""
+_MISFIT_MAX = 0.005
+"""Largest distance between a measured point and where the fit puts it [m]."""
+_SPREAD_MIN = 0.2
+"""Smallest extent of the measured points across their longest line [m]."""
+_MOVED, _LEAD = 0.003, 0.05
+"""Way of the grip by which a motion has started [m], and time before it that is kept [s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MocapFrame:
+    """Rotation, shape [3, 3], and origin [m] of a system's frame in ours."""
+
+    rotation: Array
+    origin: Array
+
+    @classmethod
+    def load(cls, path: pathlib.Path) -> "MocapFrame":
+        """Fit the frame to three measured points or more.
+
+        Args:
+            path: CSV file with a row for each point: x_m, y_m, z_m in our frame, and mocap_x_m,
+                mocap_y_m, mocap_z_m as the system measures it.
+
+        Raises:
+            InputError: There is no such file, or the points give no frame.
+        """
+        ours, theirs = ("x_m", "y_m", "z_m"), ("mocap_x_m", "mocap_y_m", "mocap_z_m")
+        try:
+            rows = read_csv(path, (*ours, *theirs))
+            places = np.array([[float(row[name]) for name in ours] for row in rows])
+            points = np.array([[float(row[name]) for name in theirs] for row in rows])
+        except ValueError as error:
+            raise (
+                error
+                if isinstance(error, InputError)
+                else InputError(f"{path} holds something else than numbers")
+            ) from None
+        if len(rows) < 3 or not np.all(np.isfinite([places, points])):
+            raise InputError(f"{path} must hold at least three points of finite numbers")
+        across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1]
+        if across < _SPREAD_MIN / 2:
+            raise InputError(f"the points of {path} lie in a line: measure some beside it")
+        R, t = rigid_fit(points, places)
+        misfit = np.linalg.norm(points @ R.T + t - places, axis=1)
+        if misfit.max() > _MISFIT_MAX:
+            raise InputError(
+                f"point {int(misfit.argmax()) + 1} of {path} misses the rigid fit by "
+                f"{1e3 * misfit.max():.1f} mm, above {1e3 * _MISFIT_MAX:g} mm: are all in metres, "
+                "and is none mixed up?"
+            )
+        return cls(rotation=R, origin=t)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Take:
+    """A recording of a motion-capture system.
+
+    Attributes:
+        path: File that it was read from.
+        times: Times of the frames [s], shape [frame].
+        points: Places of markers, and of the origins of rigid bodies, by their names, NaN where
+            not seen [m], shape [frame, 3].
+    """
+
+    path: pathlib.Path
+    times: Array
+    points: dict[str, Array]
+
+    @classmethod
+    def load(cls, path: pathlib.Path, frame: MocapFrame) -> "Take":
+        """Read a take as Motive (CSV) or Vicon (Nexus, Tracker; CSV or ASCII) exports it.
+
+        Raises:
+            InputError: There is no such file, or it is no such take.
+        """
+        try:
+            text = read_bytes(path, JSON_SIZE_MAX).decode("utf-8-sig", errors="replace")
+        except FileNotFoundError as error:
+            raise InputError(str(error)) from None
+        tab = "\t" in text[:2000] and "," not in text[:2000]
+        rows = list(csv.reader(text.splitlines(), delimiter="\t" if tab else ","))
+        rows = [[cell.strip() for cell in row] for row in rows]
+        if rows and rows[0] and rows[0][0] == "Format Version":
+            times, points = _motive(path, rows)
+        elif any(row and row[0] in _SECTIONS for row in rows):
+            times, points = _vicon(path, rows)
+        else:
+            raise InputError(
+                f"{path} is no take of Motive (first cell `Format Version`) or Vicon (a section "
+                f"{', '.join(_SECTIONS)})"
+            )
+        if not points or len(times) < 2 or not np.all(np.diff(times) > 0):
+            raise InputError(f"{path} holds no positions at ascending times")
+        moved = {name: p @ frame.rotation.T + frame.origin for name, p in points.items()}
+        return cls(path=path, times=times, points=moved)
+
+    def point(self, name: str) -> Array:
+        """Return a marker or body by its name, with or without that of its subject, [frame, 3].
+
+        Raises:
+            InputError: There is none, or more than one; names those that there are.
+        """
+        found = [n for n in self.points if name in (n, n.rpartition(":")[2])]
+        if name in self.points or len(found) == 1:
+            return self.points[name if name in self.points else found[0]]
+        names = ", ".join(list(self.points)[:12])
+        raise InputError(f"{self.path} has {len(found) or 'no'} points {name[:40]!r}, of {names}")
+
+    def track(self, end: str, workspace: Workspace, start: float = 0.0) -> EndpointTrack:
+        """Return the track of the cable's end, every 100 ms since a time of the take [s]."""
+        check_number("start", start, self.times[0], self.times[-1], "s")
+        count = int((self.times[-1] - start) / 0.1 + 1e-6) + 1
+        sample_times = 0.1 * np.arange(count, dtype=np.float64)
+        xy, status = track_samples(
+            self.times - start, self.point(end)[:, :2], sample_times, workspace
+        )
+        return EndpointTrack(times=sample_times, endpoint_xy=xy, status=status)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MocapNames:
+    """Names of the points that make a cast.
+
+    Attributes:
+        frame: CSV file of the measured points; see `MocapFrame.load`.
+        end: Marker or body at the cable's free end.
+        grip: Marker or body on the gripper, above where it holds the cable; and a second one, ahead
+            of it, whose direction from the first gives the gripper's turn.
+    """
+
+    frame: pathlib.Path
+    end: str
+    grip: tuple[str, ...]
+
+    def table(self, path: pathlib.Path, workspace: Workspace) -> tuple[list[str], dict[str, Array]]:
+        """Return casts as `read_recordings` reads them, one for each take, a file or a folder.
+
+        The grip's height and turn count from the first frame, in which the gripper is at the reset.
+        """
+        if not 1 <= len(self.grip) <= 2:
+            raise InputError(f"the grip has one point or two, not {len(self.grip)}")
+        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        frame, names, parts = MocapFrame.load(self.frame), [], []
+        for file in files:
+            take = Take.load(file, frame)
+            end, grip = take.point(self.end), take.point(self.grip[0])
+            seen = np.flatnonzero(np.isfinite(grip[:, 0]))
+            if not len(seen):
+                raise InputError(f"{file}: {self.grip[0]!r} was never seen")
+            way = np.linalg.norm(grip - grip[seen[0]], axis=1)
+            if not np.any(way > _MOVED):
+                raise InputError(f"{file}: {self.grip[0]!r} does not move")
+            times = take.times - (take.times[np.argmax(way > _MOVED)] - _LEAD)
+            turn = np.zeros(len(times))
+            if len(self.grip) == 2:
+                x, y = (take.point(self.grip[1]) - grip)[:, :2].T
+                known = np.isfinite(x)
+                turn = np.where(known, 0.0, np.nan)
+                turn[known] = np.unwrap(np.arctan2(x[known], y[known]))
+                turn -= turn[known][0] if known.any() else 0.0
+            height = workspace.grip_height + grip[:, 2] - grip[seen[0], 2]
+            columns = [times, end[:, 0], end[:, 1], grip[:, 0], grip[:, 1], height, turn]
+            parts.append(np.column_stack(columns)[times >= 0])
+            names += [file.stem] * len(parts[-1])
+        keys = ("time_s", "x_m", "y_m", "grip_x_m", "grip_y_m", "grip_z_m", "grip_yaw_rad")
+        table = np.concatenate(parts) if parts else np.empty((0, len(keys)))
+        return names, dict(zip(keys, table.T, strict=True))
+
+
+def _motive(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, Array]]:
+    """Return times and points of a take of Motive, whose header has four to six rows."""
+    facts = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
+    scale = _scale(path, facts.get("Length Units", "Meters"))
+    first = next((i for i, row in enumerate(rows) if i and row and _number(row[0]) is not None), 0)
+    head = [row for row in rows[1:first] if any(row)]
+    if len(head) < 4:
+        raise InputError(f"{path} lacks the rows of names over its columns: export them, too")
+    kinds, axes, parts = head[0], head[-1], head[-2]
+    names = next((row for row in head if "Name" in row[:2]), head[1])
+    columns: dict[str, dict[str, int]] = {}
+    for solved in (False, True):
+        for i in range(2, min(map(len, (kinds, names, parts, axes)))):
+            if parts[i] == "Position" and (kinds[i] in _SOLVED) == solved and axes[i] in "XYZ":
+                columns.setdefault(names[i].strip('"'), {}).setdefault(axes[i], i)
+    times = _column(path, rows[first:], 1, first)
+    return times, _points(path, rows[first:], columns, scale, first)
+
+
+def _vicon(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, Array]]:
+    """Return times and points of the sections of a take of Vicon that hold places."""
+    times, points = np.empty(0), {}
+    for start in (i for i, row in enumerate(rows) if row and row[0] in _SECTIONS):
+        if len(rows) < start + 6 or not (rate := _number((rows[start + 1] or [""])[0])):
+            raise InputError(f"{path}: section {rows[start][0]} lacks its rate, names or rows")
+        names, axes, units = rows[start + 2 : start + 5]
+        first = start + 5
+        body = rows[first:]
+        body = body[: next((i for i, row in enumerate(body) if not any(row)), len(body))]
+        columns, name, unit = {}, "", "mm"
+        for i, axis in enumerate(axes[2:], start=2):
+            name = names[i] if i < len(names) and names[i] else name
+            axis = axis.removeprefix("T")
+            if axis in ("X", "Y", "Z"):
+                columns.setdefault(name, {}).setdefault(axis, i)
+                unit = units[i] if i < len(units) else unit
+        frames = _column(path, body, 0, first)
+        if len(times) and len(frames) != len(times):
+            raise InputError(f"{path}: its sections differ in their number of frames")
+        times = (frames - frames[0]) / rate
+        points |= _points(path, body, columns, _scale(path, unit), first)
+    return times, points
+
+
+def _points(
+    path: pathlib.Path,
+    rows: list[list[str]],
+    columns: dict[str, dict[str, int]],
+    scale: float,
+    first: int,
+) -> dict[str, Array]:
+    return {
+        name: scale * np.stack([_column(path, rows, at[a], first) for a in "XYZ"], axis=-1)
+        for name, at in columns.items()
+        if len(at) == 3
+    }
+
+
+def _column(path: pathlib.Path, rows: list[list[str]], index: int, first: int) -> Array:
+    """Return a column of numbers, NaN where a cell is empty."""
+    values = np.full(len(rows), np.nan)
+    for i, row in enumerate(rows):
+        if index < len(row) and row[index]:
+            number = _number(row[index])
+            if number is None:
+                line = f"line {first + i + 1} of {path}"
+                raise InputError(f"{line}: {row[index][:40]!r} is not a number")
+            values[i] = number
+    return values
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _scale(path: pathlib.Path, unit: str) -> float:
+    if unit.lower() not in _UNITS:
+        raise InputError(f"{path}: length unit {unit[:20]!r} must be metres, centimetres or mm")
+    return _UNITS[unit.lower()]
