@@ -91,6 +91,30 @@ def test_a_stored_calibration_takes_the_place_of_the_tags(folder, tmp_path, caps
     assert first == again
 
 
+def test_slow_motion_that_the_phone_names_is_asked_about(folder, tmp_path, capsys):
+    import av
+
+    named = tmp_path / "phone.mp4"
+    options = {"movflags": "use_metadata_tags"}
+    with (
+        av.open(str(folder / "trial.mp4")) as source,
+        av.open(str(named), "w", options=options) as copy,
+    ):
+        copy.metadata["com.android.capture.fps"] = "240.0"
+        stream = copy.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                copy.mux(packet)
+    arguments = [named, "--calibration", folder / "out" / "calibration.json"]
+    said = refused([*arguments, "--out", tmp_path / "a"], capsys)
+    assert "was taken with 240 frames/s, and is stored with 60: say --rate 240" in said
+    arguments += ["--out", tmp_path / "b", "--rate", "240", "--start", str(START / 4)]
+    assert main(["track", *(str(argument) for argument in arguments)]) == 0
+    times = [float(row["time_s"]) for row in rows(tmp_path / "b" / "frames.csv")]
+    np.testing.assert_allclose(np.diff(times), 1 / 240, atol=2e-5)
+
+
 def test_tags_that_were_moved_are_other_tags(folder, tmp_path, capsys):
     video, tags = folder / "trial.mp4", tmp_path / "tags.yaml"
     text = (folder / "tags.yaml").read_text()

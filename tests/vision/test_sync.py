@@ -1,6 +1,7 @@
 """The camera's clock against the robot's, with one cast and over the network."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -20,7 +21,14 @@ from cablecast.rigs.virtual.camera_stream import CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
-from cablecast.vision.clock import SeenMotion, reported_speed, sync_by_motion
+from cablecast.vision.clock import (
+    CastClock,
+    ClockOffset,
+    SeenMotion,
+    reported_speed,
+    sync_by_motion,
+)
+from cablecast.vision.trials import CameraOfTrials
 
 RATE, CLOCK = 30.0, 321.25
 WIDTH, HEIGHT = 640, 360
@@ -131,3 +139,58 @@ def test_an_arm_that_rests_at_the_ends_of_its_record_rests_beyond_them():
 def test_a_cast_that_was_aborted_tells_nothing(setup, player):
     with pytest.raises(CameraError, match="the cast was aborted"):
         sync_camera(setup, lambda camera: PlayedRig(player, camera, aborts=True))
+
+
+@pytest.fixture(scope="module")
+def kept(config, setup, trial):
+    """Return the small pictures of a cast, the times of which are the robot's."""
+    camera = VirtualCamera(config, setup.workspace, None, 0)
+    film, clock = Film(camera, trial, 1), CastClock(config.width)
+    for frame in range(film.LEAD, film.frame_count):
+        clock.keep(film.frame(frame), film.time(frame))
+    return clock, camera.view
+
+
+@pytest.mark.parametrize("off", [0.0, 0.03, -0.11, 0.2])
+def test_each_cast_tells_by_how_much_the_clocks_are_off(kept, setup, trial, off):
+    clock, view = kept
+    found = clock.compare(trial.joint_path, setup.arm, view, -off)
+    assert found is not None
+    assert found.offset == pytest.approx(off, abs=OFFSET_MAX)
+    assert found.sd < SD_MAX
+    assert found.explained > 0.7
+
+
+def test_a_cast_whose_arm_stands_still_tells_nothing_of_the_clocks(kept, setup, trial):
+    clock, view = kept
+    path = trial.joint_path
+    still = dataclasses.replace(path, q=np.repeat(path.q[:1], len(path.q), axis=0))
+    assert clock.compare(still, setup.arm, view, 0.0) is None
+
+
+def test_a_cast_whose_clocks_are_off_is_corrected_if_that_is_clear_and_else_refused(
+    setup, player, monkeypatch
+):
+    off = 0.05
+    camera = dataclasses.replace(setup.camera, clock_offset=-CLOCK + off, exposure=0.002)
+    with CameraOfTrials(dataclasses.replace(setup, camera=camera)) as trials:
+
+        def cast():
+            trials.check(player.rewind() - off)
+            trials.start()
+            timing = player.cast()
+            return trials.stop(dataclasses.replace(timing, joint_path=player.trial.joint_path))
+
+        cast()
+        assert trials.clock_words is not None
+        assert re.search(
+            r"off by -(4\d|5\d) ms in this cast, \+- \d ms: corrected", trials.clock_words
+        )
+        unclear = ClockOffset(offset=0.06, sd=0.02, explained=0.5, frame_count=30)
+        monkeypatch.setattr(CastClock, "compare", lambda *_: unclear)
+        with pytest.raises(CameraError, match=r"only 50 % of what moved agrees .* camera sync"):
+            cast()
+        unseen = dataclasses.replace(unclear, explained=0.1)
+        monkeypatch.setattr(CastClock, "compare", lambda *_: unseen)
+        cast()
+        assert trials.clock_words is None

@@ -42,6 +42,8 @@ class Track:
     """Point near the endpoint at the beginning of the video [m]."""
     start: Annotated[float, argument("S")] = 0.0
     """Time of the first frame of the motion, which is time 0 of the track [s]."""
+    rate: Annotated[float | None, argument("1/S", "as many as it is stored with")] = None
+    """Frames per second with which the video was taken, for slow motion [1/s]."""
     marker: Annotated[tuple[float, float], argument("LENGTH WIDTH")] = (0.038, 0.016)
     """Size of the marker along and across the cable [m]."""
     marker_hue: Annotated[float | None, argument("DEG", "that of --setup, or 122, green")] = None

@@ -21,9 +21,16 @@ from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.vision.clock import check_film_rate
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
-from cablecast.vision.video import read_pictures, read_video
+from cablecast.vision.video import (
+    RATE_MAX,
+    RATE_MIN,
+    capture_rate,
+    read_pictures,
+    read_video,
+)
 
 TRACK_FILE = "track.csv"
 FRAMES_FILE = "frames.csv"
@@ -32,7 +39,7 @@ PICTURE_FILE = "track.png"
 
 _CALIBRATION_FRAMES = 12
 
-_PLAIN = ("view_deg", "begin", "start", "marker", "marker_hue", "marker_z")
+_PLAIN = ("view_deg", "begin", "start", "rate", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
 
 
@@ -51,6 +58,8 @@ class TrackConfig:
         begin: Point near the endpoint when the video starts [m]; straight ahead at the end of the
             cable where None.
         start: Time at which the motion begins, from the first frame on [s].
+        rate: Frames per second with which the video was taken [1/s]; as many as it is stored with
+            where None, which must then be possible.
         marker: Length and width of the marker along and across the cable [m].
         marker_hue: Hue of the marker: 0 is red, 120 green, 240 blue [deg]; that of the lab file's
             camera where None.
@@ -63,6 +72,7 @@ class TrackConfig:
     view_deg: float = 78.0
     begin: tuple[float, float] | None = None
     start: float = 0.0
+    rate: float | None = None
     marker: tuple[float, float] = (0.038, 0.016)
     marker_hue: float | None = None
     marker_z: float | None = None
@@ -74,6 +84,7 @@ class TrackConfig:
             raise InputError("a calibration says it all: give either it, or tags and board")
         check_number("view_deg", self.view_deg, 5.0, 175.0, "deg")
         check_number("start", self.start, 0.0, 3600.0, "s")
+        check_number("rate", self.rate or RATE_MAX, RATE_MIN, 100 * RATE_MAX, "1/s")
         for name, value in zip(("marker length", "marker width"), self.marker, strict=True):
             check_number(name, value, 0.002, 0.5, "m")
         for name, value in zip(("begin x", "begin y"), self.begin or (0.0, 0.0), strict=True):
@@ -188,14 +199,24 @@ def _track(
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
     image, task = None, f"Tracking {video.name}"
+    # Slow motion is stored with fewer frames per second than it was taken with.
+    taken = capture_rate(video) if config.rate is None else config.rate
+    if config.rate is None and taken is not None and abs(taken / info.rate - 1.0) > 0.05:
+        raise InputError(
+            f"{video} was taken with {taken:g} frames/s, and is stored with {info.rate:g}: say "
+            f"--rate {taken:g} if it is slow motion, or --rate {info.rate:g} if not"
+        )
+    pace = 1.0 if taken is None else info.rate / taken
     for count, (time, image) in enumerate(frames, start=1):
         tracker.update(
-            time - config.start,
+            pace * time - config.start,
             lambda w, image=image: image[w[1] : w[3], w[0] : w[2]],
         )
         if count % 60 == 0:
             total = max(info.frame_count, count)
             progress(Progress(task=task, done=count, total=total, unit="frames"))
+    if config.rate is None:
+        check_film_rate(*tracker.frames, info.rate)
     return tracker, calibration, image
 
 

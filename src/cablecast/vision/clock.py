@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cablecast.arm.shape import arm_shape
 from cablecast.arm.ur import ArmUR
 from cablecast.camera.lens import CameraView
+from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath
 from cablecast.vision.tags import load_cv2
@@ -55,6 +56,15 @@ seen there: a link that hides another, or the cable [px of the small picture].""
 _EXPLAINED_MIN_ARM = 0.7
 """Smallest share of what was seen where the arm is that its report must explain: casts of the
 virtual laboratory reach nine tenths."""
+_SPEED_FRAMES, _SLOWING_SPEED = 4, 0.2
+"""Frames over which a speed is taken, and least speed of an endpoint that was cast [m/s]."""
+_SLOWING_MIN, _USUAL_FRICTION = 0.35, 0.3
+"""Least deceleration of a cable that friction stops [m/s²], which is a coefficient of 0.036, and a
+usual coefficient [-]."""
+_CAST_PAIRS, _CAST_PAIRS_MIN = 36, 12
+"""Pairs of frames of a cast in which the arm is fastest, and fewest that tell about its clock."""
+_CAST_SEARCHES = ((0.3, 0.015), (0.02, 0.002))
+"""Half widths and steps of the searches for the clock's offset of a cast [s]."""
 _SEARCHES = ((0.08, 0.004), (0.006, 0.0005))
 """Half widths and steps of the searches about the rough offset [s]."""
 
@@ -74,6 +84,55 @@ class ClockOffset:
     sd: float
     explained: float
     frame_count: int
+
+
+def slowing(times: Array, xy: Array) -> tuple[float, float] | None:
+    """Return the largest speed of an endpoint [m/s], and the rate at which it slowed from there.
+
+    Args:
+        times: Times of the frames [s], shape [frame].
+        xy: Positions, NaN where not seen [m], shape [frame, 2].
+
+    Returns:
+        Speed [m/s] and mean deceleration [m/s²] from 0.7 to 0.1 of it; None for an endpoint that
+        hardly moved, or did not come to rest.
+    """
+    seen = np.isfinite(xy).all(axis=1)
+    if seen.sum() < 3 * _SPEED_FRAMES:
+        return None
+    at, places = times[seen], xy[seen]
+    way = np.linalg.norm(places[_SPEED_FRAMES:] - places[:-_SPEED_FRAMES], axis=1)
+    speeds = way / (at[_SPEED_FRAMES:] - at[:-_SPEED_FRAMES])
+    top = float(np.max(speeds))
+    if top < _SLOWING_SPEED:
+        return None
+    fast = np.flatnonzero(speeds > 0.7 * top)[-1]
+    slow = np.flatnonzero(speeds[fast:] < 0.1 * top)
+    if not len(slow):
+        return None
+    return top, 0.6 * top / float(at[fast + slow[0]] - at[fast])
+
+
+def check_film_rate(times: Array, xy: Array, rate: float) -> None:
+    """Check that an endpoint slows as friction slows one; slow motion shows it far more gently.
+
+    Args:
+        times: Times of the frames [s], shape [frame].
+        xy: Positions, NaN where not seen [m], shape [frame, 2].
+        rate: Frames per second that these times stand for [1/s].
+
+    Raises:
+        InputError: No table is as slippery as this film would have it.
+    """
+    slowed = slowing(times, xy)
+    if slowed is not None and slowed[1] < _SLOWING_MIN:
+        factor = np.sqrt(_USUAL_FRICTION * GRAVITY / slowed[1])
+        raise InputError(
+            f"the endpoint slowed from {slowed[0]:.2f} m/s by {slowed[1]:.2f} m/s² only, as on a "
+            f"table with a friction of {slowed[1] / GRAVITY:.3f}: was it filmed in slow "
+            f"motion, with about {factor * rate:.0f} frames/s stored as {rate:.0f}? Say the true "
+            "ones (--rate)"
+        )
 
 
 def controller_shift(clock_pairs: Array) -> float:
@@ -114,8 +173,9 @@ def rough_offset(
     offset, explained = _best(times, seen, reported, np.arange(low, high + step, step))
     if explained < _EXPLAINED_MIN:
         raise InputError(
-            f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw: "
-            "is the gripper in sight, and nothing else in motion?"
+            f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw "
+            f"in {len(times)} frames: is the gripper in sight, nothing else in motion, the film as "
+            "fast as the world, and the computer free enough to take every frame?"
         )
     return offset
 
@@ -176,28 +236,101 @@ class SeenMotion:
 
     def look(self, image: NDArray[np.uint8], time: float) -> None:
         """Look at the next frame, BGR, shape [v, u, 3], whose middle row has a time [s]."""
-        cv2 = load_cv2()
-        self.scale = scale = _WIDTH / image.shape[1]
-        size = (_WIDTH, round(scale * image.shape[0]))
-        grey = cv2.resize(
-            cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA
-        )
-        grey = cv2.GaussianBlur(grey, (0, 0), _BLUR)
+        grey = small_grey(image)
+        self.scale = _WIDTH / image.shape[1]
         if self._last is not None:
-            flow = self._flow.calc(self._last, grey, None)
-            moves = np.linalg.norm(flow, axis=-1) > _FLOW_MIN
-            dt, rows = time - self._last_time, np.flatnonzero(moves.any(axis=1))
-            middle = time - dt / 2
-            velocity = np.zeros(2)
-            if moves.sum() > _AREA_MIN * moves.size:
-                velocity = flow[moves].mean(axis=0).astype(float) / scale / dt
-                row = float(np.mean(rows)) - (size[1] - 1) / 2
-                middle += self.row_time * row / scale
-            self.flows.append(flow[::_KEPT_STRIDE, ::_KEPT_STRIDE].astype(np.float16))
-            self.ends.append((self._last_time, time))
-            self.times.append(middle)
-            self.velocities.append(velocity)
+            self.compare(self._last, self._last_time, grey, time)
         self._last, self._last_time = grey, time
+
+    def compare(
+        self, before: NDArray[np.uint8], start: float, after: NDArray[np.uint8], end: float
+    ) -> None:
+        """Keep the flow between two pictures of `small_grey` and of two times [s]."""
+        flow = self._flow.calc(before, after, None)
+        moves = np.linalg.norm(flow, axis=-1) > _FLOW_MIN
+        rows, middle, velocity = np.flatnonzero(moves.any(axis=1)), (start + end) / 2, np.zeros(2)
+        if moves.sum() > _AREA_MIN * moves.size:
+            velocity = flow[moves].mean(axis=0).astype(float) / self.scale / (end - start)
+            row = float(np.mean(rows)) - (len(after) - 1) / 2
+            middle += self.row_time * row / self.scale
+        self.flows.append(flow[::_KEPT_STRIDE, ::_KEPT_STRIDE].astype(np.float16))
+        self.ends.append((start, end))
+        self.times.append(middle)
+        self.velocities.append(velocity)
+
+
+def small_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a picture, BGR, as small, grey and smooth as flow is found in."""
+    cv2 = load_cv2()
+    size = (_WIDTH, round(_WIDTH / image.shape[1] * image.shape[0]))
+    grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), size, interpolation=cv2.INTER_AREA)
+    return cv2.GaussianBlur(grey, (0, 0), _BLUR)
+
+
+class CastClock:
+    """Keeps small pictures of a cast, which tell afterwards whether its clocks agreed.
+
+    Args:
+        width: Width of the pictures of the camera [px].
+        row_time: Time by which each row is exposed later than the one above it [s].
+    """
+
+    def __init__(self, width: int, row_time: float = 0.0):
+        self._scale, self._row_time = _WIDTH / width, row_time
+        self._kept: list[tuple[float, NDArray[np.uint8]]] = []
+
+    def keep(self, image: NDArray[np.uint8], time: float) -> None:
+        """Keep a frame, BGR, shape [v, u, 3], of a time [s]."""
+        self._kept.append((time, small_grey(image)))
+
+    def compare(
+        self, reported: JointPath, arm: ArmUR, view: CameraView, shift: float
+    ) -> ClockOffset | None:
+        """Return by how much the camera's clock is off from what is believed of it.
+
+        Args:
+            reported: Joints as the robot reported them, by its clock [s].
+            arm: Arm, its mounting and its gripper.
+            view: Calibrated camera.
+            shift: Time of the robot's clock when the camera's shows zero, as believed [s].
+
+        Returns:
+            The offset to add to `shift`; None where the arm hardly moved in sight.
+        """
+        points = view.to_image(_arm_points(arm, reported.q))
+        keep = np.isfinite(points).all(axis=(1, 2))
+        robot_times, points = reported.times[keep], points[keep]
+        if len(robot_times) < 2 or len(self._kept) < 2:
+            return None
+        times = np.array([time for time, _ in self._kept]) + shift
+        # Where the arm is fast, a shift of time shows most.
+        at = _points_of(times, robot_times, points)
+        ways = np.linalg.norm(np.diff(at, axis=0), axis=-1).mean(axis=1) * self._scale
+        fast = np.sort(np.argsort(-ways)[:_CAST_PAIRS])
+        if len(fast) < _CAST_PAIRS_MIN or ways[fast].mean() < _FLOW_MIN:
+            return None
+        seen = SeenMotion(self._row_time)
+        seen.scale = self._scale
+        for i in fast:
+            (start, before), (end, after) = self._kept[i : i + 2]
+            seen.compare(before, start + shift, after, end + shift)
+        points, offset = points * self._scale, 0.0
+        offsets, losses = np.zeros(1), np.zeros((1, len(fast)))
+        for width, step in _CAST_SEARCHES:
+            offsets = offset + np.arange(-width, width + step / 2, step)
+            losses = np.array([_compare(seen, robot_times, points, at)[0] for at in offsets])
+            offset = _parabola_minimum(offsets, losses.sum(axis=1))
+        _, explained = _compare(seen, robot_times, points, offset)
+        sd = _jackknife(offsets, losses)
+        return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=len(fast))
+
+
+def _points_of(times: Array, robot_times: Array, points: Array) -> Array:
+    """Return points of the arm at times [s], shape [time, point, 2]."""
+    from scipy.interpolate import make_interp_spline
+
+    clipped = np.clip(times, robot_times[0], robot_times[-1])
+    return make_interp_spline(robot_times, points, k=1)(clipped)
 
 
 def sync_by_motion(
@@ -252,15 +385,18 @@ def sync_by_motion(
             f"what the robot reports explains only {100 * explained:.0f} % of what the camera saw "
             "where the arm is: is the arm measured, and is the camera where it was calibrated?"
         )
-    count = len(seen.flows)
-    parts = np.arange(count) // _RUN_LENGTH % _PART_COUNT
+    sd = _jackknife(offsets, losses)
+    return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=len(seen.flows))
+
+
+def _jackknife(offsets: Array, losses: Array) -> float:
+    """Return the standard deviation of the best offset [s] by losses, shape [offset, frame]."""
+    parts = np.arange(losses.shape[1]) // _RUN_LENGTH % _PART_COUNT
     left_out = [
         _parabola_minimum(offsets, losses[:, parts != part].sum(axis=1))
         for part in range(_PART_COUNT)
     ]
-    # Jackknife.
-    sd = float(np.sqrt((_PART_COUNT - 1) * np.var(left_out)))
-    return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=count)
+    return float(np.sqrt((_PART_COUNT - 1) * np.var(left_out)))
 
 
 def _compare(

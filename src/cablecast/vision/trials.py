@@ -17,7 +17,13 @@ from cablecast.errors import CameraError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration, calibrate_view
-from cablecast.vision.clock import ClockOffset, SeenMotion, controller_shift, sync_by_motion
+from cablecast.vision.clock import (
+    CastClock,
+    ClockOffset,
+    SeenMotion,
+    controller_shift,
+    sync_by_motion,
+)
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
 from cablecast.vision.tags import detect_tags
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, sight_of
@@ -34,6 +40,11 @@ _APART_MAX = 60.0
 """Largest distance of two times of one trial by both clocks, if these have been compared [s]."""
 _LATENCY_MAX = 0.25
 """Longest way of a frame from the sensor to this process [s]."""
+_CLOCK_OFF = 0.008
+"""Offset of the clocks in a cast that is no error of what was seen [s]."""
+_CLOCK_CLEAR, _CLOCK_SD_MAX, _CLOCK_UNSEEN = 0.7, 0.004, 0.35
+"""Share of what was seen, and largest standard deviation [s], with which an offset is clear; and
+share below which the arm was not seen."""
 _LOCATE_RADIUS = 0.5
 """Distance from where the endpoint is expected within which it is looked for [m]."""
 _AFTER = 0.3
@@ -116,6 +127,9 @@ class CameraOfTrials:
         setup: Set-up with the section `camera`. Where that names a folder for films, each trial's
             film is kept there, named after the time at which the camera was opened and a number.
 
+    Attributes:
+        clock_words: Correction of the clocks in the last trial; None where they agreed.
+
     Raises:
         CameraError: There is no camera, or it cannot be opened.
         InputError: It does not see the tags of the layout.
@@ -129,6 +143,7 @@ class CameraOfTrials:
         self._start_xy = np.array([0.0, workspace.reset_y + setup.cable.length])
         self._opened_at = time.strftime("%Y%m%d-%H%M%S")
         self._film_count = 0
+        self.clock_words: str | None = None
         self._filming: _Filming | None = None
         self._last_xy: NDArray[np.float64] | None = None
         self._camera = LiveCamera(self.settings)
@@ -194,12 +209,14 @@ class CameraOfTrials:
             writer = FilmWriter(pathlib.Path(self.settings.films) / name, self.settings.rate)
             self._film_count += 1
         self._tracker = tracker = self._new_tracker(self._start_xy)
+        self._cast_clock = clock = CastClock(self._camera.facts.width, self.settings.row_time)
         watch = FrameWatch(self.settings.source, self._usual)
 
         def look(frame: Frame) -> None:
             # One that the driver repeats shows the marker where it was.
             if watch.look(frame):
                 _track(tracker, frame)
+                clock.keep(frame.image, frame.time)
             if writer is not None:
                 writer.write(frame.image, frame.time)
 
@@ -231,11 +248,42 @@ class CameraOfTrials:
         if filming.latest is not None:
             self._latest = filming.latest.image
         self._sight = sight_of(self._tracker)
+        start += self._check_clock(timing, shift)
         track = self._tracker.track(timing.end_time - timing.start_time, start)
         xy = self._tracker.frames[1]
         seen = xy[np.isfinite(xy).all(axis=1)]
         self._last_xy = seen[-1] if len(seen) else None
         return dataclasses.replace(track, joint_path=timing.joint_path)
+
+    def _check_clock(self, timing: TrialTiming, shift: float) -> float:
+        """Return by how much later by the camera's clock the cast began than was believed [s].
+
+        The arm is in the picture, and its way is known: so each cast compares the clocks.
+
+        Raises:
+            CameraError: They are off, and the cast does not tell by how much.
+        """
+        self.clock_words, path = None, timing.joint_path
+        if path is None:
+            return 0.0
+        reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
+        found = self._cast_clock.compare(reported, self.setup.arm, self.calibration.view, shift)
+        if found is None:
+            return 0.0
+        known = self.settings.clock_offset_sd or 0.0
+        if abs(found.offset) < max(_CLOCK_OFF, 3.0 * float(np.hypot(found.sd, known))):
+            return 0.0
+        off = f"the camera's clock is off by {1e3 * found.offset:+.0f} ms in this cast"
+        if found.explained > _CLOCK_CLEAR and found.sd < _CLOCK_SD_MAX:
+            self.clock_words = f"{off}, +- {1e3 * found.sd:.0f} ms: corrected"
+            return -found.offset
+        if found.explained < _CLOCK_UNSEEN:
+            # Something else is seen there; that says nothing about clocks.
+            return 0.0
+        raise CameraError(
+            f"{off}, but only {100 * found.explained:.0f} % of what moved agrees with that: run "
+            "`cablecast camera sync`, and repeat the cast"
+        )
 
     def cancel(self) -> None:
         """Drop the film of a trial that was aborted; harmless where none runs."""

@@ -98,6 +98,18 @@ def _frames(capture: Any, path: pathlib.Path, info: VideoInfo) -> Iterator[tuple
         raise InputError(f"{path} is damaged: {count} of its {info.frame_count} frames can be read")
 
 
+def capture_rate(path: pathlib.Path) -> float | None:
+    """Return the frames per second with which a phone says that it filmed; None without a word.
+
+    Slow motion is often stored at another rate than it was taken with.
+    """
+    try:
+        with _load_av().open(str(path)) as container:
+            return float(container.metadata["com.android.capture.fps"])
+    except (MissingExtraError, KeyError, ValueError, OSError):
+        return None
+
+
 def read_pictures(folder: pathlib.Path) -> list[Image]:
     """Return the pictures in a folder, by the order of their names.
 
