@@ -5,6 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+OPENCV_4 := 4.14.0.94
 # Each file's tests share what they make; the files begin in the order of tests/conftest.py.
 PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
@@ -57,4 +58,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
 	  --editable '.[all,dev,docs]'
+	@# The tests of tags and boards run with the other major version of OpenCV, too.
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
+	  --target $(VENV)/opencv-4 opencv-python-headless==$(OPENCV_4)
 	@touch $(STAMP)

@@ -55,8 +55,8 @@ def test_a_board_of_the_older_pattern_is_read_and_named():
     pictures = board_pictures(small, board=Board(legacy=True))
     fit = calibrate_lens(pictures, Board())
     assert fit.board.legacy
-    # Half the pixels: corners are half as exact.
-    np.testing.assert_allclose(fit.lens.focal, small.view.lens.focal, rtol=2 * FOCAL_RELATIVE)
+    # Half the pixels: corners are half as exact with OpenCV 5, and a third with 4.
+    np.testing.assert_allclose(fit.lens.focal, small.view.lens.focal, rtol=3 * FOCAL_RELATIVE)
     # Its corners are others than those of the pattern of today.
     assert np.any(Board(legacy=True).picture(8) != Board().picture(8))
 
