@@ -14,7 +14,8 @@ import pytest
 from benchmarks.__main__ import COMMANDS, parse
 
 import cablecast
-from cablecast.arm.ur import ARM_MODELS, JointLimits
+from cablecast.arm.base import JointLimits
+from cablecast.arm.ur import ARM_MODELS
 from cablecast.cli import main as run_command
 from cablecast.cli.main import VERBS
 from cablecast.motion.action import ActionRanges, grid_actions
@@ -234,7 +235,7 @@ def test_the_arms_of_the_lab_page_can_make_most_motions_with_the_settings_there(
         )
         # Where the first wrist joint is level with the shoulder.
         level = setup.workspace.grip_height + setup.arm.gripper_length
-        level += setup.arm.links.d6 - setup.arm.links.d1
+        level += setup.arm.lengths.d6 - setup.arm.lengths.d1
         assert base_height == pytest.approx(level, abs=5e-4)
         grid = grid_actions(ActionRanges.for_setup(setup), (5, 5, 5, 3))
         assert check_actions(grid, setup).mask.mean() > 0.8, model

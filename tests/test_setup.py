@@ -64,7 +64,7 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
         ("arm: {model: ur7}\n", "unknown arm model 'ur7': one of ur3, ur3e, ur5"),
         ("arm: {base_height: high}\n", "arm base_height = 'high' is not a number"),
         ("arm: {measured: 1}\n", "must be true or false"),
-        ("arm: {limits: {velocity: [1, 2]}}\n", "velocity limits .* must be six numbers"),
+        ("arm: {limits: {velocity: [1, 2]}}\n", "velocity limits .* must be 6 numbers"),
         ("arm: [1]\n", "arm must be a mapping"),
         ("workspace: {table_yaw_deg: 45}\n", "not a multiple of 90"),
         ("workspace: {table_depth: 1.0}\n", "may be at most 0.4 m long"),

@@ -64,7 +64,7 @@ class ControllerLog:
 
     Attributes:
         times: Times of the reports by the controller's clock [s], shape [report].
-        target_q: Set points that the controller followed [rad], shape [report, 6].
+        target_q: Set points that the controller followed [rad], shape [report, joint].
         speed_scaling: Speed scaling, the slider's included [-], shape [report].
         safety_bits: Safety status bits, shape [report].
     """
@@ -76,7 +76,11 @@ class ControllerLog:
 
     def __post_init__(self):
         count = len(self.times)
-        shapes = {"target_q": (count, 6), "speed_scaling": (count,), "safety_bits": (count,)}
+        shapes = {
+            "target_q": (count, *self.target_q.shape[1:2]),
+            "speed_scaling": (count,),
+            "safety_bits": (count,),
+        }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise InputError(

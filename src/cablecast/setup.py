@@ -9,6 +9,8 @@ from typing import Any
 
 import yaml
 
+from cablecast.arm.base import Arm
+from cablecast.arm.description import arm_from_dict
 from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
@@ -79,7 +81,7 @@ class Setup:
 
     cable: Cable
     workspace: Workspace
-    arm: ArmUR
+    arm: Arm
     motion: MotionConfig
     robot: RobotConfig | None
     camera: CameraSettings | None
@@ -89,7 +91,7 @@ class Setup:
         *,
         cable: Cable | str | os.PathLike[str] = DEFAULT_CABLE,
         workspace: Workspace | None = None,
-        arm: ArmUR | None = None,
+        arm: Arm | None = None,
         motion: MotionConfig | None = None,
         robot: RobotConfig | None = None,
         camera: CameraSettings | None = None,
@@ -173,7 +175,7 @@ class Setup:
 
         Args:
             values: Sections by name; `cable` may be a mapping, the name of a preset, or a path.
-            folder: Folder to which paths of cable, tags and videos are relative.
+            folder: Folder to which paths of cable, arm, tags and videos are relative.
 
         Raises:
             InputError: A key is unknown, or a value out of bounds.
@@ -191,7 +193,7 @@ class Setup:
         return cls(
             cable=cable,
             workspace=Workspace.from_dict(values.get("workspace", {})),
-            arm=ArmUR.from_dict(values.get("arm", {})),
+            arm=arm_from_dict(values.get("arm", {}), folder),
             motion=MotionConfig(**check_keys(values.get("motion", {}), known, "motion")),
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),

@@ -1,12 +1,14 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
-from cablecast.arm.ur import JOINT_NAMES, LINKS, ArmUR, JointLimits
+from cablecast.arm.ur import JOINT_NAMES, LINKS, ArmUR, ur_limits
 from cablecast.errors import InputError
 
 
 def test_the_default_limits_are_those_of_a_ur5_and_a_ur5e():
-    limits = JointLimits()
+    limits = ur_limits()
     assert limits.position == (2 * np.pi,) * len(JOINT_NAMES)
     assert limits.velocity == (np.pi,) * len(JOINT_NAMES)
     assert limits.to_array().shape == (3, 6)
@@ -15,7 +17,7 @@ def test_the_default_limits_are_those_of_a_ur5_and_a_ur5e():
 @pytest.mark.parametrize("values", [(1.0,) * 5, (1.0, 1.0, 1.0, 1.0, 1.0, -1.0), (np.nan,) * 6])
 def test_limits_that_are_not_six_positive_numbers_are_refused(values):
     with pytest.raises(InputError, match="velocity limit"):
-        JointLimits(velocity=values)
+        dataclasses.replace(ur_limits(), velocity=values)
 
 
 # Masses of upper arm, forearm and each wrist joint [kg], and places of the centres of upper arm
@@ -38,7 +40,7 @@ def test_the_base_joint_spends_at_most_sixty_per_cent_of_its_torque(model):
     inertia = upper * (along**2 + aside**2 + links.upper_arm**2 / 12)
     inertia += forearm * ((links.upper_arm + beyond) ** 2 + links.forearm**2 / 12)
     inertia += (sum(wrists) + GRIPPER) * (reach**2 + links.d4**2)
-    share = JointLimits.of_model(model).acceleration[0] * inertia / torque
+    share = ur_limits(model).acceleration[0] * inertia / torque
     assert 0.2 < share < 0.6
 
 

@@ -48,7 +48,9 @@ def test_forward_kinematics_equals_the_analytic_library(model):
 def test_the_inverse_is_one_of_the_solutions_of_the_analytic_library(model):
     library = getattr(pytest.importorskip("ur_analytic_ik"), model)
     arm, rng = ArmUR(model=model), np.random.default_rng(1)
-    reach = (arm.links.upper_arm + arm.links.forearm) / (ARM.links.upper_arm + ARM.links.forearm)
+    reach = (arm.lengths.upper_arm + arm.lengths.forearm) / (
+        ARM.lengths.upper_arm + ARM.lengths.forearm
+    )
     radius = reach * rng.uniform(0.3, 0.9, 50)
     q = arm.inverse(poses(radius, rng.uniform(-1.4, 1.4, 50), 0.3))
     for row in q:

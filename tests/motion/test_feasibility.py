@@ -1,7 +1,10 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
-from cablecast.arm.ur import ArmUR, JointLimits, LimitKind
+from cablecast.arm.base import LimitKind
+from cablecast.arm.ur import ArmUR, ur_limits
 from cablecast.errors import ActionError, InputError
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.casting import cast_grip_paths
@@ -64,9 +67,9 @@ def tight(kind, joint, share):
     """Return an arm whose limit of one joint is a share of what the easy action needs."""
     peak = check_actions(EASY, SETUP, both_sides=False).peaks[0]
     index = ("position", "velocity", "acceleration").index(kind)
-    values = list(getattr(JointLimits(), kind))
+    values = list(getattr(ur_limits(), kind))
     values[joint] = share * peak[index, joint] / LIMIT_SHARE
-    return ArmUR(limits=JointLimits(**{kind: tuple(values)}))
+    return ArmUR(limits=dataclasses.replace(ur_limits(), **{kind: tuple(values)}))
 
 
 @pytest.mark.parametrize("kind", ["position", "velocity", "acceleration"])
@@ -86,7 +89,9 @@ def test_the_joint_and_the_limit_that_break_are_named_with_value_and_bound(kind,
 
 
 def test_every_broken_limit_is_named_not_only_the_first():
-    arm = ArmUR(limits=JointLimits(velocity=(0.1,) * 6, acceleration=(0.1,) * 6))
+    arm = ArmUR(
+        limits=dataclasses.replace(ur_limits(), velocity=(0.1,) * 6, acceleration=(0.1,) * 6)
+    )
     names = {v.name for v in check_actions(EASY, Setup(arm=arm)).reasons[0]}
     assert {"base velocity", "elbow velocity", "base acceleration", "wrist_3 acceleration"} <= names
 
@@ -144,7 +149,7 @@ def test_a_ur5e_reaches_a_little_farther_than_a_ur5():
 
 
 def test_a_turned_base_spends_its_turn_of_the_first_joints_range():
-    limits = JointLimits(position=(1.5, *JointLimits().position[1:]))
+    limits = dataclasses.replace(ur_limits(), position=(1.5, *ur_limits().position[1:]))
     assert check_actions(EASY, Setup(arm=ArmUR(limits=limits))).mask.tolist() == [True]
     turned = check_actions(EASY, Setup(arm=ArmUR(limits=limits, base_yaw_deg=60.0)))
     (violation,) = turned.reasons[0]

@@ -24,7 +24,7 @@ NO_BASE = {"name": "base", "pos": "0 0 0", "quat": "1 0 0 0"}
 
 def description(arm, base=NO_BASE, mesh="part", prefix=""):
     """Return an MJCF file of an arm by its DH table, one mesh a body."""
-    links = arm.links
+    links = arm.lengths
     fixed = [
         (0.0, 0.0, 0.0),
         (0.0, links.d1, 90.0),

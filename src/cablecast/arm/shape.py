@@ -1,45 +1,23 @@
-"""The arm and its gripper as capsules: to draw it, to tell what it hides, and what it comes near.
-
-Links are capsules about the axes of the arm's parts.
-"""
+"""The arm and its gripper as capsules: to draw it, what it hides, and what it comes near."""
 
 import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.arm.base import Arm, rod_ends
 from cablecast.arm.robot import RobotConfig
-from cablecast.arm.ur import ArmUR
 
 Array = NDArray[np.float64]
 
-_RADII = {
-    "foot": (0.095, 0.095),
-    "base": (0.075, 0.08),
-    "shoulder": (0.062, 0.075),
-    "upper arm": (0.056, 0.065),
-    "elbow": (0.053, 0.06),
-    "forearm": (0.043, 0.055),
-    "wrist 1": (0.041, 0.05),
-    "wrist 2": (0.041, 0.05),
-    "wrist 3": (0.041, 0.05),
-}
-"""Radius of each link of a UR5, read off the maker's drawings, and rounded up, for distances to
-keep [m]. The foot reaches from the table to the base, and is not the arm's own."""
 _PALM_RADIUS, _FINGER_RADIUS = 0.036, 0.014
 _PALM_SHARE = 0.6
 
 GRIPPER_ROD_COUNT = 2
 """Number of capsules of the gripper, which are the last."""
 
-# Neighbours touch by construction; these can meet when the arm folds.
-_SELF_PAIRS = tuple(
-    (low, high)
-    for low in ("base", "shoulder", "upper arm")
-    for high in ("wrist 2", "wrist 3", "gripper")
-    if (low, high) != ("upper arm", "wrist 3")
-)
-_OVER_TABLE = ("upper arm", "elbow", "forearm", "wrist 1", "wrist 2", "wrist 3")
+_STANDING = 2
+"""Number of links from the base on that stand over the table in any posture."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,51 +33,26 @@ class ArmShape:
     radii: Array
 
 
-def arm_shape(q: ArrayLike, arm: ArmUR) -> ArmShape:
+def arm_shape(q: ArrayLike, arm: Arm) -> ArmShape:
     """Return the arm as capsules: its links from the foot on, palm and fingers.
 
     Args:
-        q: Joint angles [rad], shape [time, 6].
+        q: Joint angles [rad], shape [time, joint].
         arm: Model, mounting and gripper of the arm.
     """
     frames = arm.frames(q)
-    flange = frames[6][..., :3, 3]
-    down = frames[6][..., :3, 2]
+    links = arm.links(frames)
+    flange = frames[-1][..., :3, 3]
+    down = frames[-1][..., :3, 2]
     palm = flange + _PALM_SHARE * arm.gripper_length * down
     # The fingertips hold the cable a little above their ends.
     tip = flange + arm.gripper_length * down
-    gripper = _pairs([(flange, palm), (palm, tip)])
-    radii = [arm.links.girth * drawn for drawn, _ in _RADII.values()]
+    gripper = rod_ends([(flange, palm), (palm, tip)])
     return ArmShape(
-        ends=np.concatenate([_links(arm, frames), gripper], axis=-3),
+        ends=np.concatenate([links.ends, gripper], axis=-3),
         # The gripper is the person's own.
-        radii=np.array([*radii, _PALM_RADIUS, _FINGER_RADIUS]),
+        radii=np.array([*links.drawn, _PALM_RADIUS, _FINGER_RADIUS]),
     )
-
-
-def _links(arm: ArmUR, frames: list[Array]) -> Array:
-    """Return both ends of each link [m], in the order of `_RADII`, shape [time, link, 2, 3]."""
-    base, shoulder, elbow, wrist_1, wrist_2, wrist_3, flange = (T[..., :3, 3] for T in frames)
-    across = frames[1][..., :3, 2]
-    outer, inner = arm.links.upper_aside * across, arm.links.forearm_aside * across
-    return _pairs(
-        [
-            (base * [1.0, 1.0, 0.0], base),
-            (base, shoulder),
-            (shoulder, shoulder + outer),
-            (shoulder + outer, elbow + outer),
-            (elbow + outer, elbow + inner),
-            (elbow + inner, wrist_1 + inner),
-            (wrist_1 + inner, wrist_2),
-            (wrist_2, wrist_3),
-            (wrist_3, flange),
-        ]
-    )
-
-
-def _pairs(rods: list[tuple[Array, Array]]) -> Array:
-    """Return both ends of each rod, shape [..., rod, 2, 3]."""
-    return np.stack([np.stack(ends, axis=-2) for ends in rods], axis=-3)
 
 
 def sight_clearance(points: Array, camera: ArrayLike, shape: ArmShape) -> Array:
@@ -119,7 +72,7 @@ def sight_clearance(points: Array, camera: ArrayLike, shape: ArmShape) -> Array:
     return np.min(gap - shape.radii, axis=-1)
 
 
-def find_collision(arm: ArmUR, robot: RobotConfig, q: Array) -> str | None:
+def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
     """Return the first thing that a path comes too close to, or None.
 
     The gripper is one capsule from the flange to the grip. It works at the table, so that only its
@@ -128,19 +81,16 @@ def find_collision(arm: ArmUR, robot: RobotConfig, q: Array) -> str | None:
     Args:
         arm: Geometry of the arm.
         robot: Clearance, tool radius and obstacles.
-        q: Joint angles [rad], shape [step, 6].
+        q: Joint angles [rad], shape [step, joint].
     """
     # Both ends [m], shape [step, 2, 3], and radius [m] of each part that moves or may be met.
     frames = arm.frames(q)
-    ends = np.moveaxis(_links(arm, frames), -3, 0)
-    parts = {
-        name: (axis, arm.links.girth * safe)
-        for axis, (name, (_, safe)) in zip(ends, _RADII.items(), strict=True)
-        if name != "foot"
-    }
+    links = arm.links(frames)
+    ends = np.moveaxis(links.ends, -3, 0)[1:]
+    parts = dict(zip(links.names[1:], zip(ends, links.safe[1:], strict=True), strict=True))
     grip = arm.grip_pose(q)[:, :3]
-    parts["gripper"] = (np.stack([frames[6][:, :3, 3], grip], axis=-2), robot.tool_radius)
-    for name in (*_OVER_TABLE, "gripper"):
+    parts["gripper"] = (np.stack([frames[-1][:, :3, 3], grip], axis=-2), robot.tool_radius)
+    for name in list(parts)[_STANDING:]:
         axis, radius = parts[name]
         bound = robot.clearance
         if name == "gripper":
@@ -154,7 +104,7 @@ def find_collision(arm: ArmUR, robot: RobotConfig, q: Array) -> str | None:
             gap = _gap(part, (ends, obstacle.radius))
             if gap.min() < robot.clearance:
                 return _too_close(name, f"obstacle {number + 1}", gap, robot.clearance)
-    for low, high in _SELF_PAIRS:
+    for low, high in arm.self_pairs(tuple(parts)):
         gap = _gap(parts[low], parts[high])
         if gap.min() < robot.clearance:
             return _too_close(high, f"the {low}", gap, robot.clearance)

@@ -10,30 +10,30 @@ untilted and tilt on the way.
 """
 
 import dataclasses
-import enum
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.errors import (
-    IKError,
-    InputError,
-    UnknownNameError,
-    check_keys,
-    check_number,
-    check_ranges,
+from cablecast.arm.base import (
+    Arm,
+    Array,
+    JointLimits,
+    JointMotion,
+    Links,
+    flange_motion,
+    jacobian,
+    polar_motion,
+    rod_ends,
 )
-
-Array = NDArray[np.float64]
+from cablecast.errors import UnknownNameError, check_keys
 
 JOINT_NAMES = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
-JOINT_COUNT = len(JOINT_NAMES)
 
 
 @dataclasses.dataclass(frozen=True)
-class Links:
+class Lengths:
     """Lengths of an arm with the joint order of a UR [m], the first six by Denavit and Hartenberg.
 
     Attributes:
@@ -66,12 +66,12 @@ class Links:
 # (128, 149 and 190 mm), but a UR3 counts as thick as a UR5, which is on the safe side.
 LINKS = {
     # d1, upper_arm, forearm, d4, d5, d6, upper_aside, forearm_aside, girth
-    "ur3": Links(0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819, 0.1198, 0.0275),
-    "ur3e": Links(0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921, 0.12, 0.027),
-    "ur5": Links(0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823, 0.136, 0.016),
-    "ur5e": Links(0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007),
-    "ur10": Links(0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922, 0.220941, 0.049042, 1.28),
-    "ur10e": Links(0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, 1.28),
+    "ur3": Lengths(0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819, 0.1198, 0.0275),
+    "ur3e": Lengths(0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921, 0.12, 0.027),
+    "ur5": Lengths(0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823, 0.136, 0.016),
+    "ur5e": Lengths(0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007),
+    "ur10": Lengths(0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922, 0.220941, 0.049042, 1.28),
+    "ur10e": Lengths(0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, 1.28),
 }
 
 ARM_MODELS = tuple(LINKS)
@@ -83,14 +83,19 @@ _COS_ALPHA, _SIN_ALPHA = np.cos(_DH_ALPHA), np.sin(_DH_ALPHA)
 _LEVEL = 1e-9
 
 
-class LimitKind(enum.Enum):
-    """Kind of limit that a motion can violate; the value is its unit."""
-
-    REACH = "m"
-    POSITION = "rad"
-    VELOCITY = "rad/s"
-    ACCELERATION = "rad/s²"
-
+_RADII = {
+    "foot": (0.095, 0.095),
+    "base": (0.075, 0.08),
+    "shoulder": (0.062, 0.075),
+    "upper arm": (0.056, 0.065),
+    "elbow": (0.053, 0.06),
+    "forearm": (0.043, 0.055),
+    "wrist 1": (0.041, 0.05),
+    "wrist 2": (0.041, 0.05),
+    "wrist 3": (0.041, 0.05),
+}
+"""Radius of each link of a UR5, read off the maker's drawings, and rounded up, for distances to
+keep [m]. The foot reaches from the table to the base, and is not the arm's own."""
 
 _OTHERS: dict[str, dict[str, tuple[float, ...]]] = {
     "ur3": {"velocity": (np.pi,) * 3 + (2 * np.pi,) * 3},
@@ -99,14 +104,12 @@ _OTHERS: dict[str, dict[str, tuple[float, ...]]] = {
         "acceleration": (14.0, 14.0, 20.0, 40.0, 40.0, 40.0),
     },
 }
-"""Limits of the arms of other sizes that differ from the defaults, for both series."""
+"""Limits of the arms of other sizes that differ from those of a UR5, for both series."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class JointLimits:
-    """Symmetric limits, one value per joint.
+def ur_limits(model: str = "ur5") -> JointLimits:
+    """Return the limits of a model.
 
-    The defaults are those of a UR5 and a UR5e; `JointLimits.of_model` has those of the others.
     Position and velocity limits are from the manufacturer's user manuals and data sheets (±360 deg;
     180 deg/s for all joints, but 360 deg/s for the wrists of a UR3 and 120 deg/s for base and
     shoulder of a UR10), which state no acceleration limits. The three large joints get 20 rad/s²,
@@ -114,102 +117,17 @@ class JointLimits:
     most 60 % of the torque that the maker states for the base joint (56, 150 and 330 N·m), with the
     masses of his table (tests/arm/test_limits.py). The wrist joints carry little and get 40 rad/s²,
     the largest value that the controller accepts.
-
-    Attributes:
-        position: Largest absolute angle [rad], six values.
-        velocity: Largest speed [rad/s], six values.
-        acceleration: Largest acceleration [rad/s²], six values.
     """
-
-    position: tuple[float, ...] = (2 * np.pi,) * 6
-    velocity: tuple[float, ...] = (np.pi,) * 6
-    acceleration: tuple[float, ...] = (20.0, 20.0, 20.0, 40.0, 40.0, 40.0)
-
-    def __post_init__(self):
-        for name in ("position", "velocity", "acceleration"):
-            values = getattr(self, name)
-            if not isinstance(values, tuple) or len(values) != JOINT_COUNT:
-                raise InputError(f"arm {name} limits {str(values)[:60]} must be six numbers")
-            for value in values:
-                check_number(f"arm {name} limit", value, 1e-3, 1e3)
-
-    @classmethod
-    def of_model(cls, model: str) -> "JointLimits":
-        """Return the default limits of an arm, "ur3" to "ur10e"."""
-        return cls(**_OTHERS.get(model.removesuffix("e"), {}))
-
-    def to_dict(self) -> dict[str, list[float]]:
-        """Return plain values for a config or YAML file."""
-        return {name: list(values) for name, values in dataclasses.asdict(self).items()}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any], model: str = "ur5") -> "JointLimits":
-        """Make limits from plain values; missing keys take the defaults of the model.
-
-        Raises:
-            InputError: A key is unknown, or a value is not six positive numbers.
-        """
-        known = {field.name for field in dataclasses.fields(cls)}
-        values = check_keys(values, known, "arm limits")
-        return dataclasses.replace(
-            cls.of_model(str(model)),
-            **{
-                name: tuple(row) if isinstance(row, (list, tuple)) else row
-                for name, row in values.items()
-            },
-        )
-
-    def to_array(self) -> NDArray[np.float64]:
-        """Return position, velocity and acceleration limits, shape [3, 6]."""
-        return np.array([self.position, self.velocity, self.acceleration])
+    usual = {
+        "position": (2 * np.pi,) * 6,
+        "velocity": (np.pi,) * 6,
+        "acceleration": (20.0, 20.0, 20.0, 40.0, 40.0, 40.0),
+    }
+    return JointLimits(**usual | _OTHERS.get(model.removesuffix("e"), {}))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class JointMotion:
-    """Joint angles with their time derivatives; NaN where a pose is out of reach.
-
-    Attributes:
-        q: Angles [rad], shape [..., 6].
-        qd: Rates [rad/s], same shape.
-        qdd: Accelerations [rad/s²], same shape.
-        radius: Distance from the base axis of the flange or, if the motion tilts the gripper, of
-            the first wrist joint [m], shape [...].
-        radius_min: Smallest radius that the arm reaches at this height [m], shape [...].
-        radius_max: Largest radius that the arm reaches at this height [m], shape [...].
-        lead: Angle from the arm's plane to the flange due to the shoulder offset, with its rate and
-            acceleration [rad] and [s], shape [..., 3]; NaN if the motion tilts the gripper, since
-            it then does not determine the mirrored motion.
-        base_yaw: Rotation of the base about the vertical, positive to the right [rad].
-    """
-
-    q: Array
-    qd: Array
-    qdd: Array
-    radius: Array
-    radius_min: Array
-    radius_max: Array
-    lead: Array
-    base_yaw: float = 0.0
-
-    def mirrored(self) -> "JointMotion":
-        """Return the joint motion for the poses mirrored about the workspace axis.
-
-        The arm is not symmetric. The base and the last wrist joint change sign and are corrected by
-        the lead. The other joints move as before.
-        """
-        turned = []
-        for order, values in enumerate((self.q, self.qd, self.qdd)):
-            values = values.copy(order="K")
-            for joint in (0, 5):
-                values[..., joint] = -values[..., joint] - 2.0 * self.lead[..., order]
-            if order == 0:
-                values[..., 0] += 2.0 * self.base_yaw
-            turned.append(values)
-        return dataclasses.replace(self, q=turned[0], qd=turned[1], qdd=turned[2])
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ArmUR:
+class ArmUR(Arm):
     """A UR arm at the table, with a gripper that points down and holds the cable sideways.
 
     The defaults reproduce the paper's r_max = 0.94 m. With the tool down, the flange of a stretched
@@ -221,52 +139,21 @@ class ArmUR:
 
     Attributes:
         model: Name of the arm, one of `ARM_MODELS`.
-        base_height: Height of the robot's base above the table's surface [m].
-        base_yaw_deg: Rotation of the base about the vertical, positive to the right [deg]. At 0 the
-            arm points along y when its first joint is at zero.
-        gripper_length: Distance from the flange down to the axis of the gripped cable [m].
-        grip_offset: Distance along the cable from the flange axis to the point where the cable
-            leaves the fingers [m].
-        measured: Whether the five values above were measured on the real robot. A motion for a
-            robot is saved only if this is true.
-        limits: Joint limits; those of the model where none are given, see `JointLimits`.
+        base_yaw_deg: At 0 the arm points along y when its first joint is at zero.
+        limits: Joint limits; those of `ur_limits` where none are given.
     """
 
     model: str = "ur5"
     base_height: float = 0.183
-    base_yaw_deg: float = 0.0
-    gripper_length: float = 0.17
-    grip_offset: float = 0.022
-    measured: bool = False
-    # Those of the model as soon as the arm is made.
-    limits: JointLimits = cast(JointLimits, None)  # noqa: RUF009
 
     def __post_init__(self):
         if self.model not in LINKS:
             raise UnknownNameError(
                 f"unknown arm model {str(self.model)[:40]!r}: one of {', '.join(ARM_MODELS)}"
             )
-        check_ranges(
-            self,
-            {
-                "base_height": (-1.0, 2.0, "m"),
-                "base_yaw_deg": (-180.0, 180.0, "deg"),
-                "gripper_length": (0.0, 1.0, "m"),
-                "grip_offset": (0.0, 0.5, "m"),
-            },
-            "arm",
-        )
-        if not isinstance(self.measured, bool):
-            raise InputError(f"arm measured = {self.measured!r} must be true or false")
         if self.limits is None:
-            object.__setattr__(self, "limits", JointLimits.of_model(self.model))
-        if not isinstance(self.limits, JointLimits):
-            raise InputError(f"arm limits must be JointLimits, not {type(self.limits).__name__}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for a config or YAML file."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return values | {"limits": self.limits.to_dict()}
+            object.__setattr__(self, "limits", ur_limits(self.model))
+        super().__post_init__()
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "ArmUR":
@@ -277,32 +164,21 @@ class ArmUR:
             UnknownNameError: There is no such model.
         """
         values = check_keys(values, {field.name for field in dataclasses.fields(cls)}, "arm")
-        if "limits" in values:
-            values["limits"] = JointLimits.from_dict(
-                values["limits"], values.get("model", cls.model)
-            )
-        return cls(**values)
+        limits = values.pop("limits", {})
+        arm = cls(**values)
+        return dataclasses.replace(
+            arm, limits=JointLimits.from_dict(limits, 6, dataclasses.asdict(arm.limits))
+        )
 
     @property
-    def links(self) -> Links:
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the six joints."""
+        return JOINT_NAMES
+
+    @property
+    def lengths(self) -> Lengths:
         """Link lengths of the model."""
         return LINKS[self.model]
-
-    @property
-    def base_yaw(self) -> float:
-        """Rotation of the base about the vertical, positive to the right [rad]."""
-        return float(np.radians(self.base_yaw_deg))
-
-    def forward(self, q: ArrayLike) -> Array:
-        """Return the pose of the flange in the base frame.
-
-        Args:
-            q: Joint angles [rad], shape [..., 6].
-
-        Returns:
-            T_base_flange, shape [..., 4, 4]; z of the flange points out of it.
-        """
-        return self.frames(q)[-1]
 
     def frames(self, q: ArrayLike) -> list[Array]:
         """Return the poses of the DH frames in the base frame.
@@ -322,7 +198,7 @@ class ArmUR:
         T[..., 2, 3] = self.base_height
         T[..., 3, 3] = 1.0
         frames = [T]
-        links = self.links
+        links = self.lengths
         a = np.array([0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0])
         c, s = np.cos(q), np.sin(q)
         steps = np.zeros((*q.shape, 4, 4))
@@ -337,52 +213,6 @@ class ArmUR:
             T = T @ steps[..., joint, :, :]
             frames.append(T)
         return frames
-
-    def grip_pose(self, q: ArrayLike) -> Array:
-        """Return the pose of the gripped cable end.
-
-        Args:
-            q: Joint angles [rad], shape [..., 6].
-
-        Returns:
-            x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
-        """
-        T = self.forward(q)
-        # The cable leaves the fingers along -y of the flange, whose z points down.
-        along = -T[..., :3, 1]
-        position = T[..., :3, 3] + self.gripper_length * T[..., :3, 2] + self.grip_offset * along
-        yaw = np.arctan2(along[..., 0], along[..., 1])
-        pitch = np.arcsin(np.clip(along[..., 2], -1.0, 1.0))
-        return np.concatenate([position, yaw[..., None], pitch[..., None]], axis=-1)
-
-    def inverse(self, poses: ArrayLike) -> Array:
-        """Return joint angles that bring the gripped end to given poses.
-
-        Args:
-            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
-
-        Returns:
-            Joint angles of a single branch [rad], shape [..., 6].
-
-        Raises:
-            IKError: A pose is out of reach.
-        """
-        poses = np.asarray(poses, dtype=float)
-        still = np.zeros_like(poses)
-        motion = self.inverse_motion(poses, still, still)
-        bad = ~np.all(np.isfinite(motion.q), axis=-1)
-        if np.any(bad):
-            radius, low, high = (
-                float(values[bad][0])
-                for values in (motion.radius, motion.radius_min, motion.radius_max)
-            )
-            part = "first wrist joint" if np.any(_tilted(poses)) else "flange"
-            raise IKError(
-                f"the arm does not reach the grip at x, y, z = "
-                f"{poses[bad][0][:3].round(4).tolist()} m: its {part} would be {radius:.4f} m from "
-                f"the base axis, outside [{low:.4f}, {high:.4f}]"
-            )
-        return motion.q
 
     def inverse_motion(
         self, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike
@@ -402,6 +232,37 @@ class ArmUR:
         solve = tilted_motion if np.any(_tilted(p)) else _level_motion
         return solve(self, p, v, a)
 
+    def _radius_of(self, poses: Array) -> str:
+        return "first wrist joint" if np.any(_tilted(poses)) else "flange"
+
+    def links(self, frames: list[Array]) -> Links:
+        """Return the links at the poses that `frames` returned."""
+        base, shoulder, elbow, wrist_1, wrist_2, wrist_3, flange = (T[..., :3, 3] for T in frames)
+        across = frames[1][..., :3, 2]
+        outer, inner = self.lengths.upper_aside * across, self.lengths.forearm_aside * across
+        rods = [
+            (base * [1.0, 1.0, 0.0], base),
+            (base, shoulder),
+            (shoulder, shoulder + outer),
+            (shoulder + outer, elbow + outer),
+            (elbow + outer, elbow + inner),
+            (elbow + inner, wrist_1 + inner),
+            (wrist_1 + inner, wrist_2),
+            (wrist_2, wrist_3),
+            (wrist_3, flange),
+        ]
+        drawn, safe = self.lengths.girth * np.array(list(_RADII.values())).T
+        return Links(names=tuple(_RADII), ends=rod_ends(rods), drawn=drawn, safe=safe)
+
+    def self_pairs(self, names: tuple[str, ...]) -> list[tuple[str, str]]:
+        """Return which of the moving links and the gripper can meet when the arm folds."""
+        return [
+            (low, high)
+            for low in ("base", "shoulder", "upper arm")
+            for high in ("wrist 2", "wrist 3", "gripper")
+            if (low, high) != ("upper arm", "wrist 3")
+        ]
+
 
 def _level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
     """Return the motion of the joints along poses `p` of pitch 0, their rates and accelerations.
@@ -410,17 +271,10 @@ def _level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
     plane, upper arm and forearm are a two-link arm that carries the first wrist joint. The wrist
     joints keep the tool down and turn the cable to its yaw.
     """
-    links = arm.links
-    x, dx, ddx, y, dy, ddy = _flange(arm.grip_offset, p, v, a)
+    links = arm.lengths
     with np.errstate(invalid="ignore", divide="ignore"):
-        # Polar coordinates of the flange: azimuth (positive to the right) and radius.
-        rho2 = x * x + y * y
-        rho = np.sqrt(rho2)
-        drho = (x * dx + y * dy) / rho
-        ddrho = (dx * dx + dy * dy + x * ddx + y * ddy - drho * drho) / rho
-        azimuth = np.arctan2(x, y)
-        dazimuth = (y * dx - x * dy) / rho2
-        ddazimuth = (y * ddx - x * ddy - 2.0 * rho * drho * dazimuth) / rho2
+        polar = polar_motion(*flange_motion(arm.grip_offset, p, v, a))
+        (rho, drho, ddrho), (azimuth, dazimuth, ddazimuth), rho2 = polar
         # Distance within the arm's plane, and the angle by which the plane leads the flange.
         e = np.sqrt(rho2 - links.d4 * links.d4)
         de = rho * drho / e
@@ -446,36 +300,23 @@ def _level_motion(arm: ArmUR, p: Array, v: Array, a: Array) -> JointMotion:
     if np.any(lost):
         for values in motion:
             values[lost] = np.nan
-    return JointMotion(
-        q=motion[0],
-        qd=motion[1],
-        qdd=motion[2],
-        radius=rho,
-        radius_min=radius_min,
-        radius_max=radius_max,
-        lead=np.moveaxis(np.stack([lead, dlead, ddlead]), 0, -1),
-        base_yaw=arm.base_yaw,
-    )
+    radii: Any = {"radius": rho, "radius_min": radius_min, "radius_max": radius_max}
 
+    def mirrored() -> JointMotion:
+        # The arm is not symmetric. The base and the last wrist joint change sign and are corrected
+        # by the lead. The other joints move as before.
+        turned = [values.copy(order="K") for values in motion]
+        for values, order in zip(turned, (lead, dlead, ddlead), strict=True):
+            for joint in (0, 5):
+                values[..., joint] = -values[..., joint] - 2.0 * order
+        turned[0][..., 0] += 2.0 * arm.base_yaw
+        return JointMotion(q=turned[0], qd=turned[1], qdd=turned[2], **radii)
 
-def _flange(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
-    """Return x and y of the flange, `o` [m] behind the grip, with two derivatives."""
-    if o == 0.0:
-        return tuple(values[..., i] for i in (0, 1) for values in (p, v, a))
-    yaw, dyaw, ddyaw = p[..., 3], v[..., 3], a[..., 3]
-    s, c = o * np.sin(yaw), o * np.cos(yaw)
-    return (
-        p[..., 0] - s,
-        v[..., 0] - c * dyaw,
-        a[..., 0] - c * ddyaw + s * dyaw**2,
-        p[..., 1] - c,
-        v[..., 1] + s * dyaw,
-        a[..., 1] + s * ddyaw + c * dyaw**2,
-    )
+    return JointMotion(q=motion[0], qd=motion[1], qdd=motion[2], mirrored=mirrored, **radii)
 
 
 def _two_link(
-    links: Links,
+    links: Lengths,
     place: tuple[Array, Array],
     rate: tuple[Array, Array],
     acceleration: tuple[Array, Array],
@@ -526,7 +367,7 @@ def tilted_motion(arm: ArmUR, poses: Array, velocities: Array, accelerations: Ar
 
     Returns:
         Joint motion; NaN where a pose is out of reach. Its radii are those of the first wrist
-        joint. Its lead is NaN: mirrored poses must be solved separately.
+        joint.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         q, radius, radius_min, radius_max = _angles(arm, poses)
@@ -543,8 +384,6 @@ def tilted_motion(arm: ArmUR, poses: Array, velocities: Array, accelerations: Ar
         radius=radius,
         radius_min=radius_min,
         radius_max=radius_max,
-        lead=np.full((*radius.shape, 3), np.nan),
-        base_yaw=arm.base_yaw,
     )
 
 
@@ -563,7 +402,7 @@ def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
 
 def _angles(arm: ArmUR, poses: Array) -> tuple[Array, Array, Array, Array]:
     """Return joint angles, and the radius of the first wrist joint with its bounds."""
-    links = arm.links
+    links = arm.lengths
     along, tool, _, right = _directions(poses)
     flange = poses[..., :3] - arm.gripper_length * tool - arm.grip_offset * along
     # The centre behind the flange does not move with joints 5 and 6.
@@ -614,11 +453,11 @@ def _rates(
     spin = -dyaw * up + dpitch * right
     spin_rate = -ddyaw * up + ddpitch * right - dpitch * dyaw * forward
     frames = arm.frames(q)
-    axes = np.stack([T[:, :3, 2] for T in frames[:-1]], axis=1)
+    rates = jacobian(frames, poses[:, :3])
+    axes = np.swapaxes(rates[:, 3:], 1, 2)
     places = np.stack([T[:, :3, 3] for T in frames[:-1]], axis=1)
     arms = poses[:, None, :3] - places
-    jacobian = np.concatenate([np.cross(axes, arms), axes], axis=2).transpose(0, 2, 1)
-    qd = np.linalg.solve(jacobian, np.concatenate([velocities[:, :3], spin], axis=1)[..., None])
+    qd = np.linalg.solve(rates, np.concatenate([velocities[:, :3], spin], axis=1)[..., None])
     qd = qd[..., 0]
     # Acceleration of the gripped end at zero joint acceleration.
     turns = axes * qd[..., None]
@@ -636,7 +475,7 @@ def _rates(
         [np.sum(linear * qd[..., None], axis=1), np.sum(axes_rate * qd[..., None], axis=1)], axis=1
     )
     wanted = np.concatenate([accelerations[:, :3], spin_rate], axis=1) - bias
-    qdd = np.linalg.solve(jacobian, wanted[..., None])[..., 0]
+    qdd = np.linalg.solve(rates, wanted[..., None])[..., 0]
     return np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
 
 

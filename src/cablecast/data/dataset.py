@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cable import Cable
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.data.schema import (
@@ -203,7 +202,7 @@ class Dataset:
         try:
             return ControllerLog(
                 times=times,
-                target_q=target_q.reshape(-1, JOINT_COUNT),
+                target_q=target_q.reshape(-1, self.setup.arm.joint_count),
                 speed_scaling=speed_scaling,
                 safety_bits=safety_bits,
             )
@@ -243,11 +242,13 @@ class Dataset:
             return None
         if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
             raise self._damage(row, "has joints that are not finite or times that do not rise")
-        if len(q) != JOINT_COUNT * len(times):
+        joint_count = self.setup.arm.joint_count
+        if len(q) != joint_count * len(times):
             raise self._damage(
-                row, f"has {len(q)} joint angles for {len(times)} times: they must be six for each"
+                row,
+                f"has {len(q)} joint angles for {len(times)} times, not {joint_count} for each",
             )
-        q = q.reshape(-1, JOINT_COUNT)
+        q = q.reshape(-1, joint_count)
         # Rates are not stored; any reader can take differences of the angles.
         qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
         return JointPath(times=times, q=q, qd=qd)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT, JOINT_NAMES
+from cablecast.arm.base import Arm
 from cablecast.cast import TrialStatus
 from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
@@ -48,11 +48,11 @@ _TASKS_INDEX = {
 }
 
 _FEATURES: dict[str, dict[str, Any]] = {
-    "observation.state": {"dtype": "float32", "shape": [JOINT_COUNT], "names": list(JOINT_NAMES)},
+    "observation.state": {"dtype": "float32"},
     "observation.endpoint": {"dtype": "float32", "shape": [2], "names": ["x", "y"]},
     "observation.endpoint_seen": {"dtype": "bool", "shape": [1], "names": None},
     "observation.cast": {"dtype": "float32", "shape": [4], "names": list(ACTION_NAMES)},
-    "action": {"dtype": "float32", "shape": [JOINT_COUNT], "names": list(JOINT_NAMES)},
+    "action": {"dtype": "float32"},
     "next.done": {"dtype": "bool", "shape": [1], "names": None},
     "next.success": {"dtype": "bool", "shape": [1], "names": None},
     "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -61,6 +61,12 @@ _FEATURES: dict[str, dict[str, Any]] = {
     "index": {"dtype": "int64", "shape": [1], "names": None},
     "task_index": {"dtype": "int64", "shape": [1], "names": None},
 }
+"""Features of a frame; those of the joints have as many values as the arm has joints."""
+
+
+def _features(arm: Arm) -> dict[str, dict[str, Any]]:
+    joints = {"shape": [arm.joint_count], "names": list(arm.joint_names)}
+    return {name: {**joints, **feature} for name, feature in _FEATURES.items()}
 
 
 Episode = dict[str, NDArray]
@@ -137,7 +143,7 @@ def write_tables(
     tasks = pa.table({"task_index": pa.array([0], pa.int64()), "task": [task]})
     tasks = tasks.replace_schema_metadata({"pandas": json.dumps(_TASKS_INDEX)})
     pq.write_table(tasks, folder / TASKS_FILE)
-    features = {name: dict(feature) for name, feature in _FEATURES.items()}
+    features = _features(dataset.setup.arm)
     if video is not None:
         features[VIDEO_KEY] = {
             "dtype": "video",
@@ -213,7 +219,7 @@ def _frames_table(joined: Mapping[str, NDArray]) -> Any:
 
     arrays = {}
     for name, values in joined.items():
-        size = _FEATURES[name]["shape"][0]
+        size = values.size // len(values)
         flat = pa.array(values.ravel())
         arrays[name] = flat if size == 1 else pa.FixedSizeListArray.from_arrays(flat, size)
     return pa.table(arrays)

@@ -8,13 +8,14 @@ import bisect
 import dataclasses
 import hashlib
 import pathlib
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT
+from cablecast.arm.base import Arm
 from cablecast.cast import TrialStatus
 from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 CAST_COLUMN, TIME_COLUMN = "cast", "time_s"
 TRACK_COLUMNS = ("x_m", "y_m")
-JOINT_COLUMNS = tuple(f"q{joint}_rad" for joint in range(1, JOINT_COUNT + 1))
+_JOINT = re.compile(r"q\d+_rad")
 GRIP_COLUMNS = ("grip_x_m", "grip_y_m")
 GRIP_OPTIONS = ("grip_z_m", "grip_yaw_rad")
 ACTION_COLUMNS = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
@@ -59,7 +60,7 @@ class Recording:
         endpoint_xy: Endpoint [m], NaN where it was not seen, shape [sample, 2].
         status: End of the cast.
         joint_times: Times of the joints [s]; None where the table has none.
-        q: Joint angles [rad], shape [tick, 6].
+        q: Joint angles [rad], shape [tick, joint].
         grip_times: Times of the grip [s]; None where the table has none.
         grip_poses: x, y, z [m], yaw and pitch [rad], shape [tick, 5].
         action: (theta1, theta2, r2, psi), NaN where unknown, shape [4].
@@ -115,7 +116,7 @@ def read_recordings(
     """
     path = pathlib.Path(path)
     if mocap is None:
-        names, columns = _read_table(path)
+        names, columns = _read_table(path, joint_columns(setup.arm))
     else:
         names, columns = mocap.table(path, setup.workspace)
     groups: dict[str, list[int]] = {}
@@ -155,11 +156,11 @@ def _sound(
     why = [""] * len(times)
     for name, values in columns.items():
         bound = {TIME_COLUMN: _TIME_MAX}.get(name, _DISTANCE_MAX)
-        bound = JOINT_ANGLE_MAX if name in JOINT_COLUMNS else bound
+        bound = JOINT_ANGLE_MAX if _JOINT.fullmatch(name) else bound
         absurd = np.abs(values) > bound
         if name == TIME_COLUMN:
             absurd |= np.isnan(values)
-        if name in JOINT_COLUMNS:
+        if _JOINT.fullmatch(name):
             known = np.flatnonzero(np.isfinite(values) & ~absurd)
             absurd[known[1:-1]] |= _leap(values[known]) > _SPIKE
         for row in np.flatnonzero(absurd):
@@ -214,6 +215,11 @@ def _ascending(times: Array) -> NDArray[np.bool_]:
     return kept
 
 
+def joint_columns(arm: Arm) -> tuple[str, ...]:
+    """Return the names of the columns of the joints: q1_rad, q2_rad and so on."""
+    return tuple(f"q{joint}_rad" for joint in range(1, arm.joint_count + 1))
+
+
 def file_digest(path: pathlib.Path) -> str:
     """Return the checksum of a file, or of the tables of a folder."""
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
@@ -221,7 +227,7 @@ def file_digest(path: pathlib.Path) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def _read_table(path: pathlib.Path) -> tuple[list[str], dict[str, Array]]:
+def _read_table(path: pathlib.Path, joints: tuple[str, ...]) -> tuple[list[str], dict[str, Array]]:
     """Return the name of each row's cast, and the known columns; NaN where a cell is empty."""
     required = (CAST_COLUMN, TIME_COLUMN, *TRACK_COLUMNS)
     if path.suffix.lower() in (".parquet", ".pq"):
@@ -232,13 +238,13 @@ def _read_table(path: pathlib.Path) -> tuple[list[str], dict[str, Array]]:
     count = len(table[CAST_COLUMN])
     if count > COUNT_MAX:
         raise InputError(f"{path} has {count} rows, more than {COUNT_MAX}")
-    known = (TIME_COLUMN, *TRACK_COLUMNS, *JOINT_COLUMNS, *GRIP_COLUMNS, *GRIP_OPTIONS)
+    known = (TIME_COLUMN, *TRACK_COLUMNS, *joints, *GRIP_COLUMNS, *GRIP_OPTIONS)
     columns = {
         name: _numbers(path, name, table[name])
         for name in (*known, *ACTION_COLUMNS)
         if name in table
     }
-    for group in (JOINT_COLUMNS, GRIP_COLUMNS, ACTION_COLUMNS):
+    for group in (joints, GRIP_COLUMNS, ACTION_COLUMNS):
         missing = [name for name in group if name not in columns]
         if missing and len(missing) < len(group):
             raise InputError(f"{path} has {group[0]} or its like, but lacks {', '.join(missing)}")
@@ -277,6 +283,7 @@ def _numbers(path: pathlib.Path, name: str, cells: list[Any]) -> Array:
 
 
 def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -> Recording:
+    joints = joint_columns(setup.arm)
     times = columns[TIME_COLUMN]
     xy = np.stack([columns[column] for column in TRACK_COLUMNS], axis=-1)
     seen = np.all(np.isfinite(xy), axis=1)
@@ -286,7 +293,7 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
     # them, are no samples of the track; a look that failed is a row without joints.
     motion = {
         group: np.all([np.isfinite(columns[c]) for c in group], axis=0)
-        for group in (JOINT_COLUMNS, GRIP_COLUMNS)
+        for group in (joints, GRIP_COLUMNS)
         if group[0] in columns
     }
     moved = np.any(list(motion.values()), axis=0) if motion else np.zeros(len(times), dtype=bool)
@@ -295,7 +302,7 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
     last_seen = times[seen][-1]
     if times[looks][-1] <= last_seen + _REST_TIME:
         looks &= times <= last_seen
-    joint_times, q = _group(columns, JOINT_COLUMNS, motion.get(JOINT_COLUMNS))
+    joint_times, q = _group(columns, joints, motion.get(joints))
     grip_times, grip_xy = _group(columns, GRIP_COLUMNS, motion.get(GRIP_COLUMNS))
     if joint_times is not None and q is not None and len(q) > 1:
         gaps = np.where(

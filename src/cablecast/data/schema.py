@@ -56,12 +56,19 @@ OPTIONAL_COLUMNS = (
     Column("track_x", "list", "m", "x of the free end at these times"),
     Column("track_y", "list", "m", "y of the free end at these times"),
     Column("joint_times", "list", "s", "times of the commanded joints"),
-    Column("joint_q", "list", "rad", "commanded joint angles, six after six, one group per time"),
+    Column(
+        "joint_q", "list", "rad", "commanded joint angles, joint after joint, one group per time"
+    ),
     Column("actual_times", "list", "s", "times of the reported joints"),
-    Column("actual_q", "list", "rad", "reported joint angles, six after six, one group per time"),
+    Column(
+        "actual_q", "list", "rad", "reported joint angles, joint after joint, one group per time"
+    ),
     Column("controller_times", "list", "s", "these times by the clock of the arm's controller"),
     Column(
-        "target_q", "list", "rad", "joint angles that the controller followed then, six after six"
+        "target_q",
+        "list",
+        "rad",
+        "joint angles that the controller followed then, joint after joint",
     ),
     Column("speed_scaling", "list", "-", "speed scaling that the controller reported then"),
     Column("safety_bits", "list", "-", "safety status bits that the controller reported then"),

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.ur import JOINT_NAMES, ArmUR, JointMotion, LimitKind
+from cablecast.arm.base import Arm, JointMotion, LimitKind
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges, check_action_values, grid_actions
 from cablecast.motion.casting import cast_grip_paths
@@ -76,11 +76,12 @@ class Feasibility:
 
     Attributes:
         mask: True where the arm can follow, shape [action].
-        peaks: Largest absolute position, velocity and acceleration of each joint [rad], [rad/s],
-            [rad/s²]; NaN where the grip is out of reach, shape [action, 3, 6].
-        bounds: Largest allowed peaks, shape [3, 6].
+        peaks: Largest angle from the middle of each joint's range [rad], speed [rad/s] and
+            acceleration [rad/s²]; NaN where the grip is out of reach, shape [action, 3, joint].
+        bounds: Largest allowed peaks, shape [3, joint].
         radius: Distance from the base axis with the least margin to the reach [m], shape [action].
         radius_bound: Bound of the reach on that side [m], shape [action].
+        joint_names: Names of the joints.
     """
 
     mask: NDArray[np.bool_]
@@ -88,6 +89,7 @@ class Feasibility:
     bounds: NDArray[np.float64]
     radius: NDArray[np.float64]
     radius_bound: NDArray[np.float64]
+    joint_names: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.mask)
@@ -108,7 +110,7 @@ class Feasibility:
             add(row, LimitKind.REACH, None, self.radius[row], self.radius_bound[row])
         for row, kind, joint in np.argwhere(self.peaks > self.bounds):
             peak, bound = self.peaks[row, kind, joint], self.bounds[kind, joint]
-            add(row, JOINT_LIMIT_KINDS[kind], JOINT_NAMES[joint], peak, bound)
+            add(row, JOINT_LIMIT_KINDS[kind], self.joint_names[joint], peak, bound)
         return {row: tuple(violations) for row, violations in found.items()}
 
     def describe(self, row: int) -> str:
@@ -134,7 +136,12 @@ def check_grip_paths(grip_path: GripPath, setup: Setup, *, both_sides: bool = Fa
     peaks, radius, radius_bound = _peaks(grip_path, setup.workspace, setup.arm, both_sides)
     mask = np.all(peaks <= bounds, axis=(1, 2))
     return Feasibility(
-        mask=mask, peaks=peaks, bounds=bounds, radius=radius, radius_bound=radius_bound
+        mask=mask,
+        peaks=peaks,
+        bounds=bounds,
+        radius=radius,
+        radius_bound=radius_bound,
+        joint_names=setup.arm.joint_names,
     )
 
 
@@ -157,6 +164,7 @@ def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) 
         chunks.append(check_grip_paths(grip_path, setup, both_sides=both_sides))
     return Feasibility(
         bounds=chunks[0].bounds,
+        joint_names=setup.arm.joint_names,
         **{
             name: np.concatenate([getattr(chunk, name) for chunk in chunks])
             for name in ("mask", "peaks", "radius", "radius_bound")
@@ -282,7 +290,7 @@ def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]
 
 
 def _peaks(
-    grip_path: GripPath, workspace: Workspace, arm: ArmUR, both_sides: bool
+    grip_path: GripPath, workspace: Workspace, arm: Arm, both_sides: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the peaks of every joint, and the worst radius with its bound; see `Feasibility`."""
     lengths = np.diff(grip_path.knots, axis=1)
@@ -291,14 +299,13 @@ def _peaks(
     used[:, 0] = True
     starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))[:-1]])
     motion, grip_radius = _sample(arm, grip_path.coefficients[used], lengths[used])
-    peaks = _row_peaks(motion, starts)
+    peaks = _row_peaks(motion, starts, arm)
     if both_sides:
-        if np.isnan(motion.lead).all():
-            # The lead alone does not mirror the joints of a tilted gripper.
+        if motion.mirrored is None:
             mirrored, _ = _sample(arm, grip_path.mirrored().coefficients[used], lengths[used])
         else:
             mirrored = motion.mirrored()
-        peaks = np.maximum(peaks, _row_peaks(mirrored, starts))
+        peaks = np.maximum(peaks, _row_peaks(mirrored, starts, arm))
     # The arm's reach is measured at the flange, the workspace's r_max at the grip. The reach is the
     # same on both sides.
     radius = np.full(len(grip_path), -np.inf)
@@ -319,7 +326,7 @@ def _peaks(
 
 
 def _sample(
-    arm: ArmUR, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
+    arm: Arm, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> tuple[JointMotion, NDArray[np.float64]]:
     """Return joint motion and grip radius at the sample points, leading shape [part, piece]."""
     powers = np.arange(DEGREE + 1)
@@ -342,10 +349,11 @@ def _sample(
     return arm.inverse_motion(*values), grip_radius
 
 
-def _row_peaks(motion: JointMotion, starts: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the largest absolute values over the samples of each row, shape [row, 3, 6]."""
+def _row_peaks(motion: JointMotion, starts: NDArray[np.intp], arm: Arm) -> NDArray[np.float64]:
+    """Return the largest absolute values over the samples of each row, shape [row, 3, joint]."""
+    middle = arm.limits.middle
     peaks = [
         np.maximum.reduceat(np.max(np.abs(values), axis=0), starts, axis=0)
-        for values in (motion.q, motion.qd, motion.qdd)
+        for values in (motion.q - middle if any(middle) else motion.q, motion.qd, motion.qdd)
     ]
     return np.stack(peaks, axis=1)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import ArmUR
+from cablecast.arm.base import Arm
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.motion.trajectory import JointPath
@@ -30,7 +30,7 @@ _PIECE_SAMPLES_MIN = 4
 _SAMPLES_MIN = 16
 
 
-def grip_path_from_joints(joint_path: JointPath, arm: ArmUR) -> GripPath:
+def grip_path_from_joints(joint_path: JointPath, arm: Arm) -> GripPath:
     """Fit a smooth gripper path of few pieces to measured joints.
 
     The path is a spline of degree five, at rest at both ends. It has as few knots as possible for

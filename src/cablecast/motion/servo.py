@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT, ArmUR
+from cablecast.arm.base import Arm
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
@@ -198,10 +198,6 @@ def _delayed(values: NDArray[np.float64], steps: float) -> NDArray[np.float64]:
     return result
 
 
-def _unlimited() -> NDArray[np.float64]:
-    return np.full(JOINT_COUNT, np.inf)
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ServoModel:
     """Second-order servo with a dead time, one per joint.
@@ -214,26 +210,30 @@ class ServoModel:
     nothing at speed_max, and in between on the line from one to the other.
 
     Attributes:
-        delay: Dead time before a set point has any effect [s], shape [6].
-        frequency: Undamped angular frequency of the response [rad/s], shape [6].
-        damping: Damping ratio of the response [-], shape [6].
-        acceleration_max: Acceleration that the motor can give at rest [rad/s²], shape [6]; infinite
-            where the motor is never too weak.
-        speed_max: Speed at which it can give none [rad/s], shape [6]; infinite likewise.
-        residual: RMS difference between measured and modelled joint angles [rad], shape [6]; NaN
-            if unknown.
+        delay: Dead time before a set point has any effect [s], shape [joint].
+        frequency: Undamped angular frequency of the response [rad/s], shape [joint].
+        damping: Damping ratio of the response [-], shape [joint].
+        acceleration_max: Acceleration that the motor can give at rest [rad/s²], shape [joint];
+            infinite where the motor is never too weak.
+        speed_max: Speed at which it can give none [rad/s], shape [joint]; infinite likewise.
+        residual: RMS difference between measured and modelled joint angles [rad], shape [joint];
+            NaN if unknown.
     """
 
     delay: NDArray[np.float64]
     frequency: NDArray[np.float64]
     damping: NDArray[np.float64]
-    acceleration_max: NDArray[np.float64] = dataclasses.field(default_factory=_unlimited)
-    speed_max: NDArray[np.float64] = dataclasses.field(default_factory=_unlimited)
-    residual: NDArray[np.float64] = dataclasses.field(
-        default_factory=lambda: np.full(JOINT_COUNT, np.nan)
+    # One number stands for all joints.
+    acceleration_max: NDArray[np.float64] = dataclasses.field(
+        default_factory=lambda: np.array(np.inf)
     )
+    speed_max: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.array(np.inf))
+    residual: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self):
+        for name in _UNKNOWN:
+            if np.ndim(value := getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full(np.shape(self.delay), value))
         for name, unit, low, high in (
             ("delay", "s", 0.0, 0.5),
             ("frequency", "rad/s", 5.0, 5000.0),
@@ -243,15 +243,17 @@ class ServoModel:
         ):
             values = np.asarray(getattr(self, name), dtype=float)
             object.__setattr__(self, name, values)
-            if values.shape != (JOINT_COUNT,):
-                raise InputError(f"servo {name} has shape {values.shape}, not ({JOINT_COUNT},)")
+            if values.ndim != 1 or values.shape != np.shape(self.delay):
+                raise InputError(
+                    f"servo {name} has shape {values.shape}: one number per joint is needed"
+                )
             if not np.all((values >= low) & (values <= high)):
                 bad = values[~((values >= low) & (values <= high))][0]
                 raise InputError(f"servo {name} = {bad:g} {unit} is outside [{low:g}, {high:g}]")
 
     @property
     def lag(self) -> NDArray[np.float64]:
-        """Lag behind a steady motion, delay + 2 damping / frequency [s], shape [6]."""
+        """Lag behind a steady motion, delay + 2 damping / frequency [s], shape [joint]."""
         return self.delay + 2.0 * self.damping / self.frequency
 
     @property
@@ -263,15 +265,15 @@ class ServoModel:
         return float(min(np.max(self.delay + np.log(1.0 / _SETTLED) / decay), _SETTLE_MAX))
 
     def respond(self, q: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-        """Return the angles that follow set points every dt [s], both [rad], [..., tick, 6]."""
+        """Return the angles that follow set points every dt [s], both [rad], [..., tick, joint]."""
         result = np.empty_like(q)
         names = ("delay", "frequency", "damping", "acceleration_max", "speed_max")
-        for joint in range(JOINT_COUNT):
+        for joint in range(len(self.delay)):
             values = {name: getattr(self, name)[joint] for name in names}
             result[..., joint] = joint_response(q[..., joint], dt, **values)
         return result
 
-    def apply(self, grip_path: GripPath, arm: ArmUR) -> GripPath:
+    def apply(self, grip_path: GripPath, arm: Arm) -> GripPath:
         """Return the paths that the gripper takes along commanded paths.
 
         Args:
@@ -283,15 +285,20 @@ class ServoModel:
 
         Raises:
             IKError: A path leaves the reach of the arm.
-            InputError: The paths start at different times.
+            InputError: The paths start at different times, or the arm has another number of joints.
         """
+        if len(self.delay) != arm.joint_count:
+            raise InputError(
+                f"the servo model has {len(self.delay)} joints, the arm {arm.model} has "
+                f"{arm.joint_count}"
+            )
         chunks = [
             self._apply(grip_path[start : start + _CHUNK], arm)
             for start in range(0, len(grip_path), _CHUNK)
         ]
         return GripPath.stack(chunks) if len(chunks) > 1 else chunks[0]
 
-    def _apply(self, grip_path: GripPath, arm: ArmUR) -> GripPath:
+    def _apply(self, grip_path: GripPath, arm: Arm) -> GripPath:
         from scipy.interpolate import CubicSpline
 
         start = grip_path.knots[:, 0]

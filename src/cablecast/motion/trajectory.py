@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.ur import JOINT_COUNT, JOINT_NAMES
 from cablecast.errors import IKError, InputError, JointLimitError
 from cablecast.motion.action import Action
 from cablecast.motion.casting import cast_grip_paths
@@ -16,14 +15,14 @@ from cablecast.setup import Setup
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class JointPath:
-    """Set points of the six joints at the robot's control cycle.
+    """Set points of the joints at the robot's control cycle.
 
     Attributes:
         times: Times since the start of the motion, every control_dt up to the first tick at or
             after its end [s], shape [tick].
-        q: Joint angles [rad], shape [tick, 6].
+        q: Joint angles [rad], shape [tick, joint].
         qd: Joint rates, the exact derivative of the angles; zero at the end [rad/s], shape
-            [tick, 6].
+            [tick, joint].
     """
 
     times: NDArray[np.float64]
@@ -31,7 +30,7 @@ class JointPath:
     qd: NDArray[np.float64]
 
     def __post_init__(self):
-        shape = (len(self.times), JOINT_COUNT)
+        shape = (len(self.times), self.q.shape[-1])
         if self.q.shape != shape or self.qd.shape != shape:
             raise InputError(
                 f"a joint path has shapes q {self.q.shape}, qd {self.qd.shape}: its {shape[0]} "
@@ -40,12 +39,12 @@ class JointPath:
 
     @property
     def peak_speed(self) -> NDArray[np.float64]:
-        """Largest speed of each joint [rad/s], shape [6]."""
+        """Largest speed of each joint [rad/s], shape [joint]."""
         return np.max(np.abs(self.qd), axis=0)
 
 
 def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
-    """Return angles [rad], shape [time, 6], held before the first and after the last tick."""
+    """Return angles [rad], shape [time, joint], held before the first and after the last tick."""
     times = np.asarray(times, dtype=float)
     return np.stack([np.interp(times, path.times, q) for q in path.q.T], axis=-1)
 
@@ -132,13 +131,18 @@ def _check_set_points(path: JointPath, setup: Setup, what: str) -> None:
     apart, and a joint may peak between them. The set points are what the arm gets.
     """
     steps = np.diff(path.times)[:, None]
-    asked = (path.q, np.diff(path.q, axis=0) / steps, np.diff(path.qd, axis=0) / steps)
-    bounds = setup.arm.limits.to_array()
+    arm = setup.arm
+    asked = (
+        path.q - arm.limits.middle,
+        np.diff(path.q, axis=0) / steps,
+        np.diff(path.qd, axis=0) / steps,
+    )
+    bounds = arm.limits.to_array()
     for kind, values, bound in zip(JOINT_LIMIT_KINDS, asked, bounds, strict=True):
         peaks = np.max(np.abs(values), axis=0, initial=0.0)
         for joint in np.flatnonzero(peaks > bound):
             raise JointLimitError(
-                f"the arm cannot follow {what}: its set points ask for {JOINT_NAMES[joint]} "
+                f"the arm cannot follow {what}: its set points ask for {arm.joint_names[joint]} "
                 f"{kind.name.lower()} {peaks[joint]:.4g} {kind.value}, above {bound[joint]:.4g} "
                 f"{kind.value}"
             )

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT
 from cablecast.camera.tags import Point, TableFit, fit_table
 from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_csv
@@ -41,7 +40,6 @@ AXIS_OFFSET_MAX = 0.01
 """Distance of the robot's axis from the table's middle line that is not worth a word [m]."""
 
 _CALIBRATION_FRAMES = 8
-_LOG_COLUMNS = ("time_s", *(f"q{joint}" for joint in range(1, JOINT_COUNT + 1)))
 _BOARD_MOVE = 0.08
 """Way of a board between two pictures of it, as a share of the image's width."""
 
@@ -105,7 +103,7 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     Args:
         setup: Set-up with the section `camera`.
         film: Film, whose times count from its first frame.
-        log: CSV file of the robot's report: time_s [s] and q1 to q6 [rad].
+        log: CSV file of the robot's report: time_s [s] and the joints from q1 on [rad].
 
     Returns:
         Time of the robot's clock at the film's first frame.
@@ -113,7 +111,7 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     Raises:
         InputError: A file makes no sense, or the motion was too short, or not seen.
     """
-    settings, reported = require_camera(setup), _read_log(log)
+    settings, reported = require_camera(setup), _read_log(log, setup.arm.joint_count)
     seen, first = SeenMotion(settings.row_time), []
     for time, image in read_video(film)[1]:
         if len(first) < _CALIBRATION_FRAMES:
@@ -123,11 +121,12 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     return sync_by_motion(seen, reported, setup.arm, view)
 
 
-def _read_log(path: pathlib.Path) -> JointPath:
+def _read_log(path: pathlib.Path, joint_count: int) -> JointPath:
     """Return the joints that a robot reported in a CSV file."""
-    rows = read_csv(path, _LOG_COLUMNS)
+    columns = ("time_s", *(f"q{joint}" for joint in range(1, joint_count + 1)))
+    rows = read_csv(path, columns)
     try:
-        values = np.array([[float(row[name]) for name in _LOG_COLUMNS] for row in rows])
+        values = np.array([[float(row[name]) for name in columns] for row in rows])
     except ValueError:
         raise InputError(f"{path} holds something else than numbers") from None
     if len(values) < 2 or not np.all(np.isfinite(values)):

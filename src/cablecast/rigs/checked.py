@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_NAMES
+from cablecast.arm.base import Arm
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import CablecastError, RigError, check_count, check_number
@@ -362,7 +362,7 @@ def check_track(track: object, trajectory: Trajectory, setup: Setup) -> Endpoint
         if not isinstance(track.joint_path, JointPath):
             kind = type(track.joint_path).__name__
             raise RigError(f"the rig's track has a {kind} as joint_path: it must be a JointPath")
-        _check_joints(track.joint_path, trajectory, end)
+        _check_joints(track.joint_path, trajectory, end, setup.arm)
     log = track.controller_log
     if log is not None and not (
         track.joint_path is not None and len(log.times) == len(track.joint_path.times)
@@ -470,19 +470,21 @@ def _check_status(track: EndpointTrack, setup: Setup) -> None:
         )
 
 
-def _check_joints(joints: JointPath, trajectory: Trajectory, end: float) -> None:
+def _check_joints(joints: JointPath, trajectory: Trajectory, end: float, arm: Arm) -> None:
     """Refuse reported joints that cannot be those of the motion."""
     if len(joints.times) == 0:
         raise RigError("the rig reports joints without any time: None stands for no report")
     _check_times(joints.times, "report of its joints", -_REPORT_LEAD_MAX, end)
     q = joints.q
+    if q.shape[1] != arm.joint_count:
+        raise RigError(f"the rig reports {q.shape[1]} joints: the arm has {arm.joint_count}")
     if not np.all(np.isfinite(q)):
         raise RigError("the rig reports a joint angle that is not finite")
     joint = int(np.argmax(np.max(np.abs(q), axis=0)))
     largest = float(np.max(np.abs(q[:, joint])))
     if largest > JOINT_ANGLE_MAX:
         raise RigError(
-            f"the rig reports the {JOINT_NAMES[joint]} joint at {largest:.4g} rad: at most "
+            f"the rig reports the {arm.joint_names[joint]} joint at {largest:.4g} rad: at most "
             f"{JOINT_ANGLE_MAX:.4g} rad; it looks like degrees"
         )
     command = trajectory.joint_path
@@ -492,7 +494,7 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float) -> None
     tick, joint = np.unravel_index(int(np.argmax(off)), off.shape)
     if off[tick, joint] > JOINT_OFFSET_MAX:
         raise RigError(
-            f"the rig reports the {JOINT_NAMES[joint]} joint at {q[tick, joint]:.4g} rad at "
+            f"the rig reports the {arm.joint_names[joint]} joint at {q[tick, joint]:.4g} rad at "
             f"{joints.times[tick]:.3g} s, {off[tick, joint]:.3g} rad from where it was commanded: "
             f"at most {JOINT_OFFSET_MAX:g} rad"
         )

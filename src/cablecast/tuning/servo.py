@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT
 from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
 from cablecast.motion.servo import ServoModel, joint_response
@@ -68,10 +67,10 @@ class _Motions:
     """Set points of some trials, and the samples that the arm reported.
 
     Attributes:
-        q: Set points every `TICK`, the last one held [rad], shape [trial, tick, 6].
+        q: Set points every `TICK`, the last one held [rad], shape [trial, tick, joint].
         trial: Trial of each sample, shape [sample].
         times: Time of each sample since the motion began [s], shape [sample].
-        measured: Reported joint angles [rad], shape [sample, 6].
+        measured: Reported joint angles [rad], shape [sample, joint].
     """
 
     q: NDArray[np.float64]
@@ -84,10 +83,11 @@ class _Motions:
         """Lay out pairs of commanded and measured joints on common ticks."""
         ends = [float(commanded.times[-1]) + _AFTER for commanded, _ in pairs]
         ticks = np.arange(int(np.ceil(max(ends) / TICK)) + 1) * TICK
-        q = np.empty((len(pairs), len(ticks), JOINT_COUNT))
+        joint_count = pairs[0][0].q.shape[1]
+        q = np.empty((len(pairs), len(ticks), joint_count))
         trial, times, measured = [], [], []
         for row, ((commanded, reported), end) in enumerate(zip(pairs, ends, strict=True)):
-            for joint in range(JOINT_COUNT):
+            for joint in range(joint_count):
                 q[row, :, joint] = np.interp(ticks, commanded.times, commanded.q[:, joint])
             used = (reported.times >= 0.0) & (reported.times <= end)
             used &= np.isfinite(reported.q).all(axis=1)
@@ -136,9 +136,9 @@ class _Motions:
         return self.trial * tick_count + first + np.arange(4)[:, None], weights
 
     def sample(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate values of shape [trial, tick, 6] at the samples, shape [sample, 6]."""
+        """Interpolate values of shape [trial, tick, joint] at the samples, [sample, joint]."""
         indices, weights = self.weights()
-        return np.einsum("ks,ksj->sj", weights, values.reshape(-1, JOINT_COUNT)[indices])
+        return np.einsum("ks,ksj->sj", weights, values.reshape(-1, values.shape[-1])[indices])
 
 
 def can_identify_servo(dataset: Dataset) -> bool:
@@ -172,13 +172,14 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
         name = str(dataset.path or "the dataset")
         raise DatasetError(f"{name} holds no trial with commanded and measured joints")
     motions = _Motions.collect(pairs)
-    fits = [_fit_joint(motions, joint) for joint in range(JOINT_COUNT)]
+    joints = range(motions.q.shape[-1])
+    fits = [_fit_joint(motions, joint) for joint in joints]
     known = [fit for fit in fits if fit is not None]
     if not known:
         raise DatasetError("no joint moves in any trial: its servo cannot be identified")
     usual = np.median(known, axis=0)
     values = np.array([usual if fit is None else fit for fit in fits])
-    limited = [_fit_limits(motions, joint, values[joint], usual) for joint in range(JOINT_COUNT)]
+    limited = [_fit_limits(motions, joint, values[joint], usual) for joint in joints]
     model = ServoModel(**dict(zip(_NAMES, np.transpose(limited), strict=True)))
     modelled = motions.sample(model.respond(motions.q, TICK))
     residual = np.sqrt(np.mean((modelled - motions.measured) ** 2, axis=0))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.base import Arm
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.view.shapes import Array
@@ -22,14 +23,13 @@ JOINT_NAMES = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-"""Joints of the file, as the maker's own robot description names them; a prefix may precede."""
+"""Joints of a UR, as the maker's own robot description names them; a prefix may precede."""
 
 MISFIT_MAX = 0.005
 """Largest distance of a wrist of the file from that of the set-up's arm [m]."""
 
 _FACE_COUNT_MAX = 400_000
 _POSE_COUNT = 24  # Poses at which the two arms are compared.
-_WRISTS = (4, 5)  # DH frames whose origins are the places of the last two joints.
 
 
 class ArmMeshes:
@@ -38,8 +38,8 @@ class ArmMeshes:
     The file is compiled by MuJoCo, which reads meshes of the formats STL, OBJ and MSH.
 
     Args:
-        path: MJCF or URDF file with the six joints of a UR arm.
-        arm: Arm of the set-up. Its wrists must be where those of the file are.
+        path: MJCF or URDF file with the joints of the arm.
+        arm: Arm of the set-up. Its last two joints must be where those of the file are.
 
     Attributes:
         pieces: Coloured mesh of each body in the frame of the body [m], by the name of the body.
@@ -49,11 +49,12 @@ class ArmMeshes:
         MissingExtraError: MuJoCo is not installed.
     """
 
-    def __init__(self, path: str | os.PathLike[str], arm: ArmUR):
+    def __init__(self, path: str | os.PathLike[str], arm: Arm):
         path = pathlib.Path(path)
         self._mujoco, self._model = _compile(path)
         self._data = self._mujoco.MjData(self._model)
-        self._joints = [_joint(self._mujoco, self._model, name, path) for name in JOINT_NAMES]
+        names = JOINT_NAMES if isinstance(arm, ArmUR) else arm.joint_names
+        self._joints = [_joint(self._mujoco, self._model, name, path) for name in names]
         self.pieces: dict[str, trimesh.Trimesh] = {}
         self._bodies: list[int] = []
         self._read_pieces(path)
@@ -62,7 +63,7 @@ class ArmMeshes:
         self._align(path, arm)
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """Return the pose of each piece at joint angles [rad], shape [6].
+        """Return the pose of each piece at joint angles [rad], shape [joint].
 
         Returns:
             Rotations as quaternions w, x, y, z, shape [piece, 4], and positions [m], shape
@@ -96,14 +97,14 @@ class ArmMeshes:
             self._bodies.append(body)
             self.pieces[model.body(body).name or f"body_{body}"] = _piece(model, own)
 
-    def _align(self, path: pathlib.Path, arm: ArmUR) -> None:
+    def _align(self, path: pathlib.Path, arm: Arm) -> None:
         """Find how the file stands to the base frame, and refuse the file of another arm."""
         from scipy.spatial.transform import Rotation
 
         rng = np.random.default_rng(0)
-        q = rng.uniform(-2.0, 2.0, (_POSE_COUNT, len(JOINT_NAMES)))
+        q = rng.uniform(-2.0, 2.0, (_POSE_COUNT, arm.joint_count))
         frames = arm.frames(q)
-        ours = np.stack([frames[wrist][..., :3, 3] for wrist in _WRISTS], axis=1).reshape(-1, 3)
+        ours = np.stack([T[..., :3, 3] for T in frames[-3:-1]], axis=1).reshape(-1, 3)
         theirs = []
         for pose in q:
             self._set_joints(pose)
@@ -142,7 +143,8 @@ def _compile(path: pathlib.Path) -> tuple[Any, Any]:
 def _joint(mujoco: Any, model: Any, name: str, path: pathlib.Path) -> int:
     """Return the number of the joint with this name, or with this name after a prefix."""
     names = [model.joint(index).name for index in range(model.njnt)]
-    found = [index for index, own in enumerate(names) if own.endswith(name)]
+    found = [index for index, own in enumerate(names) if own == name]
+    found = found or [index for index, own in enumerate(names) if own.endswith(name)]
     if len(found) != 1 or model.jnt_type[found[0]] != mujoco.mjtJoint.mjJNT_HINGE:
         raise InputError(f"{path} has {len(found)} joints named {name!r}, not 1; it has {names}")
     return found[0]

@@ -49,7 +49,7 @@ class Preview:
     Attributes:
         proposal: Planned cast, with its ellipse.
         cast: Simulated cast.
-        limit_shares: Largest share of each joint's speed and acceleration limits [-], shape [2, 6].
+        limit_shares: Largest share of each joint's speed and acceleration limits [-], [2, joint].
         margin: Predicted distance of the free end from the table's edges [m]; negative off it.
     """
 

@@ -104,7 +104,7 @@ class ShownCast:
         return self._between(self.endpoint_xy, time)
 
     def joints_at(self, time: float) -> Array | None:
-        """Return the joint angles at a time [rad], shape [6]; None for a rig without joints."""
+        """Return the joint angles at a time [rad], shape [joint]; None for a rig without joints."""
         return None if self.joint_path is None else joints_at(self.joint_path, [time])[0]
 
     def trail(self, until: float) -> Array:

@@ -123,7 +123,7 @@ class MeshesDrawing:
         ]
 
     def move(self, q: Array) -> None:
-        """Draw the arm at joint angles [rad], shape [6]."""
+        """Draw the arm at joint angles [rad], shape [joint]."""
         for handle, quat, position in zip(self._handles, *self._meshes.poses(q), strict=True):
             handle.wxyz, handle.position = quat, position
 

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.arm.base import Arm
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
-from cablecast.arm.ur import ArmUR
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
 
@@ -129,14 +129,14 @@ class Rods:
         return centers, _BALL_SHARE * np.concatenate([self.radii[:1], self.radii])
 
 
-def arm_rods(q: ArrayLike, arm: ArmUR) -> Rods:
-    """Return arm and gripper at joint angles [rad], shape [6]."""
+def arm_rods(q: ArrayLike, arm: Arm) -> Rods:
+    """Return arm and gripper at joint angles [rad], shape [joint]."""
     shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
     return Rods(starts=shape.ends[0, :, 0], ends=shape.ends[0, :, 1], radii=shape.radii)
 
 
-def gripper_rods(q: ArrayLike, arm: ArmUR) -> Rods:
-    """Return the gripper alone at joint angles [rad], shape [6]."""
+def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
+    """Return the gripper alone at joint angles [rad], shape [joint]."""
     rods, count = arm_rods(q, arm), GRIPPER_ROD_COUNT
     return Rods(starts=rods.starts[-count:], ends=rods.ends[-count:], radii=rods.radii[-count:])
 

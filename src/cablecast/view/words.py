@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from cablecast.arm.ur import JOINT_NAMES
 from cablecast.cast import Cast
 from cablecast.conventions import xy_to_polar
 from cablecast.runs.progress import duration_text
@@ -76,15 +75,15 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     r, theta = xy_to_polar(proposal.target_xy)
     offset = float(np.linalg.norm(proposal.expected_xy - proposal.target_xy))
     major, minor = 100.0 / length * proposal.ellipse(EXPECTED_SHARE).semi_axes
-    shares = 100.0 * preview.limit_shares
+    shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
         ("expected", f"{100 * offset:.1f} cm ({100 * offset / length:.1f} %) beside it"),
         (f"{100 * EXPECTED_SHARE:.0f} % land", f"within {major:.0f} by {minor:.0f} %"),
         ("duration", f"{proposal.trajectory.duration:.2f} s"),
-        ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({JOINT_NAMES[fastest]})"),
-        ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({JOINT_NAMES[hardest]})"),
+        ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({names[fastest]})"),
+        ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({names[hardest]})"),
         ("table's edge", f"{100 * preview.margin:.0f} cm away"),
     ]
     if proposal.failure > _WORTH_SAYING:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.base import Arm
 from cablecast.arm.shape import arm_shape
-from cablecast.arm.ur import ArmUR
 from cablecast.camera.lens import CameraView
 from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError
@@ -334,7 +334,7 @@ def _points_of(times: Array, robot_times: Array, points: Array) -> Array:
 
 
 def sync_by_motion(
-    seen: SeenMotion, reported: JointPath, arm: ArmUR, view: CameraView
+    seen: SeenMotion, reported: JointPath, arm: Arm, view: CameraView
 ) -> ClockOffset:
     """Return the offset of the clocks from a swing of the arm that the camera saw.
 
@@ -455,7 +455,7 @@ def _points_at(
     return seen_at
 
 
-def _arm_points(arm: ArmUR, q: Array) -> Array:
+def _arm_points(arm: Arm, q: Array) -> Array:
     """Return points along the moving links, as many as each is long [m], shape [time, point, 3]."""
     rods = arm_shape(q, arm).ends[:, _STILL_ROD_COUNT:]
     points = []

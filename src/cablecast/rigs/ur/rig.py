@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.robot import RobotConfig
+from cablecast.arm.ur import ArmUR
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.errors import CablecastError, InputError, RigError
@@ -290,8 +291,12 @@ def check_lab(setup: Setup) -> RobotConfig:
     """Return the robot of a lab file, if it may be driven.
 
     Raises:
-        InputError: There is no robot, or its arm was not measured.
+        InputError: There is no robot, it is no UR, or its arm was not measured.
     """
+    if not isinstance(setup.arm, ArmUR):
+        raise InputError(
+            f"--rig ur drives a UR arm, and the lab file describes a {setup.arm.model}"
+        )
     if setup.robot is None:
         raise InputError("the lab file has no robot section: --rig ur needs one")
     if not setup.arm.measured:

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.ur import JOINT_COUNT, ArmUR
+from cablecast.arm.base import Arm
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm
@@ -37,9 +37,17 @@ _HISTORY_TIME = 0.1
 """Time for which set points are kept: longer than any dead time [s]."""
 _STILL_ERROR, _STILL_SPEED = 1e-7, 1e-6
 """Distance from its set point [rad], and speed [rad/s], below which a joint is put to rest."""
-_JOINTS = tuple(range(JOINT_COUNT))
 _CARRIERS = (0, 0, 0, 5, 5)
 """A gripper without joints is carried by the base joint and turned by the last wrist joint."""
+
+
+def _joints(count: int) -> tuple[int, ...]:
+    """Return which of the six servos each joint has: the first and the last three have their own.
+
+    >>> _joints(6), _joints(7)
+    ((0, 1, 2, 3, 4, 5), (0, 1, 2, 2, 3, 4, 5))
+    """
+    return tuple(range(6)) if count == 6 else (*range(3), *(2,) * (count - 6), *range(3, 6))[:count]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -58,7 +66,7 @@ class ArmMotion:
 def move_arm(
     trajectories: Sequence[Trajectory],
     trials: Sequence[Trial],
-    arm: ArmUR,
+    arm: Arm,
     servos: HiddenArm,
     dt: float,
     step_count: int,
@@ -82,7 +90,7 @@ def move_arm(
         cases = [(trajectories[i], trials[i]) for i in rows]
         commands = [_command(*case, servos, dt, step_count) for case in cases]
         set_points, set_rates = (np.stack(values) for values in zip(*commands, strict=True))
-        joints = _JOINTS if jointed else _CARRIERS
+        joints = _joints(set_points.shape[-1]) if jointed else _CARRIERS
         followed = _follow(
             servos,
             joints,
@@ -113,7 +121,7 @@ def _command(
         delays = np.full(len(CHANNELS), servos.delay[0])
     else:
         times, values, rates = path.times, path.q, path.qd
-        delays = np.array(servos.delay)
+        delays = np.array(servos.delay)[list(_joints(values.shape[1]))]
     # A set point acts when it arrives, and none overtakes another.
     arrival = np.maximum.accumulate(times + trial.latencies(len(times)))
     arrival += 1e-9 * np.arange(len(times))
@@ -187,10 +195,10 @@ def _report(q: Array, qd: Array, trajectory: Trajectory, trial: Trial, dt: float
     times = REPORT_DT * np.arange(int(last / REPORT_DT) + 1, dtype=np.float64)
     now = np.arange(len(q)) * dt
     read, rates = (
-        np.stack([np.interp(times, now, values[:, joint]) for joint in _JOINTS], axis=1)
+        np.stack([np.interp(times, now, values[:, joint]) for joint in range(q.shape[1])], axis=1)
         for values in (q, qd)
     )
-    noise = trial.encoder_errors(len(times))
+    noise = trial.encoder_errors(*read.shape)
     return JointPath(times=times, q=read + noise[0], qd=rates + noise[1])
 
 
@@ -199,7 +207,7 @@ class LiveArm:
 
     Args:
         setup: Gives the arm.
-        q: Joint angles at rest [rad], shape [6].
+        q: Joint angles at rest [rad], shape [joint].
         dt: Step of the servos [s].
         lab_seed: Seed of the laboratory.
     """
@@ -209,20 +217,20 @@ class LiveArm:
         self.dt = dt
         self._servos: HiddenArm = hidden_arm(lab_seed)
         self.q = np.array(q, dtype=float)
-        self.qd = np.zeros(JOINT_COUNT)
+        self.qd = np.zeros(self.arm.joint_count)
         self.time = 0.0
-        self._factor = np.ones(JOINT_COUNT)
+        self._factor = np.ones(self.arm.joint_count)
         self._torque_factor = 1.0
         self._times = [-1.0, 0.0]
         self._set_points = [self.q.copy(), self.q.copy()]
 
     def prepare(self, trial: Trial) -> None:
         """Let the servos respond as in a trial."""
-        self._factor = trial.servo_factor(JOINT_COUNT)
+        self._factor = trial.servo_factor(self.arm.joint_count)
         self._torque_factor = trial.torque_factor
 
     def command(self, q: ArrayLike) -> None:
-        """Give a set point that holds from now on [rad], shape [6]."""
+        """Give a set point that holds from now on [rad], shape [joint]."""
         q = np.array(q, dtype=float)
         last, before = self._set_points[-1], self._set_points[-2]
         if np.array_equal(q, last) and np.array_equal(last, before):
@@ -255,10 +263,11 @@ class LiveArm:
         servos = self._servos
         times, points = np.array(self._times), np.stack(self._set_points)
         now = self.time + self.dt * np.arange(1, step_count + 1)
-        set_points = np.empty((1, step_count, JOINT_COUNT))
+        set_points = np.empty((1, step_count, self.arm.joint_count))
         set_rates = np.empty_like(set_points)
-        for joint, delay in enumerate(servos.delay):
-            late = now - delay
+        joints = _joints(self.arm.joint_count)
+        for joint, servo in enumerate(joints):
+            late = now - servos.delay[servo]
             set_points[0, :, joint] = np.interp(late, times, points[:, joint])
             segment = np.clip(np.searchsorted(times, late, "right"), 1, len(times) - 1)
             rise = points[segment, joint] - points[segment - 1, joint]
@@ -268,7 +277,7 @@ class LiveArm:
         inertia = servos.inertia + servos.stretch_mass * (x * x + y * y)
         strength = np.full((1, step_count), servos.torque * self._torque_factor / inertia)
         start, command = np.stack([self.q, self.qd])[:, None], (set_points, set_rates)
-        path = _follow(servos, _JOINTS, self._factor[None], start, command, strength, self.dt)
+        path = _follow(servos, joints, self._factor[None], start, command, strength, self.dt)
         self.q, self.qd = path[:, 0, -1].copy()
         self.time += step_count * self.dt
         return self.arm.grip_pose(path[0, 0, 1:])
@@ -281,5 +290,5 @@ class LiveArm:
             return False
         if np.abs(self.q - last).max() > _STILL_ERROR or np.abs(self.qd).max() > _STILL_SPEED:
             return False
-        self.q, self.qd = last.copy(), np.zeros(JOINT_COUNT)
+        self.q, self.qd = last.copy(), np.zeros(self.arm.joint_count)
         return True

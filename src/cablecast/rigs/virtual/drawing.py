@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.base import Arm
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Attachment, Cable
@@ -288,7 +289,7 @@ class FilmedTrial:
     times: Array
     nodes: Array
     joint_path: JointPath | None
-    arm: ArmUR = dataclasses.field(default_factory=ArmUR)
+    arm: Arm = dataclasses.field(default_factory=ArmUR)
 
     def __post_init__(self):
         if self.nodes.shape[0] != len(self.times) or self.nodes.shape[2:] != (3,):

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.base import Arm
 from cablecast.arm.shape import arm_shape, sight_clearance
-from cablecast.arm.ur import ArmUR
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, check_ranges
@@ -193,7 +193,7 @@ class CameraErrorModel:
         points: Array,
         joint_path: JointPath | None,
         rng: np.random.Generator,
-        arm: ArmUR,
+        arm: Arm,
     ) -> tuple[NDArray[np.bool_], Array]:
         """Return which frames cannot show the marker, and how far the arm is from its sight [m]."""
         on_ground = self.apparent(points, 0.0)
@@ -218,7 +218,7 @@ class CameraErrorModel:
         joint_path: JointPath | None,
         marker_z: float,
         rng: np.random.Generator,
-        arm: ArmUR,
+        arm: Arm,
     ) -> Array:
         """Return what the tracker would report in each frame.
 

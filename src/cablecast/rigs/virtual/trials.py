@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT
 from cablecast.cable import Cable, load_cable
 from cablecast.errors import DatasetError, InputError
 from cablecast.files import read_bytes, write_bytes
@@ -237,13 +236,13 @@ class Trial:
 
     def servo_factor(self, count: int) -> Array:
         """Return the factor of the frequency of each channel's servo [-], shape [channel]."""
-        n = np.clip(self.rng(2).normal(size=JOINT_COUNT), -_SIGMA_MAX, _SIGMA_MAX)
+        n = np.clip(self.rng(2).normal(size=max(count, 6)), -_SIGMA_MAX, _SIGMA_MAX)
         return np.exp(self.noise.servo * n)[:count]
 
-    def encoder_errors(self, count: int) -> Array:
+    def encoder_errors(self, count: int, joint_count: int) -> Array:
         """Return errors of the reported angles [rad] and rates [rad/s], [2, tick, joint]."""
         scale = np.array([self.noise.encoder, self.noise.encoder * 20.0])
-        return scale[:, None, None] * self.rng(3).normal(size=(2, count, JOINT_COUNT))
+        return scale[:, None, None] * self.rng(3).normal(size=(2, count, joint_count))
 
 
 def reset_shape(

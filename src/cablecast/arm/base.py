@@ -1,0 +1,348 @@
+"""Arm: what a robot arm answers to the rest of the library, and the limits of its joints.
+
+The arm stands at the origin of the base frame (docs/conventions.md), `base_height` above the table,
+and holds the cable with a gripper that points down.
+"""
+
+import abc
+import dataclasses
+import enum
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.errors import IKError, InputError, check_keys, check_number, check_ranges
+
+Array = NDArray[np.float64]
+
+
+class LimitKind(enum.Enum):
+    """Kind of limit that a motion can violate; the value is its unit."""
+
+    REACH = "m"
+    POSITION = "rad"
+    VELOCITY = "rad/s"
+    ACCELERATION = "rad/s²"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointLimits:
+    """Limits of the joints, one value per joint.
+
+    Attributes:
+        position: Largest angle from the middle of the joint's range [rad].
+        velocity: Largest speed [rad/s].
+        acceleration: Largest acceleration [rad/s²].
+        middle: Middle of each range [rad]; zeros where not given.
+    """
+
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    middle: tuple[float, ...] = ()
+
+    def __post_init__(self):
+        if not self.middle and isinstance(self.position, tuple):
+            object.__setattr__(self, "middle", (0.0,) * len(self.position))
+        for field in dataclasses.fields(self):
+            values = getattr(self, field.name)
+            if not isinstance(values, tuple) or len(values) != len(self.position):
+                raise InputError(
+                    f"arm {field.name} limits {str(values)[:60]} must be one number per joint"
+                )
+            low = -100.0 if field.name == "middle" else 1e-3
+            for value in values:
+                check_number(f"arm {field.name} limit", value, low, 1e3)
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Return plain values for a config or YAML file."""
+        values = {name: list(values) for name, values in dataclasses.asdict(self).items()}
+        if not any(self.middle):
+            del values["middle"]
+        return values
+
+    @classmethod
+    def from_dict(
+        cls,
+        values: Mapping[str, Any],
+        joint_count: int,
+        usual: Mapping[str, tuple[float, ...]] | None = None,
+    ) -> "JointLimits":
+        """Return limits from plain values, which go before the usual ones.
+
+        Raises:
+            InputError: A key is unknown or missing, or a value is not one number per joint.
+        """
+        known = {field.name for field in dataclasses.fields(cls)}
+        rows = dict(usual or {}) | {
+            name: tuple(row) if isinstance(row, (list, tuple)) else row
+            for name, row in check_keys(values, known, "arm limits").items()
+        }
+        for name, row in rows.items():
+            if not isinstance(row, tuple) or len(row) != joint_count:
+                raise InputError(f"arm {name} limits {str(row)[:60]} must be {joint_count} numbers")
+        return cls(**check_keys(rows, known, "arm limits", required=known - {"middle"}))
+
+    def to_array(self) -> Array:
+        """Return position, velocity and acceleration limits, shape [3, joint]."""
+        return np.array([self.position, self.velocity, self.acceleration])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointMotion:
+    """Joint angles with their time derivatives; NaN where a pose is out of reach.
+
+    Attributes:
+        q: Angles [rad], shape [..., joint].
+        qd: Rates [rad/s], same shape.
+        qdd: Accelerations [rad/s²], same shape.
+        radius: Distance from the base axis of the flange or, if a UR tilts the gripper, of the
+            first wrist joint [m], shape [...].
+        radius_min: Smallest radius that the arm reaches at this height [m], shape [...].
+        radius_max: Largest radius that the arm reaches at this height [m], shape [...].
+        mirrored: Returns the motion for the poses mirrored about the workspace axis; None where
+            they must be solved separately.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    radius: Array
+    radius_min: Array
+    radius_max: Array
+    mirrored: "Callable[[], JointMotion] | None" = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Links:
+    """Links of an arm as capsules about their axes.
+
+    Attributes:
+        names: Name of each link.
+        ends: Both ends of each axis [m], shape [..., link, 2, 3]. The first two, from the table to
+            the base and the base itself, do not move.
+        drawn: Radii to draw [m], shape [link].
+        safe: Radii to keep a distance from, rounded up [m], shape [link].
+    """
+
+    names: tuple[str, ...]
+    ends: Array
+    drawn: Array
+    safe: Array
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Arm(abc.ABC):
+    """A serial arm whose base axis is vertical.
+
+    Attributes:
+        model: Name of the arm.
+        base_height: Height of the robot's base above the table's surface [m].
+        base_yaw_deg: Rotation of the base about the vertical, positive to the right [deg].
+        gripper_length: Distance from the flange down to the axis of the gripped cable [m].
+        grip_offset: Distance along the cable from the flange axis to the point where the cable
+            leaves the fingers [m].
+        measured: Whether the values above were measured on the real robot. A motion for a robot is
+            saved only if this is true.
+        limits: Joint limits.
+    """
+
+    model: str
+    base_height: float = 0.0
+    base_yaw_deg: float = 0.0
+    gripper_length: float = 0.17
+    grip_offset: float = 0.022
+    measured: bool = False
+    # Those of the model as soon as the arm is made.
+    limits: JointLimits = cast(JointLimits, None)  # noqa: RUF009
+
+    def __post_init__(self):
+        check_ranges(
+            self,
+            {
+                "base_height": (-1.0, 2.0, "m"),
+                "base_yaw_deg": (-180.0, 180.0, "deg"),
+                "gripper_length": (0.0, 1.0, "m"),
+                "grip_offset": (0.0, 0.5, "m"),
+            },
+            "arm",
+        )
+        if not isinstance(self.measured, bool):
+            raise InputError(f"arm measured = {self.measured!r} must be true or false")
+        if not isinstance(self.limits, JointLimits):
+            raise InputError(f"arm limits must be JointLimits, not {type(self.limits).__name__}")
+        if len(self.limits.position) != len(self.joint_names):
+            raise InputError(
+                f"arm limits are those of {len(self.limits.position)} joints, the arm has "
+                f"{len(self.joint_names)}"
+            )
+
+    @property
+    @abc.abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints from the base on; the first turns the arm about the vertical."""
+
+    @abc.abstractmethod
+    def frames(self, q: ArrayLike) -> list[Array]:
+        """Return the poses of the joints and of the flange in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., joint].
+
+        Returns:
+            Poses of shape [..., 4, 4], one more than joints: joint k turns about z of frame k, and
+            the last frame is the flange, whose z points out of it. The cable leaves along its -y.
+        """
+
+    @abc.abstractmethod
+    def inverse_motion(
+        self, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike
+    ) -> JointMotion:
+        """Return joint angles along moving poses, with their rates and accelerations.
+
+        Args:
+            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
+            velocities: Their first derivatives, same shape.
+            accelerations: Their second derivatives, same shape.
+
+        Returns:
+            Joint motion; NaN where a pose is out of reach.
+        """
+
+    @abc.abstractmethod
+    def links(self, frames: list[Array]) -> Links:
+        """Return the links at the poses that `frames` returned."""
+
+    def self_pairs(self, names: tuple[str, ...]) -> list[tuple[str, str]]:
+        """Return which of the moving links and the gripper can meet when the arm folds."""
+        # Neighbours touch by construction, and often those next to them.
+        return [(low, high) for at, low in enumerate(names) for high in names[at + 3 :]]
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints, and of columns of `q` everywhere."""
+        return len(self.joint_names)
+
+    @property
+    def base_yaw(self) -> float:
+        """Rotation of the base about the vertical, positive to the right [rad]."""
+        return float(np.radians(self.base_yaw_deg))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for a config or YAML file."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return values | {"limits": self.limits.to_dict()}
+
+    def forward(self, q: ArrayLike) -> Array:
+        """Return the pose of the flange in the base frame.
+
+        Args:
+            q: Joint angles [rad], shape [..., joint].
+
+        Returns:
+            T_base_flange, shape [..., 4, 4]; z of the flange points out of it.
+        """
+        return self.frames(q)[-1]
+
+    def grip_pose(self, q: ArrayLike) -> Array:
+        """Return the pose of the gripped cable end.
+
+        Args:
+            q: Joint angles [rad], shape [..., joint].
+
+        Returns:
+            x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
+        """
+        T = self.forward(q)
+        # The cable leaves the fingers along -y of the flange, whose z points down.
+        along = -T[..., :3, 1]
+        position = T[..., :3, 3] + self.gripper_length * T[..., :3, 2] + self.grip_offset * along
+        yaw = np.arctan2(along[..., 0], along[..., 1])
+        pitch = np.arcsin(np.clip(along[..., 2], -1.0, 1.0))
+        return np.concatenate([position, yaw[..., None], pitch[..., None]], axis=-1)
+
+    def inverse(self, poses: ArrayLike) -> Array:
+        """Return joint angles that bring the gripped end to given poses.
+
+        Args:
+            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
+
+        Returns:
+            Joint angles of a single branch [rad], shape [..., joint].
+
+        Raises:
+            IKError: A pose is out of reach.
+        """
+        poses = np.asarray(poses, dtype=float)
+        still = np.zeros_like(poses)
+        motion = self.inverse_motion(poses, still, still)
+        bad = ~np.all(np.isfinite(motion.q), axis=-1)
+        if np.any(bad):
+            radius, low, high = (
+                float(values[bad][0])
+                for values in (motion.radius, motion.radius_min, motion.radius_max)
+            )
+            raise IKError(
+                f"the arm does not reach the grip at x, y, z = "
+                f"{poses[bad][0][:3].round(4).tolist()} m: its {self._radius_of(poses)} would be "
+                f"{radius:.4f} m from the base axis, outside [{low:.4f}, {high:.4f}]"
+            )
+        return motion.q
+
+    def _radius_of(self, poses: Array) -> str:
+        """Return the name of the part that the radius of a motion belongs to."""
+        return "flange"
+
+
+def jacobian(frames: list[Array], points: Array) -> Array:
+    """Return how points of the flange, shape [..., 3], move and turn with the joints.
+
+    Returns:
+        Rows for velocity and angular velocity, shape [..., 6, joint].
+    """
+    axes = np.stack([T[..., :3, 2] for T in frames[:-1]], axis=-2)
+    places = np.stack([T[..., :3, 3] for T in frames[:-1]], axis=-2)
+    rates = np.concatenate([np.cross(axes, points[..., None, :] - places), axes], axis=-1)
+    return np.swapaxes(rates, -1, -2)
+
+
+def rod_ends(rods: list[tuple[Array, Array]]) -> Array:
+    """Return both ends of each rod, shape [..., rod, 2, 3]."""
+    return np.stack([np.stack(ends, axis=-2) for ends in rods], axis=-3)
+
+
+def flange_motion(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
+    """Return x and y of the flange, `o` [m] behind the grip, each with two derivatives."""
+    if o == 0.0:
+        return tuple(values[..., i] for i in (0, 1) for values in (p, v, a))
+    yaw, dyaw, ddyaw = p[..., 3], v[..., 3], a[..., 3]
+    s, c = o * np.sin(yaw), o * np.cos(yaw)
+    return (
+        p[..., 0] - s,
+        v[..., 0] - c * dyaw,
+        a[..., 0] - c * ddyaw + s * dyaw**2,
+        p[..., 1] - c,
+        v[..., 1] + s * dyaw,
+        a[..., 1] + s * ddyaw + c * dyaw**2,
+    )
+
+
+def polar_motion(
+    x: Array, dx: Array, ddx: Array, y: Array, dy: Array, ddy: Array
+) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]:
+    """Return the polar coordinates of a moving point.
+
+    Returns:
+        Its radius [m] and its azimuth, positive to the right [rad], each with two derivatives; and
+        the square of the radius [m²].
+    """
+    rho2 = x * x + y * y
+    rho = np.sqrt(rho2)
+    drho = (x * dx + y * dy) / rho
+    ddrho = (dx * dx + dy * dy + x * ddx + y * ddy - drho * drho) / rho
+    azimuth = np.arctan2(x, y)
+    dazimuth = (y * dx - x * dy) / rho2
+    ddazimuth = (y * ddx - x * ddy - 2.0 * rho * drho * dazimuth) / rho2
+    return (rho, drho, ddrho), (azimuth, dazimuth, ddazimuth), rho2

@@ -1,0 +1,406 @@
+"""Arms from description files: URDF or MJCF, read by MuJoCo, and MuJoCo Menagerie."""
+
+import itertools
+import os
+import pathlib
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cablecast.arm.base import Arm, JointLimits
+from cablecast.arm.serial import ArmSerial
+from cablecast.arm.ur import ArmUR
+from cablecast.errors import (
+    InputError,
+    MissingExtraError,
+    UnknownNameError,
+    check_keys,
+    check_number,
+)
+from cablecast.files import read_text
+
+ACCELERATION = 20.0
+"""Largest acceleration of a joint where neither the file nor its torques tell less [rad/s²]."""
+TORQUE_SHARE = 0.6
+"""Share of a joint's torque that is left for gravity and acceleration [-]."""
+LINK_RADIUS = 0.06
+"""Radius of a link without geometry in the file [m]."""
+
+_CABLE_AXES = {"-y": 0.0, "x": 90.0, "y": 180.0, "-x": -90.0}
+"""Turn of the flange about its z that brings -y to the axis along which the cable leaves [deg]."""
+
+_SOURCES = ("file", "menagerie")
+_FILE_KEYS = {"tip", "base_joint", "cable_axis", "link_radius", "limits", "posture"}
+_MOUNT_KEYS = {"base_height", "base_yaw_deg", "gripper_length", "grip_offset", "measured"}
+_UPRIGHT = 1e-3  # Largest sine of the base axis' tilt.
+_RANGE_FREE = 2 * np.pi  # Largest angle of a joint without limits [rad].
+_POSE_COUNT = 256  # Random postures over which inertia and gravity are looked at.
+
+
+def arm_from_dict(values: Any, folder: str | os.PathLike[str] | None = None) -> Arm:
+    """Make an arm from the values of a lab file or of `Arm.to_dict`.
+
+    Args:
+        values: Keys of an `ArmUR`; or `file` or `menagerie` with those of a description; or those
+            of an `ArmSerial`.
+        folder: Folder to which `file` is relative.
+
+    Raises:
+        InputError: A key is unknown, a value out of bounds, or the description is of no use.
+        UnknownNameError: There is no such model, file, joint or frame.
+        MissingExtraError: MuJoCo is needed and not installed.
+    """
+    if isinstance(values, Mapping) and "names" in values:
+        return ArmSerial.from_dict(values)
+    if not isinstance(values, Mapping) or not any(key in values for key in _SOURCES):
+        return ArmUR.from_dict(values)
+    known = {*_SOURCES, *_FILE_KEYS, *_MOUNT_KEYS}
+    values = check_keys(values, known, "a described arm", required={"tip"})
+    if all(key in values for key in _SOURCES):
+        raise InputError("arm has both file and menagerie: give one of them")
+    mount = {key: values.pop(key) for key in _MOUNT_KEYS & set(values)}
+    if "menagerie" in values:
+        name = str(values.pop("menagerie"))
+        return _Chain(name, name, _menagerie(name), {}, **values).arm(mount)
+    path = pathlib.Path(folder or ".") / str(values.pop("file"))
+    return _Chain(path.stem, str(path), *_read(path), **values).arm(mount)
+
+
+def _library() -> Any:
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingExtraError("mujoco", "mujoco", "an arm from a description file") from None
+    return mujoco
+
+
+def _menagerie(name: str) -> Any:
+    """Return the MuJoCo specification of a robot of MuJoCo Menagerie, which may be downloaded."""
+    _library()
+    try:
+        import mujoco_menagerie  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise InputError(
+            f"arm menagerie = {name[:40]!r} needs the package mujoco-menagerie: pip install "
+            "mujoco-menagerie"
+        ) from None
+    if name not in mujoco_menagerie.names():
+        raise UnknownNameError(f"MuJoCo Menagerie has no robot {name[:40]!r}")
+    try:
+        robot = mujoco_menagerie.get(name)
+        return robot.spec(robot.default_model)
+    except Exception as error:
+        line = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"MuJoCo Menagerie does not give {name}: {line}") from None
+
+
+def _read(path: pathlib.Path) -> tuple[Any, dict[str, tuple[str, float | None]]]:
+    """Return the MuJoCo specification of a file, and type and speed of each joint of a URDF."""
+    mujoco = _library()
+    try:
+        root = ElementTree.fromstring(read_text(path))
+    except FileNotFoundError:
+        raise UnknownNameError(f"there is no arm description {path}") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path} is not XML: {error}") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise InputError(f"{path} is neither URDF nor MJCF: it begins with <{root.tag[:40]}>")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise InputError(f"{path} is a xacro file: make a URDF of it with the program xacro")
+    joints = {}
+    for joint in root.findall("joint") if root.tag == "robot" else ():
+        limit = joint.find("limit")
+        speed = None if limit is None else limit.get("velocity")
+        kind = joint.get("type", "") if limit is not None else joint.get("type", "") + " unlimited"
+        try:
+            joints[joint.get("name")] = (kind, None if speed is None else float(speed))
+        except ValueError:
+            raise InputError(
+                f"{path}: velocity of joint {joint.get('name')} = {speed!r} is not a number"
+            ) from None
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, OSError) as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    # ROS names meshes by package; look for them beside the file.
+    for mesh in spec.meshes:
+        parts = pathlib.PurePosixPath(mesh.file).parts
+        for start in range(len(parts)):
+            if (found := path.parent / pathlib.Path(*parts[start:])).is_file():
+                mesh.file = str(found.resolve())
+                break
+    return spec, joints
+
+
+class _Chain:
+    """Joints of a described arm from its base to the tip.
+
+    Args:
+        name: Name of the arm.
+        where: File or robot, for errors.
+        spec: MuJoCo specification.
+        stated: Type, and speed [rad/s] where it is known, of each joint of a URDF.
+        tip: Body or site that is the flange; its z points out of it.
+        base_joint: Joint that turns the arm about the vertical; the first where None.
+        cable_axis: Axis of the tip along which the cable leaves.
+        link_radius: Radius of links without geometry [m].
+        limits: Limits that replace those of the file.
+        posture: Posture near which the arm works [rad].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        where: str,
+        spec: Any,
+        stated: dict[str, tuple[str, float | None]],
+        *,
+        tip: str,
+        base_joint: str | None = None,
+        cable_axis: str = "-y",
+        link_radius: float = LINK_RADIUS,
+        limits: Mapping[str, Any] | None = None,
+        posture: Any = None,
+    ):
+        self.name, self.where, self.stated = name, where, stated
+        self.link_radius = check_number("arm link_radius", link_radius, 0.005, 0.5, "m")
+        if cable_axis not in _CABLE_AXES:
+            raise InputError(
+                f"arm cable_axis = {str(cable_axis)[:20]!r}: one of {', '.join(_CABLE_AXES)}"
+            )
+        self.turn = np.radians(_CABLE_AXES[cable_axis])
+        self.given = check_keys(
+            limits or {}, {"position", "velocity", "acceleration", "middle"}, "arm limits"
+        )
+        self.posture = posture
+        self.mujoco = _library()
+        self.model = self._compiled(spec)
+        self.data = self.mujoco.MjData(self.model)
+        self.tip = self._find_tip(str(tip))
+        self.joints = self._find_joints(base_joint)
+        self.names = tuple(self.model.joint(joint).name for joint in self.joints)
+
+    def arm(self, mount: dict[str, Any]) -> ArmSerial:
+        """Return the arm, mounted and with its gripper."""
+        model, data = self.model, self.data
+        data.qpos[model.jnt_qposadr[self.joints]] = 0.0
+        self.mujoco.mj_kinematics(model, data)
+        frames = [self._frame(joint) for joint in self.joints]
+        self._check_upright(frames[0])
+        flange = np.eye(4)
+        flange[:3, :3] = self.tip.xmat.reshape(3, 3)
+        flange[:3, 3] = self.tip.xpos
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        flange[:3, :2] = flange[:3, :2] @ [[c, -s], [s, c]]
+        frames.append(flange)
+        self.axis = frames[0][:2, 3].copy()
+        for frame in frames:
+            frame[:2, 3] -= self.axis
+        posture = self.posture
+        if posture is not None:
+            if not isinstance(posture, list | tuple) or len(posture) != len(self.names):
+                raise InputError(f"arm posture must be {len(self.names)} angles")
+            posture = tuple(
+                check_number("arm posture", value, -20.0, 20.0, "rad") for value in posture
+            )
+        steps: list[Any] = [frames[0]]
+        steps += [np.linalg.solve(a, b) for a, b in itertools.pairwise(frames)]
+        return ArmSerial(
+            model=self.name,
+            names=self.names,
+            offsets=tuple(_offset(T) for T in steps),
+            capsules=tuple(
+                self._capsule(*row) for row in zip(self.joints, steps[1:], frames[1:], strict=True)
+            ),
+            posture=posture,
+            limits=self._limits(),
+            **mount,
+        )
+
+    def _compiled(self, spec: Any) -> Any:
+        compiler = spec.compiler
+        # Keep the frames of links that are fixed to others, and forgive what only dynamics needs.
+        compiler.fusestatic, compiler.balanceinertia = False, True
+        compiler.boundmass, compiler.boundinertia = 1e-6, 1e-9
+        try:
+            return spec.compile()
+        except ValueError:
+            # Without the meshes, which may lie elsewhere, the chain is still known.
+            for rows in (spec.geoms, spec.meshes, spec.textures, spec.materials):
+                for row in list(rows):
+                    spec.delete(row)
+        try:
+            return spec.compile()
+        except ValueError as error:
+            raise InputError(f"{self.where}: {' '.join(str(error).split())}") from None
+
+    def _find_tip(self, tip: str) -> Any:
+        for kind in ("body", "site"):
+            try:
+                found = getattr(self.model, kind)(tip)
+            except KeyError:
+                continue
+            self.body = found.id if kind == "body" else int(self.model.site_bodyid[found.id])
+            return getattr(self.data, kind)(tip)
+        names = [self.model.body(i).name for i in range(1, self.model.nbody)]
+        names += [self.model.site(i).name for i in range(self.model.nsite)]
+        raise UnknownNameError(
+            f"{self.where} has no frame {tip[:40]!r} for the tip; it has {', '.join(names)[:300]}"
+        )
+
+    def _find_joints(self, base_joint: str | None) -> list[int]:
+        model, joints, body = self.model, [], self.body
+        while body:
+            first = int(model.body_jntadr[body])
+            joints[:0] = range(first, first + int(model.body_jntnum[body]))
+            body = int(model.body_parentid[body])
+        names = [model.joint(joint).name for joint in joints]
+        if base_joint is not None and base_joint not in names:
+            raise UnknownNameError(
+                f"no joint {str(base_joint)[:40]!r} moves the tip of {self.where}; these do: "
+                f"{', '.join(names)[:300]}"
+            )
+        if base_joint is not None:
+            joints = joints[names.index(base_joint) :]
+        if not joints:
+            raise InputError(f"no joint of {self.where} moves the tip")
+        kinds = self.mujoco.mjtJoint
+        words = {
+            kinds.mjJNT_SLIDE: "slides",
+            kinds.mjJNT_BALL: "is a ball",
+            kinds.mjJNT_FREE: "is free",
+        }
+        for joint in joints:
+            if (word := words.get(kinds(model.jnt_type[joint]))) is not None:
+                raise InputError(
+                    f"joint {model.joint(joint).name!r} of {self.where} {word}: from the base "
+                    "joint to the tip only hinges are supported"
+                )
+        return joints
+
+    def _frame(self, joint: int) -> NDArray[np.float64]:
+        """Return the pose of a joint that turns about z, in the world of the file."""
+        axis = self.data.xaxis[joint]
+        body = self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
+        across = body[:, int(np.argmin(np.abs(axis @ body)))]
+        across = across - (across @ axis) * axis
+        frame = np.eye(4)
+        frame[:3, 0] = across / np.linalg.norm(across)
+        frame[:3, 1] = np.cross(axis, frame[:3, 0])
+        frame[:3, 2], frame[:3, 3] = axis, self.data.xanchor[joint]
+        return frame
+
+    def _check_upright(self, base: NDArray[np.float64]) -> None:
+        tilt = float(np.hypot(*base[:2, 2]))
+        if tilt > _UPRIGHT:
+            angle = np.degrees(np.arctan2(tilt, abs(base[2, 2])))
+            raise InputError(
+                f"the base axis, joint {self.names[0]!r} of {self.where}, is tilted by "
+                f"{angle:.1f} deg: only arms that stand upright are supported"
+            )
+        body = int(self.model.jnt_bodyid[self.joints[0]])
+        body = int(self.model.body_parentid[body]) or body
+        if self.data.xmat[body].reshape(3, 3)[2, 2] < 0.0:
+            raise InputError(
+                f"the base of {self.where} hangs, its z axis points down: only arms that stand "
+                "upright are supported"
+            )
+
+    def _limits(self) -> JointLimits:
+        count, rows = len(self.joints), {}
+        low, high = np.zeros(count), np.zeros(count)
+        for at, joint in enumerate(self.joints):
+            low[at], high[at] = self.model.jnt_range[joint]
+            kind, _ = self.stated.get(self.names[at], ("", None))
+            if not self.model.jnt_limited[joint]:
+                low[at], high[at] = -_RANGE_FREE, _RANGE_FREE
+            if "position" not in self.given and (
+                kind == "revolute unlimited" or low[at] >= high[at]
+            ):
+                raise InputError(
+                    f"{self.where} states no range of joint {self.names[at]!r}: give position for "
+                    "all joints under limits in the lab file"
+                )
+        if "position" not in self.given:
+            rows["position"] = tuple(((high - low) / 2).tolist())
+            rows["middle"] = tuple(((high + low) / 2).tolist())
+        if "velocity" not in self.given:
+            speeds = [self.stated.get(name, ("", None))[1] for name in self.names]
+            if unknown := [n for n, v in zip(self.names, speeds, strict=True) if not v]:
+                raise InputError(
+                    f"{self.where} states no speed of joint {unknown[0]!r}: give velocity for all "
+                    "joints under limits in the lab file [rad/s]"
+                )
+            rows["velocity"] = tuple(cast(list[float], speeds))
+        if "acceleration" not in self.given:
+            rows["acceleration"] = self._accelerations(low, high)
+        return JointLimits.from_dict(self.given, count, rows)
+
+    def _accelerations(
+        self, low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> tuple[float, ...]:
+        """Return what the joints' torques give, where the file tells them, at most ACCELERATION."""
+        model, data = self.model, self.data
+        dofs = model.jnt_dofadr[self.joints]
+        torque = np.full(len(dofs), np.inf)
+        for at, joint in enumerate(self.joints):
+            if model.jnt_actfrclimited[joint]:
+                torque[at] = model.jnt_actfrcrange[joint, 1]
+            for actuator in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
+                if model.actuator_forcelimited[actuator]:
+                    torque[at] = model.actuator_forcerange[actuator, 1]
+        model.opt.disableflags |= self.mujoco.mjtDisableBit.mjDSBL_CONTACT
+        mass, rng = np.zeros((model.nv, model.nv)), np.random.default_rng(0)
+        found = np.empty((_POSE_COUNT, len(dofs)))
+        for pose in found:
+            data.qpos[model.jnt_qposadr[self.joints]] = rng.uniform(low, high)
+            self.mujoco.mj_forward(model, data)
+            self.mujoco.mj_fullM(model, data, mass)
+            pose[:] = (TORQUE_SHARE * torque - np.abs(data.qfrc_bias[dofs])) / np.diag(mass)[dofs]
+        least = np.quantile(np.clip(found, 1.0, ACCELERATION), 0.1, axis=0)
+        return tuple(least.tolist())
+
+    def _capsule(
+        self, joint: int, step: NDArray[np.float64], frame: NDArray[np.float64]
+    ) -> tuple[float, ...]:
+        """Return a capsule about the link that a joint moves, in the frame at the link's end.
+
+        It follows the geometry of the file along its longest direction; without geometry it reaches
+        from joint to joint.
+        """
+        model = self.model
+        owned = model.body_weldid[model.geom_bodyid] == model.jnt_bodyid[joint]
+        points = [self._points(geom) for geom in np.flatnonzero(owned)]
+        if not points:
+            return (*(-step[:3, :3].T @ step[:3, 3]).tolist(), 0.0, 0.0, 0.0, self.link_radius)
+        points = np.concatenate(points) - [*self.axis, 0.0]
+        points = (points - frame[:3, 3]) @ frame[:3, :3]
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        way = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+        along = (points - middle) @ way
+        off = np.linalg.norm(points - middle - along[:, None] * way, axis=1)
+        radius = float(np.quantile(off, 0.9))
+        low, high = along.min() + radius, max(along.max() - radius, along.min() + radius)
+        return (*(middle + low * way).tolist(), *(middle + high * way).tolist(), radius)
+
+    def _points(self, geom: Any) -> NDArray[np.float64]:
+        """Return points on the surface of a geometry in the world of the file [m]."""
+        model = self.model
+        if model.geom_type[geom] == self.mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            points = model.mesh_vert[first : first + count]
+        else:
+            middle, half = np.split(model.geom_aabb[geom], 2)
+            points = middle + np.concatenate([np.diag(half), -np.diag(half)])
+        return points @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
+
+
+def _offset(T: NDArray[np.float64]) -> tuple[float, ...]:
+    from scipy.spatial.transform import Rotation
+
+    quat: Any = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+    return tuple(float(value) for value in (*T[:3, 3], *quat))

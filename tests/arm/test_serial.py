@@ -1,0 +1,270 @@
+"""Arms from description files, against the analytic UR arm and against their own kinematics."""
+
+import dataclasses
+import functools
+import pathlib
+
+import numpy as np
+import pytest
+
+from cablecast.arm.description import arm_from_dict
+from cablecast.arm.ur import ArmUR
+from cablecast.errors import IKError, InputError, UnknownNameError
+from cablecast.motion.action import Action, ActionRanges, grid_actions
+from cablecast.motion.feasibility import check_actions
+from cablecast.motion.trajectory import plan_trajectory
+from cablecast.setup import Setup
+from cablecast.workspace import Workspace
+
+pytest.importorskip("mujoco")
+
+# A file writes the numbers of the chain with all their digits; MuJoCo keeps them in doubles.
+CHAIN = 1e-9
+# The spline between the nodes of the table, see `_RADIUS_NODES`.
+TABLE = 1e-6
+# Central differences with a step of 1e-5 s, of angles that the spline has to its third derivative.
+DIFFERENCE = 2e-4
+
+UR5 = ArmUR()
+
+
+def ur_urdf(arm: ArmUR) -> str:
+    """Return a URDF of a UR arm by its DH table."""
+    a = [0.0, -arm.lengths.upper_arm, -arm.lengths.forearm, 0.0, 0.0, 0.0]
+    d = [arm.lengths.d1, 0.0, 0.0, arm.lengths.d4, arm.lengths.d5, arm.lengths.d6]
+    twist = [np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0]
+    text, origin = '<robot name="ur"><link name="base"/>', (0.0, 0.0, 0.0)
+    for joint, name in enumerate(arm.joint_names):
+        parent = "base" if joint == 0 else f"link{joint}"
+        place = (0.0, 0.0, 0.0) if joint == 0 else (a[joint - 1], 0.0, d[joint - 1])
+        # A joint stands where the DH step of the one before ends.
+        turn = 0.0 if joint == 0 else twist[joint - 1]
+        text += (
+            f'<link name="link{joint + 1}"/><joint name="{name}" type="revolute">'
+            f'<parent link="{parent}"/><child link="link{joint + 1}"/>'
+            f'<origin xyz="{place[0]!r} {place[1]!r} {place[2]!r}" rpy="{turn!r} 0 0"/>'
+            f'<axis xyz="0 0 1"/><limit lower="{-2 * np.pi!r}" upper="{2 * np.pi!r}" '
+            f'velocity="{np.pi!r}" effort="150"/></joint>'
+        )
+    origin = f"{a[5]!r} 0 {d[5]!r}"
+    return text + (
+        '<link name="tool0"/><joint name="flange" type="fixed"><parent link="link6"/>'
+        f'<child link="tool0"/><origin xyz="{origin}"/></joint></robot>'
+    )
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    """Return the UR5 from a file, with the limits of the analytic one, in its branch."""
+    path = tmp_path_factory.mktemp("arm") / "ur5.urdf"
+    path.write_text(ur_urdf(UR5))
+    return arm_from_dict(
+        {
+            "file": str(path),
+            "tip": "tool0",
+            "base_height": UR5.base_height,
+            # A UR points along -x of its base where its joints are at zero.
+            "base_yaw_deg": 180.0,
+            "posture": UR5.inverse([[0.0, 0.55, 0.02, 0.0, 0.0]])[0].tolist(),
+            "limits": {"acceleration": list(UR5.limits.acceleration)},
+        }
+    )
+
+
+@functools.cache
+def pybullet_arm(name):
+    data = pytest.importorskip("pybullet_data").getDataPath()
+    file, tip, more = {
+        "panda": (
+            "franka_panda/panda.urdf",
+            "panda_grasptarget",
+            {"cable_axis": "x", "gripper_length": 0.0},
+        ),
+        "iiwa": ("kuka_iiwa/model.urdf", "lbr_iiwa_link_7", {"limits": {"velocity": [1.7] * 7}}),
+        "xarm6": ("xarm/xarm6_robot.urdf", "link6", {}),
+    }[name]
+    return arm_from_dict({"file": str(pathlib.Path(data) / file), "tip": tip, **more})
+
+
+def motion(times, radius, theta, wrist):
+    """Return poses that sweep, reach and turn at once, shape [step, 5]."""
+    r = radius + 0.05 * np.sin(2.0 * times)
+    angle = theta * np.sin(1.5 * times)
+    yaw = angle + wrist * np.sin(1.1 * times)
+    level = np.full_like(times, 0.02)
+    return np.stack([r * np.sin(angle), r * np.cos(angle), level, yaw, 0 * times], axis=-1)
+
+
+def derivatives(path, times, step=1e-5):
+    before, at, after = (path(times + shift) for shift in (-step, 0.0, step))
+    return at, (after - before) / (2 * step), (after - 2 * at + before) / step**2
+
+
+def test_a_ur5_from_a_file_stands_where_the_analytic_one_does(described):
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (200, 6))
+    np.testing.assert_allclose(described.forward(q), UR5.forward(q), atol=CHAIN)
+    assert described.limits == UR5.limits
+
+
+def test_a_ur5_from_a_file_moves_its_joints_as_the_analytic_one(described):
+    times = np.linspace(0.0, 2.0, 100)
+    poses, rates, bends = derivatives(lambda t: motion(t, 0.6, 1.1, 1.2), times)
+    ours, theirs = (arm.inverse_motion(poses, rates, bends) for arm in (described, UR5))
+    for name, tolerance in (("q", TABLE), ("qd", 1e-5), ("qdd", 1e-3)):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=tolerance)
+    np.testing.assert_allclose(ours.radius, theirs.radius, atol=CHAIN)
+    # The reach is searched to a tenth of a millimetre.
+    np.testing.assert_allclose(ours.radius_max, theirs.radius_max, atol=2e-4)
+
+
+def test_the_same_motions_are_feasible_for_both(described):
+    grid = grid_actions(ActionRanges.for_setup(Setup()), (5, 5, 5, 3))
+    analytic, tabulated = (check_actions(grid, Setup(arm=arm)) for arm in (UR5, described))
+    assert 0.5 < analytic.mask.mean() < 1.0
+    assert np.array_equal(analytic.mask, tabulated.mask)
+    known = analytic.mask
+    np.testing.assert_allclose(tabulated.peaks[known], analytic.peaks[known], rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa", "xarm6"])
+def test_joints_hold_the_grip_and_their_rates_are_its_derivatives(name):
+    arm = pybullet_arm(name)
+    times = np.linspace(0.0, 3.0, 200)
+
+    def path(t):
+        return motion(t, 0.5, 1.2, 1.3)
+
+    poses, rates, bends = derivatives(path, times)
+    found = arm.inverse_motion(poses, rates, bends)
+    assert found.q.shape == (200, arm.joint_count)
+    np.testing.assert_allclose(arm.grip_pose(found.q), poses, atol=TABLE)
+    _, qd, qdd = derivatives(lambda t: arm.inverse(path(t)), times)
+    np.testing.assert_allclose(found.qd, qd, atol=DIFFERENCE)
+    np.testing.assert_allclose(found.qdd, qdd, atol=100 * DIFFERENCE)
+    # One smooth function of the pose: a way out and back ends where it began.
+    np.testing.assert_array_equal(arm.inverse(poses[::-1])[::-1], arm.inverse(poses))
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa", "xarm6"])
+def test_the_arm_works_above_the_table_and_within_its_ranges(name):
+    arm = pybullet_arm(name)
+    radius = np.linspace(0.45, 0.6, 20)
+    poses = np.stack([0 * radius, radius, 0.02 + 0 * radius, 0 * radius, 0 * radius], axis=-1)
+    q = arm.inverse(poses)
+    assert np.all(np.abs(q - arm.limits.middle) <= arm.limits.position)
+    links = arm.links(arm.frames(q))
+    assert np.all(links.ends[:, 2:-1, :, 2] > links.safe[2:-1, None])
+
+
+def test_a_redundant_arm_leaves_its_middle_no_farther_than_it_must():
+    arm = pybullet_arm("iiwa")
+    q = arm.inverse([[0.1, 0.5, 0.02, 0.3, 0.0]])[0]
+    rows, columns = np.arange(6), np.arange(7)
+    # Its self-motion is the one direction that does not move the grip.
+    step = 1e-6
+    moved = np.array([arm.forward(q + step * np.eye(7)[joint]) for joint in columns])
+    rates = ((moved - arm.forward(q)) / step).reshape(7, 16).T
+    free = np.linalg.svd(rates)[2][6]
+    assert np.linalg.norm(rates @ free) < 1e-4
+    weights = np.array(arm.limits.position) ** -2.0
+    weights[[0, -1]] = 0.0
+    assert len(rows) == 6
+    assert abs(np.sum(weights * (q - arm.limits.middle) * free)) < 1e-4
+
+
+def test_a_seven_joint_arm_plans_an_action_and_travels_with_its_results():
+    arm = pybullet_arm("iiwa")
+    workspace = Workspace(r_max=0.75, reset_y=0.5, support_depth=0.4)
+    setup = Setup(arm=arm, workspace=workspace).with_motion(r0=0.5, v_max=0.8)
+    trajectory = plan_trajectory(Action(-0.5, 0.5, 0.55, 0.6), setup)
+    assert trajectory.joint_path.q.shape[1] == 7
+    poses = arm.grip_pose(trajectory.joint_path.q)
+    planned = trajectory.grip_path.evaluate(trajectory.joint_path.times)[0]
+    np.testing.assert_allclose(poses, planned, atol=TABLE)
+    assert Setup.from_dict(setup.to_dict()) == setup
+
+
+def test_a_motion_that_lifts_the_grip_is_refused():
+    poses = np.array([[0.0, 0.5, 0.02, 0.0, 0.0], [0.0, 0.5, 0.2, 0.0, 0.0]])
+    with pytest.raises(IKError, match=r"one height.*from 0.02 to 0.2 m"):
+        pybullet_arm("xarm6").inverse(poses)
+
+
+def test_a_turned_base_moves_only_the_first_joint():
+    arm = pybullet_arm("xarm6")
+    turned = dataclasses.replace(arm, base_yaw_deg=40.0)
+    poses = motion(np.linspace(0.0, 1.0, 10), 0.5, 0.8, 0.5)
+    q, q_turned = arm.inverse(poses), turned.inverse(poses)
+    np.testing.assert_allclose(turned.grip_pose(q_turned), poses, atol=TABLE)
+    np.testing.assert_allclose(q_turned[:, 1:], q[:, 1:], atol=TABLE)
+    np.testing.assert_allclose(q_turned[:, 0] - q[:, 0], np.radians(40.0), atol=TABLE)
+
+
+def chain(base_axis="0 0 1", kind="revolute", limit=None):
+    """Return a URDF of an arm of six joints; kind and limit are those of the third."""
+    text = '<robot name="arm"><link name="base"/>'
+    axes = [base_axis, "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1"]
+    for number, axis in enumerate(axes):
+        parent = f"link{number}" if number else "base"
+        own, bound = (
+            (kind, LIMIT if limit is None else limit) if number == 2 else ("revolute", LIMIT)
+        )
+        text += (
+            f'<link name="link{number + 1}"/><joint name="joint{number + 1}" type="{own}">'
+            f'<parent link="{parent}"/><child link="link{number + 1}"/>'
+            f'<origin xyz="0 0 0.2"/><axis xyz="{axis}"/>{bound}</joint>'
+        )
+    return text + "</robot>"
+
+
+LIMIT = '<limit lower="-3" upper="3" velocity="2"/>'
+HANGING = (
+    '<mujoco><worldbody><body name="base" quat="0 1 0 0"><geom size="0.1"/><body name="link1">'
+    '<joint name="joint1" axis="0 0 1" range="-180 180"/><geom size="0.1"/></body></body>'
+    "</worldbody></mujoco>"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "words"),
+    [
+        (chain(limit=""), {}, "states no range of joint 'joint3'"),
+        (chain(limit='<limit lower="-3" upper="3"/>'), {}, "states no speed of joint 'joint3'"),
+        (chain(), {"tip": "hand"}, "has no frame 'hand' for the tip; it has base, link1"),
+        (chain(), {"tip": "base"}, "no joint of .* moves the tip"),
+        (chain(), {"base_joint": "waist"}, "no joint 'waist' moves the tip"),
+        (chain(kind="prismatic"), {}, "joint 'joint3' of .* slides"),
+        (chain(base_axis="0 0.3 1"), {}, "base axis, joint 'joint1' .* tilted by 16.7 deg"),
+        (HANGING, {"tip": "link1"}, "the base of .* hangs"),
+        ("robot: {}", {}, "is not XML: syntax error"),
+        ("<sdf/>", {}, "neither URDF nor MJCF: it begins with <sdf>"),
+        (
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot>',
+            {},
+            "is a xacro file",
+        ),
+        (chain(), {"cable_axis": "z"}, "cable_axis = 'z': one of -y, x, y, -x"),
+        (chain(), {"posture": [0.0, 1.0]}, "posture must be 6 angles"),
+        (chain(), {"limits": {"velocity": [1.0]}}, "velocity limits .* must be 6 numbers"),
+        (chain(), {"file": "none.urdf"}, "there is no arm description .*none.urdf"),
+        (chain(), {"menagerie": "ufactory_xarm7"}, "both file and menagerie"),
+        (chain(), {"tips": "link6"}, r"unknown keys \['tips'\]"),
+    ],
+)
+def test_a_bad_description_is_refused_with_one_line(tmp_path, text, changes, words):
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises((InputError, UnknownNameError), match=words) as caught:
+        arm_from_dict({"file": "arm.urdf", "tip": "link6", **changes}, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_arm_too_short_for_its_gripper_says_so(tmp_path):
+    (tmp_path / "arm.urdf").write_text(chain())
+    arm = arm_from_dict({"file": "arm.urdf", "tip": "link6", "base_height": 1.9}, tmp_path)
+    with pytest.raises(IKError, match="no posture within its limits and above the table"):
+        arm.inverse([[0.0, 0.5, 0.02, 0.0, 0.0]])
+
+
+def test_menagerie_without_its_package_says_what_to_install():
+    with pytest.raises(InputError, match="pip install mujoco-menagerie"):
+        arm_from_dict({"menagerie": "ufactory_xarm7", "tip": "link7"})
