@@ -357,7 +357,7 @@ class _Solver:
         self.middle = np.array(arm.posture or arm.limits.middle)
         self.weights = np.array(arm.limits.position) ** -2.0
         # The base joint is all but free to face the grip, the last one to turn the cable.
-        self.weights[[0, -1]] = 1e-6
+        self.weights[[0, -1]] = 1e-9
         self.sense = float(np.sign(arm.frames(np.zeros(arm.joint_count))[0][2, 2]))
         self.reach = sum(float(np.linalg.norm(offset[:3])) for offset in arm.offsets)
 
