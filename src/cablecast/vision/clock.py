@@ -284,7 +284,7 @@ class CastClock:
         self._kept.append((time, small_grey(image)))
 
     def compare(
-        self, reported: JointPath, arm: ArmUR, view: CameraView, shift: float
+        self, reported: JointPath, arm: Arm, view: CameraView, shift: float
     ) -> ClockOffset | None:
         """Return by how much the camera's clock is off from what is believed of it.
 
