@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.camera.lens import Lens
-from cablecast.camera.tags import FAMILY, TagLayout, tag_family
+from cablecast.camera.tags import FAMILY, EndTag, TagLayout, tag_family
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 CLOCKS = ("device", "arrival")
@@ -48,6 +48,7 @@ class CameraSettings:
         tags: Tags on the table; `default_layout` where None.
         tag_family: Family of these tags, a key of `cablecast.camera.tags.TAG_COUNTS`; that of the
             layout where it names one.
+        end_tag: Tag on the cable's free end, which is followed in place of the marker.
         marker: Length and width of the marker along and across the cable [m].
         marker_hue: Hue of the marker on a table that counts as grey; 120 is green [deg].
         films: Folder that keeps the film of each trial; none are kept where None.
@@ -68,6 +69,7 @@ class CameraSettings:
     lens: Lens | None = None
     tags: TagLayout | None = None
     tag_family: str = FAMILY
+    end_tag: EndTag | None = None
     marker: tuple[float, float] = (0.038, 0.016)
     marker_hue: float = MARKER_HUE
     films: str | None = None
@@ -113,6 +115,17 @@ class CameraSettings:
             )
         family = self.tag_family if self.tags is None else self.tags.family
         object.__setattr__(self, "tag_family", tag_family(family))
+        end = self.end_tag
+        # Dictionaries of one size begin alike: 4X4_50 and 4X4_100 have the same first tags.
+        kin = [
+            re.sub(r"_\d+$", "", family) for family in (end.family if end else "", self.tag_family)
+        ]
+        known = self.tags is None or (end is not None and self.tags.corners_of(end.id) is not None)
+        if end is not None and kin[0] == kin[1] and known:
+            raise InputError(
+                f"camera end_tag {end.id} of {end.family} may be mixed up with a tag on the table: "
+                "take another number, or another family"
+            )
         if len(self.marker) != 2:
             raise InputError(f"camera marker = {self.marker} must be a length and a width")
         for value in self.marker:
@@ -128,6 +141,7 @@ class CameraSettings:
             **vars(self),
             "marker": list(self.marker),
             "lens": self.lens and self.lens.to_dict(),
+            "end_tag": self.end_tag and dataclasses.asdict(self.end_tag),
             "tags": self.tags and self.tags.to_dict()["tags"],
         }
         return {name: value for name, value in values.items() if value is not None}
@@ -160,6 +174,10 @@ class CameraSettings:
             values["tags"] = TagLayout.from_dict(values["tags"], family)
         if isinstance(values.get("films"), str) and values["films"].strip():
             values["films"] = str((base / values["films"]).resolve())
+        if "end_tag" in values:
+            known = {field.name for field in dataclasses.fields(EndTag)}
+            end = check_keys(values["end_tag"], known, "camera end_tag", required={"id"})
+            values["end_tag"] = EndTag(**end)
         if "lens" in values:
             values["lens"] = Lens.from_dict(values["lens"])
         if "marker" in values:

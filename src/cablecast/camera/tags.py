@@ -103,6 +103,29 @@ class Tag:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class EndTag:
+    """A tag that lies flat on the cable's free end.
+
+    Attributes:
+        id: Number of the tag.
+        size: Length of a side of its black square [m].
+        family: Family of the tag; one of few cells is read when it is small.
+        height: Height of the tag above the table [m]; the cable's diameter where None.
+    """
+
+    id: int
+    size: float = 0.03
+    family: str = "4X4_50"
+    height: float | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "family", tag_family(self.family))
+        check_count("end_tag id", self.id, 0, TAG_COUNTS[self.family] - 1)
+        check_number("end_tag size", self.size, 0.005, 0.2, "m")
+        check_number("end_tag height", self.height or 0.0, 0.0, 0.5, "m")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class TagLayout:
     """All tags on a table.
 

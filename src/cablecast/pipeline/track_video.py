@@ -22,6 +22,7 @@ from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignor
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.clock import check_film_rate
+from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
 from cablecast.vision.video import (
@@ -188,9 +189,11 @@ def _track(
     marker = MarkerConfig(
         length=length, width=width, hue=hue if config.marker_hue is None else config.marker_hue
     )
-    tracker = EndpointTracker(
+    tracker = make_tracker(
         calibration.view,
         setup.workspace,
+        setup.cable,
+        setup.camera,
         TrackerConfig(
             marker=marker,
             marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,

@@ -218,10 +218,10 @@ def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, in
         )
     try:
         rms, K, distortion, rvecs, tvecs = cv2.calibrateCamera(objects, pixels, size, None, None)
-    except cv2.error:
+        lens = _lens_from_opencv(*size, K, distortion)
+    except (cv2.error, InputError):
         raise InputError(f"the pictures do not determine the lens: {_TILT_ADVICE}") from None
     sds = rms * _intrinsic_sds(objects, K, distortion, rvecs, tvecs)
-    lens = _lens_from_opencv(*size, K, distortion)
     fit = LensFit(
         lens=lens,
         rms_px=float(rms),

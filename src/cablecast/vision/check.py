@@ -39,6 +39,8 @@ _RMS_MAX, _RMS_MAX_PX = 0.003, 1.0
 """Misfit of the tags that is worth a word: above both, for small pictures are coarse [m], [px]."""
 _MARKER_WIDTH_MIN = 5.5
 """Width from which on a marker in sight is found in every frame [px]; see test_small_marker.py."""
+_TAG_WIDTH_MIN = 18.0
+"""Width from which on nearly every tag of 4x4 cells is read [px]; see tools/measure_tags.py."""
 _COUNTED = 1e-6
 """Largest scatter of stamps that are counted and not measured [s]."""
 _OPENING = 2.0
@@ -269,7 +271,14 @@ class CameraReport:
             said.append(f"{missing} of {self.tag_count} tags are not seen: clear what covers them")
         calibration = self.calibration
         width_px = self.px_per_m * self.settings.marker[1]
-        if width_px < _MARKER_WIDTH_MIN:
+        if (end := self.settings.end_tag) is not None:
+            width_px = self.px_per_m * end.size
+            if width_px < _TAG_WIDTH_MIN:
+                said.append(
+                    f"the tag on the cable's end is {width_px:.0f} px wide, and from "
+                    f"{_TAG_WIDTH_MIN:g} px on it is read: take larger pictures or a larger tag"
+                )
+        elif width_px < _MARKER_WIDTH_MIN:
             said.append(
                 f"the marker is {width_px:.1f} px wide, and from {_MARKER_WIDTH_MIN:g} px on it is "
                 "found in every frame: take larger pictures, a closer camera or a wider marker"

@@ -524,13 +524,19 @@ class EndpointTracker:
             patch = self._near(time, lost_count, grab)
             if patch is None and lost_count % _SEARCH_PERIOD == 0:
                 patch = self._anywhere(time, grab)
-        xy = np.full(2, np.nan)
+        xy = self._record(time, None if patch is None else patch.pixel)
         if patch is not None:
-            xy = self.view.to_table(patch.pixel, self.config.marker_z)
-            self._seen.append(_Seen(frame, time, patch.pixel))
-            # Rows below the middle one are exposed later.
-            time += self.config.row_time * (float(patch.pixel[1]) - (self._frame[3] - 1) / 2)
             self._adapt(patch)
+        return xy
+
+    def _record(self, time: float, pixel: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        """Keep where the endpoint was seen in the next frame, and return it [m], shape [2]."""
+        xy = np.full(2, np.nan)
+        if pixel is not None:
+            xy = self.view.to_table(pixel, self.config.marker_z)
+            self._seen.append(_Seen(len(self._times), time, pixel))
+            # Rows below the middle one are exposed later.
+            time += self.config.row_time * (float(pixel[1]) - (self._frame[3] - 1) / 2)
         # The row of one frame and that of the next may come close in time, but not change places.
         last = self._times[-1] if self._times else -np.inf
         self._times.append(max(time, float(np.nextafter(last, np.inf))))

@@ -24,6 +24,7 @@ from cablecast.vision.clock import (
     controller_shift,
     sync_by_motion,
 )
+from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
 from cablecast.vision.tags import detect_tags
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, sight_of
@@ -363,7 +364,8 @@ class CameraOfTrials:
             row_time=self.settings.row_time,
             **changes,
         )
-        return EndpointTracker(self.calibration.view, self.setup.workspace, config, start_xy)
+        view, setup = self.calibration.view, self.setup
+        return make_tracker(view, setup.workspace, setup.cable, self.settings, config, start_xy)
 
 
 class ClockCamera(CameraOfTrials):

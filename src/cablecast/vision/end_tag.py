@@ -1,0 +1,90 @@
+"""The endpoint's track by a tag that lies flat on the cable's free end."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.cable import Cable
+from cablecast.camera.lens import CameraView
+from cablecast.camera.settings import CameraSettings
+from cablecast.errors import InputError
+from cablecast.vision.tags import detect_tags
+from cablecast.vision.tracker import EndpointTracker, Grab, TrackerConfig
+from cablecast.workspace import Workspace
+
+_SIZE_SHARE = 0.75
+"""Smallest ratio between the side of the tag and that of one which may be it: dictionaries of few
+cells are read into other things."""
+_LOOK = 0.25
+"""Distance from where it was seen last within which the tag is looked for first [m]."""
+
+
+class TagTracker(EndpointTracker):
+    """Follows a tag through the frames of one trial; its centre is the endpoint.
+
+    A frame in which the tag is blurred by more than a cell, or covered, gives no point.
+    """
+
+    def __init__(
+        self,
+        view: CameraView,
+        workspace: Workspace,
+        settings: CameraSettings,
+        config: TrackerConfig,
+    ):
+        if settings.end_tag is None:
+            raise InputError("the section `camera` has no end_tag to follow")
+        super().__init__(view, workspace, config)
+        self._tag = settings.end_tag
+
+    def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
+        """Look at the next frame, and return the endpoint in it [m], shape [2]; NaN if not seen."""
+        if self._times and time <= self._frame_time:
+            raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
+        self._frame_time = time
+        _, _, width, height = self._frame
+        windows = [self._frame]
+        if self._seen:
+            half = (_LOOK + self._tag.size) * self._px_per_m
+            left, top = np.maximum(self._seen[-1].pixel - half, 0).astype(int).tolist()
+            right, bottom = (self._seen[-1].pixel + half).astype(int).tolist()
+            near = (min(left, width), min(top, height), min(right, width), min(bottom, height))
+            if near[2] - near[0] > 16 and near[3] - near[1] > 16:
+                windows.insert(0, near)
+        found = (self._find(grab(window), window[:2]) for window in windows)
+        return self._record(time, next((pixel for pixel in found if pixel is not None), None))
+
+    def _find(self, image: NDArray[np.uint8], corner: ArrayLike) -> NDArray[np.float64] | None:
+        """Return the centre of the tag in a piece of the frame with a corner u, v [px], or None."""
+        quad = detect_tags(image, self._tag.family).get(self._tag.id)
+        if quad is None:
+            return None
+        quad = quad + np.asarray(corner)
+        places = self.view.to_table(quad, self.config.marker_z)
+        sides = [np.linalg.norm(b - a) for a, b in itertools.pairwise([*places, places[0]])]
+        share = float(np.mean(sides)) / self._tag.size
+        if not _SIZE_SHARE < share < 1.0 / _SIZE_SHARE:
+            return None
+        # Where the diagonals meet: the centre, also in perspective.
+        (a, b, c, d) = quad
+        share = np.linalg.solve(np.stack([c - a, b - d], axis=-1), b - a)[0]
+        return a + share * (c - a)
+
+
+def make_tracker(
+    view: CameraView,
+    workspace: Workspace,
+    cable: Cable,
+    settings: CameraSettings | None,
+    config: TrackerConfig,
+    start_xy: ArrayLike,
+) -> EndpointTracker:
+    """Return the tracker of the tag that a lab file names, or else of the marker."""
+    tag = None if settings is None else settings.end_tag
+    if settings is None or tag is None:
+        return EndpointTracker(view, workspace, config, start_xy)
+    height = 2.0 * cable.radius if tag.height is None else tag.height
+    config = dataclasses.replace(config, marker_z=height)
+    return TagTracker(view, workspace, settings, config)
