@@ -1,5 +1,6 @@
 """Dry run of a collection on a real arm: everything is checked and shown, and nothing moves."""
 
+import contextlib
 import time
 from typing import NamedTuple
 
@@ -87,17 +88,13 @@ def _check_motion(what: str, trajectory: Trajectory, setup: Setup) -> Finding:
 
 def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
     """Check that the controller is ready, and the way back from where the arm stands."""
-    link = None
     try:
-        link = UrLink(robot)
-        start = time.monotonic()
-        report = check_ready(link, robot)
-        asked = time.monotonic() - start
+        with contextlib.closing(UrLink(robot)) as link:
+            start = time.monotonic()
+            report = check_ready(link, robot)
+            asked = time.monotonic() - start
     except CablecastError as error:
         return [Finding("controller", str(error))]
-    finally:
-        if link is not None:
-            link.close()
     height = float(setup.arm.grip_pose(report.q)[2])
     version = ".".join(map(str, link.version))
     payload = "not reported" if report.payload is None else f"{report.payload:.2f} kg"

