@@ -63,7 +63,8 @@ class Lengths:
 # article), for the DH lengths; factory calibrations of single arms differ by up to millimetres.
 # Universal_Robots_ROS2_Description, physical_parameters.yaml of each model, for the distances aside
 # (shoulder_offset and elbow_offset). The girth is the ratio of the footprints on the data sheets
-# (128, 149 and 190 mm), but a UR3 counts as thick as a UR5, which is on the safe side.
+# (128, 149 and 190 mm), but a UR3 counts as thick as a UR5, which is on the safe side. That of a
+# UR20 and UR30 is our guess.
 LINKS = {
     # d1, upper_arm, forearm, d4, d5, d6, upper_aside, forearm_aside, girth
     "ur3": Lengths(0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819, 0.1198, 0.0275),
@@ -72,7 +73,15 @@ LINKS = {
     "ur5e": Lengths(0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007),
     "ur10": Lengths(0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922, 0.220941, 0.049042, 1.28),
     "ur10e": Lengths(0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, 1.28),
+    "ur7e": Lengths(0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996, 0.138, 0.007),
+    "ur12e": Lengths(0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655, 0.1762, 0.0393, 1.28),
+    "ur16e": Lengths(0.1807, 0.4784, 0.36, 0.17415, 0.11985, 0.11655, 0.176, 0.04, 1.28),
+    "ur20": Lengths(0.2363, 0.862, 0.7287, 0.201, 0.1593, 0.1543, 0.26, 0.043, 1.65),
+    "ur30": Lengths(0.2363, 0.637, 0.5037, 0.201, 0.1593, 0.1543, 0.26, 0.043, 1.65),
 }
+
+_UNKNOWN = ("ur8long", "ur15", "ur18")
+"""Models whose numbers we have not seen from the maker."""
 
 ARM_MODELS = tuple(LINKS)
 
@@ -103,7 +112,12 @@ _OTHERS: dict[str, dict[str, tuple[float, ...]]] = {
         "velocity": (2 * np.pi / 3,) * 2 + (np.pi,) * 4,
         "acceleration": (14.0, 14.0, 20.0, 40.0, 40.0, 40.0),
     },
+    "ur20": {
+        "velocity": tuple(np.radians((120, 120, 150, 210, 210, 210)).tolist()),
+        "acceleration": (10.0, 10.0, 14.0, 40.0, 40.0, 40.0),
+    },
 }
+_OTHERS |= {"ur12": _OTHERS["ur10"], "ur16": _OTHERS["ur10"], "ur30": _OTHERS["ur20"]}
 """Limits of the arms of other sizes that differ from those of a UR5, for both series."""
 
 
@@ -111,12 +125,13 @@ def ur_limits(model: str = "ur5") -> JointLimits:
     """Return the limits of a model.
 
     Position and velocity limits are from the manufacturer's user manuals and data sheets (±360 deg;
-    180 deg/s for all joints, but 360 deg/s for the wrists of a UR3 and 120 deg/s for base and
-    shoulder of a UR10), which state no acceleration limits. The three large joints get 20 rad/s²,
-    but base and shoulder of a UR10 14 rad/s². Stretched out with a gripper of 1 kg, this takes at
-    most 60 % of the torque that the maker states for the base joint (56, 150 and 330 N·m), with the
-    masses of his table (tests/arm/test_limits.py). The wrist joints carry little and get 40 rad/s²,
-    the largest value that the controller accepts.
+    180 deg/s for all joints, but 360 deg/s for the wrists of a UR3; 120 deg/s for base and shoulder
+    of a UR10, UR12e and UR16e; 120, 150 and 210 deg/s for base and shoulder, elbow and wrists of a
+    UR20 and UR30), which state no acceleration limits. The three large joints get 20 rad/s²,
+    but base and shoulder of a UR10 14 rad/s², those of a UR20 10 rad/s². Stretched out with a
+    gripper of 1 kg, this takes at most 60 % of the torque that the maker states for the base joint
+    (56, 150 and 330 N·m), with the masses of his table (tests/arm/test_limits.py). The wrist joints
+    carry little and get 40 rad/s², the largest value that the controller accepts.
     """
     usual = {
         "position": (2 * np.pi,) * 6,
@@ -147,6 +162,11 @@ class ArmUR(Arm):
     base_height: float = 0.183
 
     def __post_init__(self):
+        if self.model in _UNKNOWN:
+            raise UnknownNameError(
+                f"the maker's numbers of the {self.model} are not known here: describe the arm by "
+                "its URDF file, see docs/lab.md"
+            )
         if self.model not in LINKS:
             raise UnknownNameError(
                 f"unknown arm model {str(self.model)[:40]!r}: one of {', '.join(ARM_MODELS)}"
