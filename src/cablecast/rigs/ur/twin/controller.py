@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_NAMES
+from cablecast.arm.ur import JOINT_NAMES, ArmUR
 from cablecast.errors import InputError
 from cablecast.rigs.ur.rtde import REGISTER_COUNT
 from cablecast.rigs.ur.twin.urscript import PROGRAM_SIZE_MAX, Program, Run, ScriptError
@@ -52,6 +52,11 @@ class TwinLimits:
     def __post_init__(self):
         self._window = round(_WINDOW / self.dt)
         size = self.setup.arm.model.removesuffix("e")
+        if not isinstance(self.setup.arm, ArmUR) or size not in _SPEEDS_MAX_DEG:
+            raise InputError(
+                f"there is no twin of a {self.setup.arm.model}: of {', '.join(_SPEEDS_MAX_DEG)} "
+                "and their e-Series alone"
+            )
         self._speed_max = np.radians(np.array(_SPEEDS_MAX_DEG[size]) + _SPEED_TOLERANCE_DEG)
         self._past: list[NDArray[np.float64]] = []
 
