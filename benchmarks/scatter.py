@@ -29,7 +29,7 @@ from cablecast.cast import TrialStatus
 from cablecast.cli.progress import console_progress
 from cablecast.errors import JointLimitError
 from cablecast.motion.action import Action, ActionRanges, mirror_to_right
-from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.feasibility import feasible_ranges, feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.runs.progress import Progress
 from cablecast.setup import Setup
@@ -209,7 +209,7 @@ def stencils(setup: Setup, count: int, seed: int) -> NDArray[np.float64]:
 
     psi moves with theta2, so that theta2 can take a step where the wrist does not turn.
     """
-    ranges = ActionRanges.for_setup(setup)
+    ranges = feasible_ranges(setup)
     bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
     inner = bounds + STEP * np.diff(bounds) * [1.0, -1.0]
     theta1, theta2, r2, wrist = ((float(low), float(high)) for low, high in inner)

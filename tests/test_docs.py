@@ -18,8 +18,8 @@ from cablecast.arm.base import JointLimits
 from cablecast.arm.ur import ARM_MODELS
 from cablecast.cli import main as run_command
 from cablecast.cli.main import VERBS
-from cablecast.motion.action import ActionRanges, grid_actions
-from cablecast.motion.feasibility import check_actions
+from cablecast.motion.action import grid_actions
+from cablecast.motion.feasibility import check_actions, feasible_ranges
 
 ROOT = pathlib.Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -237,8 +237,8 @@ def test_the_arms_of_the_lab_page_can_make_most_motions_with_the_settings_there(
         level = setup.workspace.grip_height + setup.arm.gripper_length
         level += setup.arm.lengths.d6 - setup.arm.lengths.d1
         assert base_height == pytest.approx(level, abs=5e-4)
-        grid = grid_actions(ActionRanges.for_setup(setup), (5, 5, 5, 3))
-        assert check_actions(grid, setup).mask.mean() > 0.8, model
+        grid = grid_actions(feasible_ranges(setup), (5, 5, 5, 3))
+        assert check_actions(grid, setup).mask.mean() > 0.75, model
 
 
 def keys_of_the_lab_page(section: str) -> dict[str, str]:

@@ -261,3 +261,14 @@ def test_a_change_that_makes_no_sense_leaves_the_file_alone(tmp_path):
     assert file.read_text() == "cable: cable_1\n"
     with pytest.raises(InputError, match=re.escape("no file")):
         update_lab_file(tmp_path / "none.yaml", {})
+
+
+def test_what_a_lab_file_leaves_out_follows_from_the_reset_position():
+    setup = Setup.from_dict({"workspace": {"reset_y": 0.28}})
+    assert setup.motion.r0 == setup.workspace.support_depth == 0.28
+    assert Setup(workspace=Workspace(reset_y=0.28)).motion.r0 == 0.28
+    assert Setup.from_dict({"workspace": {"reset_y": 0.28}, "motion": {"r0": 0.5}}).motion.r0 == 0.5
+    assert Setup().motion.r0 == 0.6
+    assert Setup().workspace.support_depth == 0.466
+    with pytest.raises(InputError, match=r"support_depth = 0.466 m is beyond reset_y = 0.28 m"):
+        Setup.from_dict({"workspace": {"reset_y": 0.28, "support_depth": 0.466}})

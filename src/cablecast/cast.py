@@ -206,6 +206,8 @@ class RegionLaw:
 
 _NOTED_ARRAYS = ("target_xy", "expected_xy", "covariance")
 _NOTED_VALUES = ("scatter", "failure", "inside_coverage")
+# The law is told from a share of 1 % on.
+_RINGS, _SPOKES = 48, 32
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -248,6 +250,19 @@ class Proposal:
             JointLimitError: The arm cannot follow.
         """
         return plan_trajectory(self.action, self.setup)
+
+    @functools.cached_property
+    def hit_chance(self) -> float:
+        """Chance that the cast lands within `within_pct` of the target [-]."""
+        # Points of equal probability: rings that halve equal shares, turned against each other.
+        share = (np.arange(_RINGS) + 0.5) / _RINGS
+        radius = np.sqrt([self.law.square(float(value)) for value in share])
+        angle = 2.0 * np.pi * (np.arange(_SPOKES) + share[:, None]) / _SPOKES
+        unit = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        points = self.expected_xy + unit @ np.linalg.cholesky(self.covariance).T
+        within = self.within_pct / 100.0 * self.setup.cable.length
+        near = np.linalg.norm(points - self.target_xy, axis=-1) <= within
+        return (1.0 - self.failure) * float(np.mean(near))
 
     def ellipse(self, share: float = 0.9) -> Ellipse:
         """Return the ellipse that the landing lies in with some probability [-]."""

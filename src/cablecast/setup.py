@@ -33,8 +33,9 @@ class MotionConfig:
     """System parameters, fixed before data is collected (paper, section V-E).
 
     Attributes:
-        r0: Distance of the reset position from the polar origin [m]. At 0.6 the origin is the
-            robot's base and theta is the angle of its first joint (section V-B).
+        r0: Distance of the reset position from the polar origin [m]. At the workspace's reset_y
+            the origin is the robot's base and theta is the angle of its first joint (section V-B);
+            a set-up without motion settings has that.
         v_max: Largest linear speed of the gripped end [m/s] (section V-E).
         jerk: Linear jerk of the gripped end along the arcs [m/s³]. At v_max = 1.5 m/s, full speed
             is reached in 0.32 s and the acceleration peaks at sqrt(jerk v_max) = 9.5 m/s². At 0.6 m
@@ -110,10 +111,12 @@ class Setup:
             "cable": cable,
             "workspace": Workspace() if workspace is None else workspace,
             "arm": ArmUR() if arm is None else arm,
-            "motion": MotionConfig() if motion is None else motion,
+            "motion": motion,
             "robot": robot,
             "camera": camera,
         }
+        if motion is None and isinstance(parts["workspace"], Workspace):
+            parts["motion"] = MotionConfig(r0=parts["workspace"].reset_y)
         for name, part in parts.items():
             kind = type(self).__annotations__[name]
             if not isinstance(part, kind):
@@ -190,11 +193,14 @@ class Setup:
             cable = load_cable(local if local.is_file() else cable)
         else:
             cable = Cable.from_dict(cable)
+        workspace = Workspace.from_dict(values.get("workspace", {}))
+        motion = check_keys(values.get("motion", {}), known, "motion")
         return cls(
             cable=cable,
-            workspace=Workspace.from_dict(values.get("workspace", {})),
+            workspace=workspace,
             arm=arm_from_dict(values.get("arm", {}), folder),
-            motion=MotionConfig(**check_keys(values.get("motion", {}), known, "motion")),
+            # The arcs are about the robot's base, unless the file says otherwise.
+            motion=MotionConfig(**{"r0": workspace.reset_y, **motion}),
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )

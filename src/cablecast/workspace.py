@@ -4,7 +4,7 @@ import csv
 import dataclasses
 import importlib.resources
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,8 @@ from cablecast.conventions import polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, TargetError, check_keys, check_ranges
 
 Array = NDArray[np.float64]
+
+_SUPPORT_DEPTH = 0.466
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -29,7 +31,7 @@ class Workspace:
         table_near_y: y of the table's near edge [m]; negative where it reaches behind the base.
         r_max: Largest distance from the base to the gripper [m] (arXiv source of the paper).
         support_depth: Distance from the base to the edge of the robot's own table [m], which a
-            radial pull must not cross (section VI-A).
+            radial pull must not cross (section VI-A); at most reset_y.
         reset_y: Distance of the gripper from the base after a reset [m]. With r0 = 0.6 the polar
             origin then coincides with the base, as section V-B describes.
         grip_height: Height of the gripped end above the table's surface [m].
@@ -40,11 +42,15 @@ class Workspace:
     table_yaw_deg: float = 0.0
     table_near_y: float = 0.0
     r_max: float = 0.94
-    support_depth: float = 0.466
+    # The paper's 0.466 m, or reset_y where that is less, as soon as the workspace is made.
+    support_depth: float = cast(float, None)
     reset_y: float = 0.60
     grip_height: float = 0.02
 
     def __post_init__(self):
+        if self.support_depth is None:
+            nearer = isinstance(self.reset_y, float | int) and self.reset_y < _SUPPORT_DEPTH
+            object.__setattr__(self, "support_depth", self.reset_y if nearer else _SUPPORT_DEPTH)
         check_ranges(
             self,
             {
@@ -63,6 +69,11 @@ class Workspace:
             raise InputError(
                 f"workspace table_yaw_deg = {self.table_yaw_deg:g} deg is not a multiple of 90: "
                 "the table must be symmetric about the workspace axis"
+            )
+        if self.support_depth > self.reset_y:
+            raise InputError(
+                f"workspace support_depth = {self.support_depth:g} m is beyond reset_y = "
+                f"{self.reset_y:g} m: the gripper would rest over the robot's own table"
             )
         if self.reset_y > self.r_max:
             raise InputError(

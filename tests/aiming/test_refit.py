@@ -40,7 +40,7 @@ def quick(blank_figures, monkeypatch):
 
 def prepare(rig, *, fit_all=False, out=None, progress=ignore, **changes):
     """Return a session that is small."""
-    config = cc.AimConfig(**(SMALL | changes))
+    config = cc.AimConfig(**(SMALL | {"anyway": True} | changes))
     return cc.prepare_aim(
         rig, config, fit_all=fit_all, simulators=QUICK, out=out, progress=progress
     )
@@ -104,9 +104,9 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
 
 def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):
     options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "0", "--tries", "1"]
-    assert main(["aim", "--target", "1.1", "10", *options]) == 3
+    assert main(["aim", "--target", "1.1", "10", "--anyway", *options]) == 3
     assert "no cast of cable_1 is known yet" in capsys.readouterr().out
-    assert main(["aim", "--target", "1.0", "-5", *options]) == 3
+    assert main(["aim", "--target", "1.0", "-5", "--anyway", *options]) == 3
     assert "1 casts of cable_1 are known; the simulator is fitted to 0" in capsys.readouterr().out
 
 
@@ -131,16 +131,18 @@ def test_a_command_without_a_target_is_refused(capsys):
 
 
 def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):
-    options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "2", "--tries", "2"]
+    options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "2"]
+    options += ["--tries", "2", "--anyway"]
     assert main(["aim", "--target", "1.1", "10", "--target", "1.0", "-5", *options]) == 3
-    assert main(["aim", "--target", "1.2", "0", *options, "--tries", "1", "--no-refit"]) == 3
+    once = [*options, "--tries", "1"]
+    assert main(["aim", "--target", "1.2", "0", *once, "--no-refit"]) == 3
     printed = capsys.readouterr().out
     assert "new fit" not in printed
     settings = json.loads((tmp_path / "model" / "config.json").read_text())["settings"]
     assert settings["candidate_count"] == 300
     # Each target that was named was aimed at.
     assert [printed.count(f"\ntarget    r = {r} m") for r in ("1.100", "1.000", "1.200")] == [1] * 3
-    assert main(["aim", "--target", "1.1", "-20", *options, "--tries", "1"]) == 3
+    assert main(["aim", "--target", "1.1", "-20", *once]) == 3
     printed = capsys.readouterr()
     due = "new fit   7 casts are known, and the simulator is fitted to 2 (--no-refit"
     assert due in printed.out

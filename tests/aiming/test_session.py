@@ -20,8 +20,8 @@ def policy():
     return make_policy()
 
 
-def session_of(policy, *, within_pct=0.01, tries=6, **options):
-    config = cc.AimConfig(within_pct=within_pct, tries=tries)
+def session_of(policy, *, within_pct=0.01, tries=6, anyway=True, **options):
+    config = cc.AimConfig(within_pct=within_pct, tries=tries, anyway=anyway)
     return cc.AimSession(policy, config=config, **options)
 
 
@@ -284,3 +284,48 @@ def test_a_cast_that_was_taken_back_counts_for_nothing(policy, tmp_path):
         assert len(kept.casts) == 2
     with pytest.raises(InputError, match="no such cast"):
         cc.AimSession(policy).undo()
+
+
+def test_a_target_that_no_simulated_cast_comes_near_is_not_cast_at(policy):
+    # The policy's candidates reach to 1.48 m; the table and the cable allow 1.5.
+    targets, stopped = [(0.3, 1.1), (1.0, 0.3)], []
+    with rig_of(policy) as rig:
+        session = session_of(policy, within_pct=3.0, anyway=False)
+        result = cc.aim(session, rig, targets, on_stop=lambda *stop: stopped.append(stop))
+        assert [len(casts) > 0 for casts in result.casts] == [True, False]
+        assert result.stops[0] == ""
+        assert "no simulated cast" in result.stops[1]
+        assert "nearest landing of a simulated cast is r = " in result.stops[1]
+        assert [reason for _, reason in stopped] == [result.stops[1]]
+        np.testing.assert_allclose(result.misses_pct(1)[1], np.nan)
+        always = cc.AimSession(policy, config=cc.AimConfig(anyway=True, tries=2))
+        result = cc.aim(always, rig, targets[1])
+    assert len(result.casts[0]) == 2
+    assert result.stops == ("",)
+
+
+def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
+    # At the edge of what the arm can do no correction brings the cast nearer.
+    edge = policy.predicted_xy[np.argmax(policy.predicted_xy[:, 1])] + [0.0, 0.012]
+    with rig_of(policy, bias=0.0, scatter=0.001) as rig:
+        session = session_of(policy, within_pct=1.0, anyway=False)
+        result = cc.aim(session, rig, edge)
+    assert 2 <= len(result.casts[0]) < 6
+    assert "expected to miss by" in result.stops[0]
+
+
+def test_the_chance_to_hit_is_the_share_of_the_stated_law(policy):
+    proposal = dataclasses.replace(session_of(policy, within_pct=3.0).propose((0.3, 1.1)))
+    rng = np.random.default_rng(0)
+    for offset in (0.0, 0.02, 0.1):
+        moved = dataclasses.replace(proposal, expected_xy=proposal.target_xy + [offset, 0.0])
+        squares = np.array([moved.law.square(share) for share in rng.uniform(0.01, 0.9999, 4000)])
+        angles = rng.uniform(0.0, 2.0 * np.pi, squares.size)
+        unit = np.sqrt(squares)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        landings = moved.expected_xy + unit @ np.linalg.cholesky(moved.covariance).T
+        share = np.mean(
+            np.linalg.norm(landings - moved.target_xy, axis=1) <= 0.03 * SETUP.cable.length
+        )
+        np.testing.assert_allclose(
+            moved.hit_chance, (1.0 - moved.failure) * share, rtol=0, atol=0.03
+        )

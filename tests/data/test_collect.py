@@ -16,8 +16,7 @@ from cablecast.data import writer
 from cablecast.data.dataset import read_dataset
 from cablecast.data.record import sample_actions
 from cablecast.errors import DatasetError, InputError, RigError
-from cablecast.motion.action import ActionRanges
-from cablecast.motion.feasibility import check_actions
+from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.trajectory import Action, plan_trajectory
 from cablecast.setup import Setup
 
@@ -261,7 +260,7 @@ def test_repeats_of_an_action_follow_one_another_and_differ_only_by_chance(tmp_p
 def test_sampled_actions_are_feasible_and_fill_their_ranges(sampling):
     actions = sample_actions(sampling, 300, SETUP, seed=2)
     assert check_actions(actions, SETUP).mask.all()
-    ranges = ActionRanges()
+    ranges = feasible_ranges(SETUP)
     wrist = actions[:, 3] - actions[:, 1]
     for values, (low, high) in zip(
         (actions[:, 0], actions[:, 1], actions[:, 2], wrist),

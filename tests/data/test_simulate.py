@@ -122,7 +122,7 @@ def test_a_finished_dataset_is_returned_without_simulating_anything(unbroken, tm
         ({"count": 100}, "count is 220 there and 100 here"),
         ({"setup": Setup(cable="cable_2")}, "cable.name is 'cable_1' there and 'cable_2' here"),
         ({"params": load_cable("cable_3").params}, "params.mass is 0.05 there and 0.09 here"),
-        ({"ranges": ActionRanges(r2=(0.5, 0.6))}, r"ranges.r2 is \[0.35, 0.8\] there"),
+        ({"ranges": ActionRanges(r2=(0.5, 0.6))}, r"ranges.r2 is \[0.3\d*, 0.8\d*\] there"),
         ({"shard_rows": 50}, "shard_rows is 60 there and 50 here"),
     ],
 )

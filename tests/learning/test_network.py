@@ -17,7 +17,7 @@ from cablecast.learning.network import (
     initial_weights,
     train_forward_model,
 )
-from cablecast.motion.action import ActionRanges
+from cablecast.motion.feasibility import feasible_ranges
 from cablecast.setup import MotionConfig, Setup
 from cablecast.workspace import Workspace
 
@@ -249,8 +249,8 @@ def test_the_network_learns_a_smooth_map(model):
 
 
 def test_a_model_knows_the_ranges_of_the_actions_that_it_learned_from(model):
-    assert model.action_ranges == ActionRanges.for_setup(Setup())
-    without_psi = ActionRanges.for_setup(Setup(motion=MotionConfig(r0=1.0)), with_psi=False)
+    assert model.action_ranges == feasible_ranges(Setup())
+    without_psi = feasible_ranges(Setup(motion=MotionConfig(r0=1.0)), with_psi=False)
     info = copy.deepcopy(model.info)
     # As a file keeps them: lists for tuples.
     info["dataset"]["settings"]["ranges"] = json.loads(json.dumps(dataclasses.asdict(without_psi)))

@@ -13,8 +13,7 @@ from cablecast.motion.action import (
     mirror_actions,
     mirror_to_right,
 )
-from cablecast.setup import MotionConfig, Setup
-from cablecast.workspace import Workspace
+from cablecast.setup import MotionConfig
 
 
 def test_an_action_survives_the_way_through_an_array():
@@ -116,28 +115,6 @@ def test_ranges_that_do_not_rise_or_leave_their_bounds_are_refused():
         ActionRanges(theta1=(-0.5, 0.5))
     with pytest.raises(ActionError, match=f"at most {PSI_MAX:.4g}"):
         ActionRanges(theta2=(0.1, 2.0), wrist=(0.0, 2.0))
-
-
-def test_ranges_about_a_farther_origin_sweep_the_same_width():
-    near, far = MotionConfig(), MotionConfig(r0=2.0)
-    ours, theirs = (ActionRanges.for_setup(Setup(motion=config)) for config in (near, far))
-    assert ours == ActionRanges()
-    for name in ("theta1", "theta2"):
-        np.testing.assert_allclose(
-            far.r0 * np.sin(getattr(theirs, name)), near.r0 * np.sin(getattr(ours, name))
-        )
-    np.testing.assert_allclose(np.subtract(theirs.r2, far.r0), np.subtract(ours.r2, near.r0))
-
-
-def test_ranges_of_an_arm_of_another_reach_sweep_the_same_share_of_it():
-    workspace = Workspace(r_max=0.47, reset_y=0.35)
-    near = ActionRanges.for_setup(Setup(workspace=workspace, motion=MotionConfig(r0=0.3)))
-    usual = ActionRanges()
-    np.testing.assert_allclose(near.r2, np.divide(usual.r2, 2))
-    assert near.theta1 == usual.theta1
-    # The usual origin is twice as far for an arm of half the reach.
-    far = ActionRanges.for_setup(Setup(workspace=workspace))
-    np.testing.assert_allclose(np.sin(far.theta2) * 0.6, np.sin(usual.theta2) * 0.3)
 
 
 @pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(MotionConfig)])

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from cablecast.errors import ActionError
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.casting import cast_grip_paths, plan_sweeps
+from cablecast.motion.feasibility import feasible_ranges
 from cablecast.setup import MotionConfig, Setup
 
 SETUP = Setup()
@@ -35,7 +36,7 @@ def dense_times(paths, count=1500):
 
 
 def random_actions(count, seed, config=CONFIG):
-    ranges = ActionRanges.for_setup(Setup(motion=config))
+    ranges = feasible_ranges(Setup(motion=config))
     low, high = np.transpose([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
     actions = np.random.default_rng(seed).uniform(low, high, (count, 4))
     actions[:, 3] += actions[:, 1]
@@ -46,7 +47,7 @@ def random_actions(count, seed, config=CONFIG):
 def test_the_grip_path_follows_the_exact_polar_path(config):
     actions = np.concatenate(
         [
-            grid_actions(ActionRanges.for_setup(Setup(motion=config)), (3, 3, 3, 2)),
+            grid_actions(feasible_ranges(Setup(motion=config)), (3, 3, 3, 2)),
             random_actions(20, 0, config),
         ]
     )

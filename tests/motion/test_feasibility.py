@@ -13,10 +13,11 @@ from cablecast.motion.feasibility import (
     check_actions,
     check_grip_paths,
     feasible_grid,
+    feasible_ranges,
     feasible_uniform,
 )
 from cablecast.motion.grip_path import GripPath
-from cablecast.setup import Setup
+from cablecast.setup import MotionConfig, Setup
 from cablecast.workspace import Workspace
 
 SETUP = Setup()
@@ -40,7 +41,7 @@ def dense_peaks(actions, setup):
     ids=["default", "fast", "far origin", "turned UR5e"],
 )
 def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(setup):
-    actions = grid_actions(ActionRanges.for_setup(setup), (4, 4, 4, 3))
+    actions = grid_actions(feasible_ranges(setup), (4, 4, 4, 3))
     checked = check_actions(actions, setup, both_sides=False)
     reached = ~np.isnan(checked.peaks[:, 0, 0])
     dense = dense_peaks(actions[reached], setup)
@@ -207,7 +208,9 @@ def test_a_feasible_grid_without_wrist_turns_is_a_grid_of_the_action_set_a1():
 
 
 def test_a_feasible_grid_that_cannot_be_is_refused_with_the_cause():
-    with pytest.raises(InputError, match="most often broken: reach"):
+    with pytest.raises(
+        InputError, match=r"r2 from 1.50 to 2.00 m .*: 100 % break its reach, such as reach: radius"
+    ):
         feasible_grid(10, SETUP, ActionRanges(r2=(1.5, 2.0)))
     with pytest.raises(InputError, match="count = 0"):
         feasible_grid(0, SETUP)
@@ -219,3 +222,46 @@ def test_uniform_actions_are_refused_where_the_arm_can_make_none():
         feasible_uniform(3, SETUP, ranges)
     with pytest.raises(InputError, match="count = 0"):
         feasible_uniform(0, SETUP)
+
+
+LABS = {
+    "paper": Setup(),
+    "far origin": Setup(motion=MotionConfig(r0=2.0)),
+    "near origin": Setup(motion=MotionConfig(r0=0.4)),
+    "near gripper": Setup(
+        workspace=Workspace(table_width=1.6, table_depth=1.2, reset_y=0.28, support_depth=0.1)
+    ),
+    "fast": Setup(motion=MotionConfig(v_max=1.8)),
+}
+
+
+@pytest.mark.parametrize("lab", LABS)
+def test_the_ranges_hold_what_the_arm_can_do_and_little_else(lab):
+    setup = LABS[lab]
+    ranges = feasible_ranges(setup)
+    rng = np.random.default_rng(0)
+    box = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
+    actions = rng.uniform(box[:, 0], box[:, 1], (400, 4))
+    actions[:, 3] += actions[:, 1]
+    assert check_actions(actions, setup).mask.mean() > 0.2
+    # Of the motions of a wider box that the arm can follow above the table, nearly all lie within.
+    behind = setup.motion.r0 - setup.workspace.reset_y
+    wide = np.radians([[-90, -1], [1, 90], [0, 0], [0, 90]])
+    wide[2] = (0.35 + max(behind, 0.0), 0.94 + abs(behind))
+    actions = rng.uniform(wide[:, 0], wide[:, 1], (4000, 4))
+    actions[:, 3] += actions[:, 1]
+    theta1, theta2, r2, _ = actions.T
+    y_turn = np.maximum(setup.motion.r0, r2) * np.cos(theta1) - behind
+    above = np.minimum(y_turn, r2 * np.cos(theta2) - behind) >= setup.workspace.y_min
+    actions = actions[above & check_actions(actions, setup).mask]
+    actions[:, 3] -= actions[:, 1]
+    slack = 0.02 * np.ptp(box, axis=1)
+    inside = (actions >= box[:, 0] - slack) & (actions <= box[:, 1] + slack)
+    assert inside.all(axis=1).mean() > 0.8
+
+
+def test_an_arm_that_can_follow_nothing_says_which_limit_forbids_it():
+    limits = dataclasses.replace(SETUP.arm.limits, velocity=(0.05,) * 6)
+    slow = ArmUR(limits=limits)
+    with pytest.raises(InputError, match=r"reset_y = 0.6 m, r0 = 0.6 m .* % break its .* velocity"):
+        feasible_ranges(Setup(arm=slow))

@@ -88,7 +88,8 @@ def test_the_region_explains_the_errors_of_polar_casting_in_the_paper():
 
 
 def test_a_support_that_reaches_beyond_every_landing_leaves_nothing_to_cast_at():
-    setup = Setup(workspace=Workspace(support_depth=0.9))
+    table = Workspace(support_depth=0.9, reset_y=0.9, table_depth=1.55)
+    setup = Setup(workspace=table)
     with pytest.raises(InputError, match=r"reaches nothing with a cable of 0\.62 m"):
         PolarReach.of(setup)
 

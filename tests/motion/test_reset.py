@@ -7,6 +7,7 @@ import pytest
 
 from cablecast.cable import CABLE_NAMES
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import LIMIT_SHARE, check_grip_paths, feasible_uniform
 from cablecast.motion.grip_path import GripPath
@@ -14,7 +15,7 @@ from cablecast.motion.polar import PolarCastConfig, plan_reset, reset_path, rese
 from cablecast.setup import Setup
 
 SETUP = Setup()
-CASTS = cast_grip_paths(feasible_uniform(8, SETUP), SETUP)
+CASTS = cast_grip_paths(feasible_uniform(8, SETUP, ranges=ActionRanges()), SETUP)
 ENDS = CASTS.evaluate(CASTS.duration[:, None])[:, 0]
 
 # Shares of the cable's length. What a drag does not straighten is the slack that the swing left and

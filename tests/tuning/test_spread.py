@@ -1,5 +1,6 @@
 """Calibration casts whose simulated landings are spread over the table."""
 
+import dataclasses
 import types
 
 import numpy as np
@@ -12,6 +13,7 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, feasible_uniform
 from cablecast.setup import Setup
 from cablecast.tuning.spread import EDGE, spread_actions
+from cablecast.workspace import Workspace
 
 SETUP = Setup()
 COUNT = 5
@@ -69,3 +71,12 @@ def test_a_cable_that_lands_at_one_place_cannot_be_spread():
     engine = types.SimpleNamespace(rollout=rollout)
     with pytest.raises(InputError, match="land at 1 places of the table, too few to spread 5"):
         spread_actions(SETUP, COUNT, engine)
+
+
+def test_a_cable_that_lies_near_the_edge_after_the_reset_is_cast_all_the_same(engine):
+    cable = dataclasses.replace(SETUP.cable, length=0.9)
+    table = Workspace(table_width=1.6, table_depth=1.2, reset_y=0.27)
+    setup = Setup(cable=cable, workspace=table)
+    assert EDGE > 1.2 - 0.27 - 0.9
+    actions = spread_actions(setup, COUNT, engine, seed=1)
+    assert actions.shape == (COUNT, 4)

@@ -21,6 +21,9 @@ class AimConfig:
     """Distance from the target at which a cast has hit, in % of cable length."""
     tries: int = 6
     """Casts at one target at most."""
+    anyway: bool = False
+    """Cast at a target that no simulated cast comes near, too, and use all tries at a target even
+    where a cast is expected to miss."""
     refit: bool = True
     """Fit the simulator to all casts, and learn anew from it, before a target where it is worth it:
     at three times as many casts as it was fitted to, or at twice as many if first tries land

@@ -15,6 +15,7 @@ from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import Cast, EndpointTrack, Proposal, RegionLaw
+from cablecast.conventions import xy_to_polar
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError, RigError
@@ -50,6 +51,8 @@ ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters (docs/tuning.md)."""
 
 _INNOVATION_MAX = 4.0
+# From this try on, a cast whose chance to hit is below this is not worth making.
+_STOP_TRY, _STOP_CHANCE = 3, 0.05
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -255,6 +258,33 @@ class AimSession:
         """Return whether a target [m], shape [2], was hit, or all tries at it are used."""
         casts = self.casts_at(target_xy)
         return len(casts) >= self.config.tries or any(cast.hit for cast in casts)
+
+    def stop_reason(self, proposal: Proposal) -> str:
+        """Return why a proposed cast is not worth making, in words; empty where it is.
+
+        It is not where it is nearly certain to miss: at the first try outside the simulated
+        coverage, and from the third on everywhere. `AimConfig.anyway` makes it all the same.
+        """
+        outside = proposal.try_number == 1 and not proposal.inside_coverage
+        if self.config.anyway or not (outside or proposal.try_number >= _STOP_TRY):
+            return ""
+        if proposal.hit_chance >= _STOP_CHANCE:
+            return ""
+        miss = np.linalg.norm(proposal.expected_xy - proposal.target_xy)
+        reason = "no simulated cast of this cable lands near this target, and " if outside else ""
+        reason += (
+            f"the next cast is expected to miss by {100 * miss / self.setup.cable.length:.1f} %, "
+            f"with a chance of {100 * proposal.hit_chance:.0f} % to hit"
+        )
+        near = self.model.policy.nearest_landing(proposal.target_xy)
+        miss = np.linalg.norm(near - proposal.target_xy)
+        if miss > proposal.within_pct / 100 * self.setup.cable.length:
+            r, theta = xy_to_polar(near)
+            reason += (
+                f"; the nearest landing of a simulated cast is r = {r:.2f} m, theta = "
+                f"{np.degrees(theta):.1f} deg, {100 * miss:.0f} cm beside it"
+            )
+        return reason
 
     def propose(
         self,

@@ -87,7 +87,8 @@ class Aim(AimConfig, _Targets):
             theta_deg=[theta_deg for _, theta_deg in self.target] or None,
             cable_length=setup.cable.length,
         )
-        config = AimConfig.of(self)
+        # The paper's errors are those of all its targets.
+        config = dataclasses.replace(AimConfig.of(self), anyway=self.anyway or self.paper_targets)
         check_aim(config, out)
         casts = None if self.casts is None else read_dataset(self.casts)
         tuned = None if self.params is None else load_tuned(self.params, setup)
@@ -114,19 +115,22 @@ class Aim(AimConfig, _Targets):
                 targets,
                 on_proposal=lambda proposal: print_proposal(proposal, session),
                 on_cast=lambda cast: print_cast(cast, session),
+                on_stop=print_stop,
                 on_refit=refit_and_say,
             )
-            evaluation = write_aim_report(result, rig, out / REPORT_FOLDER)
+            made = any(result.casts)
+            evaluation = write_aim_report(result, rig, out / REPORT_FOLDER) if made else None
         if len(targets) < _MANY_TARGETS:
             print_result(result)
         else:
             print_tries(result)
-        if self.paper_targets:
+        if self.paper_targets and evaluation is not None:
             from cablecast.cli.evaluate import print_table
             from cablecast.evaluation.published import published_rows
 
             print_table(evaluation.metrics, published_rows(name))
-        print(f"report   {out / REPORT_FOLDER / 'report.html'}")
+        if evaluation is not None:
+            print(f"report   {out / REPORT_FOLDER / 'report.html'}")
         return 0 if result.hit.all() else EXIT_MISSED
 
 
@@ -161,6 +165,16 @@ def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
         print(f"          {100 * proposal.failure:.0f} % chance that it is hidden or off the table")
 
 
+def print_stop(proposal: "Proposal", reason: str) -> None:
+    """Say why a target is not cast at, or not again."""
+    from cablecast.cli.options import polar_text
+
+    if proposal.try_number == 1:
+        print(f"\ntarget    {polar_text(proposal.target_xy)}")
+    verb = "not cast at" if proposal.try_number == 1 else "stopped"
+    print(f"{verb}: {reason} (--anyway casts all the same)", flush=True)
+
+
 def print_cast(cast: "Cast", session: "AimSession") -> None:
     """Say what a cast did, and what that changes."""
     from cablecast.cli.options import polar_text
@@ -190,6 +204,11 @@ def print_result(result: "AimResult") -> None:
         style = "bold" if any(cast.hit for cast in casts) else ""
         table.add_row(f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg", *cells, style=style)
     tables.print_table(table, f"{int(result.hit.sum())} of {len(result.casts)} targets were hit.")
+    for target, casts, stop in zip(result.target_xy, result.casts, result.stops, strict=True):
+        if stop:
+            r, theta = xy_to_polar(target)
+            verb = "stopped" if casts else "not cast at"
+            print(f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg: {verb}: {stop}")
 
 
 def print_tries(result: "AimResult") -> None:

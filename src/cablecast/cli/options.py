@@ -67,7 +67,7 @@ ArcRadius = Annotated[
     float | None,
     argument(
         "M",
-        "that of --setup, or 0.6",
+        "that of --setup, or reset_y",
         "Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter.",
     ),
 ]

@@ -25,7 +25,7 @@ from cablecast.data.writer import DatasetWriter
 from cablecast.errors import DatasetError, InputError, RigError, check_count, check_seed
 from cablecast.files import core_count
 from cablecast.motion.action import Action, ActionRanges, check_action_values
-from cablecast.motion.feasibility import feasible_grid, feasible_uniform
+from cablecast.motion.feasibility import feasible_grid, feasible_ranges, feasible_uniform
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.base import Rig
 from cablecast.rigs.checked import (
@@ -318,7 +318,7 @@ def collect_dataset(
         origin = {
             "sampling": sampling,
             "seed": seed,
-            "ranges": dataclasses.asdict(ranges or ActionRanges.for_setup(setup)),
+            "ranges": dataclasses.asdict(ranges or feasible_ranges(setup)),
         }
     else:
         chosen = check_action_values(actions)

@@ -25,7 +25,7 @@ from cablecast.engines.spread import remade
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_ranges
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
@@ -78,7 +78,7 @@ def simulate_dataset(
     check_seed(seed)
     made = None if check_workers(workers) == LOCAL else remade(engine)
     dynamics = Dynamics.of(dynamics, setup)
-    ranges = ActionRanges.for_setup(setup) if ranges is None else ranges
+    ranges = feasible_ranges(setup) if ranges is None else ranges
     _check_mirrored(dynamics)
     actions = feasible_grid(count, setup, ranges, seed)
     settings = {

@@ -20,11 +20,10 @@ from cablecast.errors import ActionError, InputError, check_count, check_number
 from cablecast.motion.action import (
     PSI_MAX,
     Action,
-    ActionRanges,
     check_action_values,
     mirror_actions,
 )
-from cablecast.motion.feasibility import check_actions
+from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.make import make_rig
@@ -105,7 +104,7 @@ class CastTask:
             )
         space = SearchSpace.for_cable(self.setup.cable)
         self.space = dataclasses.replace(space, base=self.params)
-        self.ranges = ActionRanges.for_setup(self.setup)
+        self.ranges = feasible_ranges(self.setup)
         self._unit = self.space.to_unit(self.params)
 
     @property

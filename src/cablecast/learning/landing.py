@@ -17,6 +17,7 @@ from cablecast.data.dataset import Dataset, StoredSettings
 from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
 from cablecast.motion.action import ActionRanges
+from cablecast.motion.feasibility import feasible_ranges
 from cablecast.setup import Setup
 
 FEATURE_COUNT = 4
@@ -291,7 +292,7 @@ class LandingModel:
     @property
     def action_ranges(self) -> ActionRanges:
         """Ranges of the training actions; those that suit the set-up for a dataset without any."""
-        return self.settings.ranges or ActionRanges.for_setup(self.setup)
+        return self.settings.ranges or feasible_ranges(self.setup)
 
     @functools.cached_property
     def fingerprint(self) -> str:

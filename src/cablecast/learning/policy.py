@@ -38,7 +38,7 @@ from cablecast.motion.action import (
     mirror_actions,
     mirror_to_right,
 )
-from cablecast.motion.feasibility import check_actions, feasible_grid
+from cablecast.motion.feasibility import check_actions, feasible_grid, feasible_ranges
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
@@ -372,14 +372,14 @@ class ForwardSearchPolicy:
             model: Model of landings, with its set-up.
             candidate_count: Number of feasible candidates.
             seed: Seed for choosing candidates from the grid.
-            ranges: Ranges of the actions; `ActionRanges.for_setup` if None.
+            ranges: Ranges of the actions; `feasible_ranges` if None.
             table_margin: Distance that the free end must keep within the table's edges [m];
                 candidates predicted to come nearer are left out.
 
         Raises:
             InputError: No candidate stays on the table.
         """
-        ranges = ActionRanges.for_setup(model.setup) if ranges is None else ranges
+        ranges = feasible_ranges(model.setup) if ranges is None else ranges
         actions = feasible_grid(candidate_count, model.setup, ranges, seed)
         return cls.from_candidates(actions, model, table_margin, {"seed": seed})
 
@@ -481,6 +481,17 @@ class ForwardSearchPolicy:
         tied = distance <= distance[:, :1] + TIE_PCT / 100 * self.setup.cable.length
         best = np.argmin(np.where(tied, self.sensitivity[index], np.inf), axis=1)
         return index[np.arange(len(targets)), best]
+
+    def nearest_landing(self, target_xy: ArrayLike) -> NDArray[np.float64]:
+        """Return the predicted landing of a candidate that is nearest to each target [m].
+
+        Args:
+            target_xy: Targets [m], shape [..., 2].
+        """
+        targets = np.asarray(target_xy, dtype=float)
+        side = side_of(targets)
+        _, row = self.tree.query(mirror_xy(targets, side))
+        return mirror_xy(self.tree.data[row], side)
 
     def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
         """Return which targets lie within the simulated coverage, on either half of the table.

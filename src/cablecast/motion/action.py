@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import ActionError, InputError
-from cablecast.setup import MotionConfig, Setup
-from cablecast.workspace import Workspace
 
 ACTION_NAMES = ("theta1", "theta2", "r2", "psi")
 
@@ -150,13 +148,11 @@ def mirror_to_right(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ActionRanges:
-    """Ranges of an action grid, for landings on the right half of the table.
+    """Ranges of actions that end to the right of the workspace axis.
 
-    The paper does not publish its ranges. These follow its sibling task (arXiv 2111.04814: theta1 1
-    to 80 deg, theta2 20 to 80 deg, r2 0.21 to 0.77 m), extended to small theta2 to cover the
-    workspace axis. r2 is at least 0.35 m to keep the folded elbow clear of the base. It is at most
-    0.80 m, where the arm is bent enough for the elbow to follow the radius at speed; the arm is
-    straight at 0.94 m.
+    The paper does not publish its ranges. The defaults follow its sibling task (arXiv 2111.04814:
+    theta1 1 to 80 deg, theta2 20 to 80 deg, r2 0.21 to 0.77 m), extended to small theta2 to cover
+    the workspace axis. What an arm can do at a table is `feasible_ranges`.
 
     Attributes:
         theta1: End of the first arc [rad].
@@ -188,34 +184,12 @@ class ActionRanges:
                 f"most {PSI_MAX:.4g} rad"
             )
 
-    @classmethod
-    def for_setup(cls, setup: Setup, with_psi: bool = True) -> "ActionRanges":
-        """Return the ranges that sweep the same part of the reach about another polar origin.
-
-        r2 grows with the reach of the arm. Moving the origin back flattens the arcs: r2 shifts with
-        r0, and the angles shrink to keep the sideways extent of the sweep, r0 sin(theta). The wrist
-        turns (action set A2) unless `with_psi` is False (A1).
-        """
-        reach = setup.workspace.r_max / Workspace().r_max
-        usual = cls()
-        base = cls(
-            r2=(reach * usual.r2[0], reach * usual.r2[1]),
-            wrist=usual.wrist if with_psi else (0.0, 0.0),
-        )
-        r0, given = reach * MotionConfig().r0, setup.motion.r0
-        if given <= r0:
-            return base
-
-        def shrink(theta: tuple[float, float]) -> tuple[float, float]:
-            low, high = (float(np.arcsin(r0 / given * np.sin(value))) for value in theta)
-            return low, high
-
-        shift = given - r0
-        return cls(
-            theta1=shrink(base.theta1),
-            theta2=shrink(base.theta2),
-            r2=(base.r2[0] + shift, base.r2[1] + shift),
-            wrist=base.wrist,
+    def __str__(self) -> str:
+        low, high = np.degrees([self.theta1, self.theta2, self.wrist]).T
+        return (
+            f"theta1 from {low[0]:.0f} to {high[0]:.0f} deg, theta2 from {low[1]:.0f} to "
+            f"{high[1]:.0f} deg, r2 from {self.r2[0]:.2f} to {self.r2[1]:.2f} m and a wrist turn "
+            f"from {low[2]:.0f} to {high[2]:.0f} deg"
         )
 
 

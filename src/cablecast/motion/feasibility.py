@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm, JointMotion, LimitKind
 from cablecast.errors import InputError, check_count, check_seed
-from cablecast.motion.action import ActionRanges, check_action_values, grid_actions
+from cablecast.motion.action import (
+    PSI_MAX,
+    R2_BOUNDS,
+    ActionRanges,
+    check_action_values,
+    grid_actions,
+)
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.setup import Setup
@@ -172,6 +178,86 @@ def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) 
     )
 
 
+# Widest ranges of the search: sweeps of 1 to 90 deg, and a wrist turn of 90 deg.
+_SWEEP = (float(np.radians(1.0)), float(np.radians(90.0)))
+_TURN = float(np.radians(90.0))
+# Least radius over the arm's reach, which keeps a folded elbow clear of the base.
+_FOLDED = 0.37
+_RANGE_COUNTS = (8, 8, 8, 4)
+# Share of the feasible actions that lies beyond either end of a range: a few at the limits of speed
+# do not widen it to where hardly any motion is feasible.
+_RANGE_TAIL = 0.02
+
+
+@functools.lru_cache(maxsize=16)
+def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
+    """Return the ranges of the motions that the arm can follow above the table.
+
+    They bound the feasible actions of a grid whose gripper stays in front of the table's near edge
+    at both ends of the second arc, without the outermost 2 % on either side of each variable.
+
+    Args:
+        setup: Arm, workspace and motion settings.
+        with_psi: Whether the wrist turns (action set A2 of the paper) or not (A1).
+
+    Raises:
+        InputError: The arm can follow no such motion; the error names the limits that forbid it.
+    """
+    workspace, r0 = setup.workspace, setup.motion.r0
+    # The polar origin lies behind the base, or in front of it where this is negative.
+    behind = r0 - workspace.reset_y
+    low = max(R2_BOUNDS[0], _FOLDED * workspace.r_max + behind)
+    high = workspace.r_max + abs(behind)
+    widest = np.array([(-_SWEEP[1], -_SWEEP[0]), _SWEEP, (low, max(low, high)), (0.0, _TURN)])
+    box = widest
+    for tail in (0.0, _RANGE_TAIL):
+        grid = grid_actions(_ranges(box), _RANGE_COUNTS)
+        theta1, theta2, r2, _ = grid.T
+        found = check_actions(grid, setup)
+        y_turn = np.maximum(r0, r2) * np.cos(theta1) - behind
+        y_end = r2 * np.cos(theta2) - behind
+        actions = grid[found.mask & (np.minimum(y_turn, y_end) >= workspace.y_min)]
+        if not len(actions):
+            raise InputError(
+                f"the arm can follow no motion with reset_y = {workspace.reset_y:g} m, "
+                f"r0 = {r0:g} m and v_max = {setup.motion.v_max:g} m/s: "
+                + _most_broken(found, workspace)
+            )
+        actions[:, 3] -= actions[:, 1]
+        step = 0.0 if tail else np.diff(box, axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
+        box = np.quantile(actions, [tail, 1.0 - tail], axis=0).T + step * np.array([-1.0, 1.0])
+        box = np.clip(box, widest[:, :1], widest[:, 1:])
+    if not with_psi:
+        box[3] = 0.0
+    return _ranges(box)
+
+
+def _ranges(box: NDArray[np.float64]) -> ActionRanges:
+    """Return the ranges within a box, shape [4, 2], whose psi keeps to its bound."""
+    box = box.copy()
+    box[3, 0] = 0.0
+    box[3, 1] = min(box[3, 1], PSI_MAX - box[1, 1])
+    names = ("theta1", "theta2", "r2", "wrist")
+    return ActionRanges(
+        **{name: (float(low), float(high)) for name, (low, high) in zip(names, box, strict=True)}
+    )
+
+
+def _most_broken(found: Feasibility, workspace: Workspace) -> str:
+    """Return what keeps most of the actions of a grid from being feasible."""
+    counts = found.counts()
+    if not counts:
+        return f"its gripper would be behind the table's near edge at y = {workspace.y_min:g} m"
+    name = next(iter(counts))
+    violation = next(
+        violation
+        for violations in found.reasons.values()
+        for violation in violations
+        if violation.name == name
+    )
+    return f"{100 * counts[name] / len(found):.0f} % break its {name}, such as {violation}"
+
+
 def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]:
     """Return the feasible actions of a `grid_actions` of the set-up's ranges, shape [action, 4].
 
@@ -179,7 +265,7 @@ def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]
         InputError: The counts are out of bounds, or no action of the grid is feasible.
     """
     check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
-    grid = grid_actions(ActionRanges.for_setup(setup), counts)
+    grid = grid_actions(feasible_ranges(setup), counts)
     actions = grid[check_actions(grid, setup).mask]
     if not len(actions):
         raise InputError(
@@ -200,7 +286,7 @@ def feasible_grid(
     Args:
         count: Number of actions.
         setup: Arm, workspace and motion settings.
-        ranges: Ranges of the grid; `ActionRanges.for_setup` if None.
+        ranges: Ranges of the grid; `feasible_ranges` if None.
         seed: Seed for the random choice.
 
     Returns:
@@ -211,7 +297,7 @@ def feasible_grid(
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
-    ranges = ranges or ActionRanges.for_setup(setup)
+    ranges = ranges or feasible_ranges(setup)
     return _find_grid(count, setup, ranges, seed).copy()
 
 
@@ -222,8 +308,7 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
     share = float(np.mean(probe.mask))
     if share == 0.0:
         raise InputError(
-            f"no action within {ranges} is feasible; most often broken: "
-            + ", ".join(list(probe.counts())[:3])
+            f"the arm can follow no action with {ranges}: {_most_broken(probe, setup.workspace)}"
         )
     size = count / share
     while True:
@@ -247,7 +332,7 @@ def feasible_uniform(
     Args:
         count: Number of actions.
         setup: Arm, workspace and motion settings.
-        ranges: Ranges to draw from; `ActionRanges.for_setup` if None.
+        ranges: Ranges to draw from; `feasible_ranges` if None.
         seed: Seed for the draws.
 
     Returns:
@@ -258,7 +343,7 @@ def feasible_uniform(
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
-    ranges = ranges or ActionRanges.for_setup(setup)
+    ranges = ranges or feasible_ranges(setup)
     bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
     rng = np.random.default_rng(seed)
     chosen = np.empty((0, 4))
@@ -271,7 +356,10 @@ def feasible_uniform(
             return chosen[:count]
         if draw >= _UNIFORM_EMPTY_MAX and not len(chosen):
             break
-    raise InputError(f"none of {(draw + 1) * _UNIFORM_DRAWS} actions within {ranges} is feasible")
+    broken = _most_broken(check_actions(actions, setup), setup.workspace)
+    raise InputError(
+        f"the arm can follow none of {(draw + 1) * _UNIFORM_DRAWS} actions with {ranges}: {broken}"
+    )
 
 
 def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]:

@@ -54,6 +54,7 @@ _FOLDERS = {
 
 ProposalCallback = Callable[[Proposal], None]
 CastCallback = Callable[[Cast], None]
+StopCallback = Callable[[Proposal, str], None]
 RefitCallback = Callable[[AimSession, str], None]
 
 
@@ -65,11 +66,14 @@ class AimResult:
         session: Session, which further targets can be aimed at in.
         target_xy: Targets [m], shape [target, 2].
         casts: Casts at each target, in order.
+        stops: Why no further cast was made at each target; empty where it was hit, or where all
+            tries were used.
     """
 
     session: AimSession
     target_xy: NDArray[np.float64]
     casts: tuple[tuple[Cast, ...], ...]
+    stops: tuple[str, ...]
 
     @property
     def hit(self) -> NDArray[np.bool_]:
@@ -336,12 +340,14 @@ def aim(
     theta_deg: ArrayLike | None = None,
     on_proposal: ProposalCallback | None = None,
     on_cast: CastCallback | None = None,
+    on_stop: StopCallback | None = None,
     on_refit: RefitCallback | None = None,
     progress: ProgressCallback = ignore,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 
-    A target that the session has cast at before goes on where it stopped. Before a new target the
+    A target that the session has cast at before goes on where it stopped. Casts that are not worth
+    making are not made, see `AimSession.stop_reason`. Before a new target the
     simulator is fitted anew to all casts where `AimSession.refit_reason` says that it is worth it,
     unless `AimConfig.refit` is False.
 
@@ -354,6 +360,7 @@ def aim(
             shape [target].
         on_proposal: Called with every proposal before its cast is made.
         on_cast: Called with every cast after it was made.
+        on_stop: Called with a proposed cast that is not worth making, and the reason.
         on_refit: Called with the session and the reason of a new fit that is due, in place of
             `session.refit(progress)`.
         progress: Told how many targets are done, and how far a new fit is.
@@ -370,6 +377,7 @@ def aim(
     targets = setup.workspace.check_targets(
         target_xy, r=r, theta_deg=theta_deg, cable_length=setup.cable.length
     )
+    stops = []
     for done, target in enumerate(targets):
         # Never between the tries at a target: a correction relies on the model of the last try.
         refits = session.config.refit and not session.casts_at(target)
@@ -379,18 +387,25 @@ def aim(
         elif reason:
             progress(Progress(task="A new fit to all casts", note=reason))
             session.refit(progress)
+        stop = ""
         while not session.is_done(target):
             proposal = session.propose(target)
+            if stop := session.stop_reason(proposal):
+                if on_stop is not None:
+                    on_stop(proposal, stop)
+                break
             if on_proposal is not None:
                 on_proposal(proposal)
             cast = session.cast(rig, proposal)
             if on_cast is not None:
                 on_cast(cast)
+        stops.append(stop)
         progress(Progress(task="Aiming", done=done + 1, total=len(targets), unit="targets"))
     return AimResult(
         session=session,
         target_xy=targets,
         casts=tuple(tuple(session.casts_at(target)) for target in targets),
+        stops=tuple(stops),
     )
 
 
@@ -430,7 +445,8 @@ def write_aim_report(
 
     folder, session = pathlib.Path(folder), result.session
     every = _evaluation(result, rig)
-    last = every.rows(np.cumsum([len(casts) for casts in result.casts]) - 1)
+    counts = np.array([len(casts) for casts in result.casts])
+    last = every.rows((np.cumsum(counts) - 1)[counts > 0])
     metrics = evaluation_metrics(last) | {
         "tries": result.try_rows,
         "cast_count": len(session.casts),

@@ -19,7 +19,7 @@ from cablecast.data.schema import INFO_PATH
 from cablecast.engines import make_engine
 from cablecast.errors import DatasetError, InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges
-from cablecast.motion.feasibility import ACTION_COUNT_MAX
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_ranges
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import Claim, record_run
@@ -73,7 +73,7 @@ def collect(
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
-    ranges = ActionRanges.for_setup(setup, psi)
+    ranges = feasible_ranges(setup, psi)
     given = None
     if how == "spread":
         given = choose_actions(how, purpose, count, setup, ranges, seed)

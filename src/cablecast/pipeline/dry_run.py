@@ -9,7 +9,8 @@ import numpy as np
 from cablecast.arm.robot import RobotConfig
 from cablecast.data.record import Purpose
 from cablecast.errors import CablecastError
-from cablecast.motion.action import Action, ActionRanges
+from cablecast.motion.action import Action
+from cablecast.motion.feasibility import feasible_ranges
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
@@ -53,7 +54,7 @@ def dry_run(
         purpose,
         count,
         setup,
-        ActionRanges.for_setup(setup, psi),
+        feasible_ranges(setup, psi),
         seed,
     )
     for number, values in enumerate(actions):

@@ -8,7 +8,7 @@ from cablecast.cable import CableParams
 from cablecast.data.dataset import Dataset
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.engines import make_engine
-from cablecast.motion.action import ActionRanges
+from cablecast.motion.feasibility import feasible_ranges
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
@@ -69,7 +69,7 @@ def simulate(
             engine,
             count=count,
             seed=seed,
-            ranges=ActionRanges.for_setup(setup, psi),
+            ranges=feasible_ranges(setup, psi),
             workers=workers,
             progress=progress,
         )
