@@ -10,8 +10,8 @@ import pytest
 from cablecast.arm.description import arm_from_dict
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
-from cablecast.motion.action import Action, ActionRanges, grid_actions
-from cablecast.motion.feasibility import check_actions
+from cablecast.motion.action import Action, grid_actions
+from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -118,7 +118,7 @@ def test_a_ur5_from_a_file_moves_its_joints_as_the_analytic_one(described):
 
 
 def test_the_same_motions_are_feasible_for_both(described):
-    grid = grid_actions(ActionRanges.for_setup(Setup()), (5, 5, 5, 3))
+    grid = grid_actions(feasible_ranges(Setup()), (5, 5, 5, 3))
     analytic, tabulated = (check_actions(grid, Setup(arm=arm)) for arm in (UR5, described))
     assert 0.5 < analytic.mask.mean() < 1.0
     assert np.array_equal(analytic.mask, tabulated.mask)
