@@ -40,6 +40,8 @@ _SILENCE_MAX = 60.0
 sooner that none comes, and may try again when they come."""
 _WARM_UP_COUNT = 10
 """First frames of a device, which are exposed as before."""
+_STREAM_OPTIONS = "rtsp_transport;tcp|fpsprobesize;0"
+"""Options of FFmpeg: OpenCV's own, and no wait for frames that would tell the rate of a stream."""
 _STAMP_TRIES = 3
 """Frames after which a camera whose stamps are all zero has none."""
 _EXPOSURE_UNIT = 1e-4
@@ -498,6 +500,7 @@ def main(arguments: list[str]) -> None:
     """Read a camera for the process that started this one; arguments are pipe and memory."""
     # Ctrl-C is for the process that started this one; it ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", _STREAM_OPTIONS)
     pipe, memory = (int(word) for word in arguments)
     _Grabber(Connection(pipe), memory).run()
 

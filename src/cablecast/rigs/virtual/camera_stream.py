@@ -165,7 +165,9 @@ class Studio:
         if len(self._still) < _STILL_COUNT:
             self._still.append(encode_jpeg(self.film.frame(frame)))
             return self._still[-1]
-        return self._still[frame % _STILL_COUNT]
+        # Never the one that was sent last: equal frames in a row are a camera's fault.
+        self._still.append(self._still.pop(0))
+        return self._still[-1]
 
     def _moved(self) -> NDArray[np.uint8]:
         """Return the picture of the table with one tag moved."""
