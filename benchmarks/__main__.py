@@ -29,6 +29,7 @@ COMMANDS = {
     "cluster": ("times:cluster", "throughput of a Ray cluster on this machine and of one thread"),
     "page": ("page:main", "latencies, memory and frames of the page of `cablecast view`"),
     "light": ("light:main", "tracker in flicker, casts of colour, and with markers of any hue"),
+    "effects": ("effects:effects", "shift of landings by each effect of the virtual rig"),
     "laboratory": ("laboratory:main", "scatter and difficulty of the virtual rig and of the paper"),
 }
 """Module and function of each command, and what it measures."""

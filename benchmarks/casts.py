@@ -170,7 +170,7 @@ def print_blind(found: Found, args: CastsArgs) -> None:
     seen = {
         key: [row for row, unseen in zip(rows, blind, strict=True) if not unseen]
         for key, rows in found.items()
-        if key[0] == "virtual"
+        if key[0].startswith("virtual")
     }
     print_misses(seen, args.tries, ", at the others")
 
@@ -184,7 +184,7 @@ def casts(args: CastsArgs) -> int:
         found = run(args, progress)
     print_misses(found, args.tries)
     print_regions(found, args.tries)
-    if "virtual" in args.rigs:
+    if any(rig.startswith("virtual") for rig in args.rigs):
         print_blind(found, args)
     print_differences(found)
     if args.figure is not None:

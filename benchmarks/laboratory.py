@@ -50,6 +50,7 @@ REAL_COLUMNS = (
     "casts",
     "scatter [%]",
     "median",
+    "SD of distance [%]",
     "along arc [%]",
     "growth with distance",
     "growth with width",
@@ -62,6 +63,7 @@ SCATTER_COLUMNS = (
     "scatter [%]",
     "standard error",
     "median",
+    "SD of distance [%]",
     "paper's",
     "within x 1.5",
     "off table [%]",
@@ -91,6 +93,7 @@ class Args:
         untuned_count: Casts of each cable to compare with the untuned engine; 0 leaves that out.
         cables: Names of the cables to compare with the untuned engine.
         seed: Seed of the actions and of the rig.
+        rig: Name of the rig: virtual:4 or virtual:5 for a version of the laboratory.
         out: Folder that keeps the casts and lets a stopped run resume. They are not made again when
             the laboratory changes: give a new folder then.
     """
@@ -100,6 +103,7 @@ class Args:
     untuned_count: int = 80
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     seed: int = 0
+    rig: str = "virtual"
     out: pathlib.Path | None = None
 
 
@@ -142,7 +146,7 @@ def scatter_row(published: Candidate, args: Args, out: pathlib.Path) -> tuple:
         seed=args.seed,
     )
     name = f"{published.v_max:g}{'-psi' if published.with_psi else ''}"
-    with make_rig("virtual", setup, args.seed) as rig, console_progress() as progress:
+    with make_rig(args.rig, setup, args.seed) as rig, console_progress() as progress:
         result = measure_repeatability(
             out / f"repeat-{name}",
             rig,
@@ -161,6 +165,7 @@ def scatter_row(published: Candidate, args: Args, out: pathlib.Path) -> tuple:
         result.scatter_pct,
         result.scatter_standard_error_pct,
         median_scatter(result),
+        literal_scatter(result),
         published.scatter_pct,
         "yes" if 1 / FACTOR_MAX <= ratio <= FACTOR_MAX else "no",
         100 * result.off_table_share,
@@ -197,6 +202,19 @@ def median_scatter(result: Repeatability) -> float:
     return float(np.median(finite)) if len(finite) else float("nan")
 
 
+def literal_scatter(result: Repeatability) -> float:
+    """Return the mean over actions of the standard deviation of the distance to the mean [%].
+
+    That is what the paper's words say; `scatter_pct` is the root mean square of that distance.
+    """
+    of = [
+        np.linalg.norm(a.landed_xy - a.mean_xy, axis=1).std()
+        for a in result.actions
+        if len(a.landed_xy) > 1
+    ]
+    return float(100.0 * np.mean(of) / result.setup.cable.length) if of else float("nan")
+
+
 def real_row(real_cable: str) -> tuple:
     landings: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for row in read_csv(REAL_LANDINGS, LANDING_COLUMNS):
@@ -221,6 +239,7 @@ def real_row(real_cable: str) -> tuple:
         result.cast_count,
         result.scatter_pct,
         median_scatter(result),
+        literal_scatter(result),
         100 * result.along_arc_share,
         growth["distance"],
         growth["width"],
@@ -231,7 +250,7 @@ def untuned_row(cable_name: str, args: Args, out: pathlib.Path) -> tuple:
     setup = Setup(cable=cable_name)
     cable = setup.cable
     published = published_tuning(cable.name)
-    with make_rig("virtual", setup, args.seed) as rig, console_progress() as progress:
+    with make_rig(args.rig, setup, args.seed) as rig, console_progress() as progress:
         dataset = collect_dataset(
             out / f"untuned-{cable.name}",
             rig,

@@ -90,7 +90,7 @@ def simulate_resets(
     if count < 1:
         raise InputError(f"count = {count} resets must be at least 1")
     # Drawn shapes, so that a library does not depend on the one before it.
-    config = dataclasses.replace(config or VirtualConfig(), stored_resets=False)
+    config = dataclasses.replace(config or VirtualConfig(version=4), stored_resets=False)
     fine_config = dataclasses.replace(config, dt=config.dt / 2)
     trajectories, begins = cast_and_reset(setup, count, seed)
     with RigVirtual(setup, seed, config) as rig, RigVirtual(setup, seed, fine_config) as fine_rig:
@@ -180,7 +180,7 @@ def make_library(cable_name: str, count: int, seed: int, path: pathlib.Path) -> 
         seed: Seed of the casts and of all that the laboratory leaves to chance.
         path: File of the library.
     """
-    setup, config = Setup(cable=cable_name), VirtualConfig()
+    setup, config = Setup(cable=cable_name), VirtualConfig(version=4)
     info = {
         "seed": seed,
         "batch_size": BATCH_SIZE,

@@ -81,7 +81,10 @@ def user_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ("robot", ["'robot'", "virtual, engine, ur, or package.module:factory"]),
+        (
+            "robot",
+            ["'robot'", "virtual, virtual:4, virtual:5, engine, ur, or"],
+        ),
         (":make", ["':make'"]),
         ("no_such_package.rig:make", ["no module 'no_such_package'"]),
         ("cablecast.no_such_rig:make", ["no module 'cablecast.no_such_rig'"]),

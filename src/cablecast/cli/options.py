@@ -51,8 +51,9 @@ RigName = Annotated[
     str,
     argument(
         "RIG",
-        text="Rig that makes the casts: virtual (a laboratory in software), engine (the "
-        "simulator), ur (an arm), or your own robot as package.module:factory.",
+        text="Rig that makes the casts: virtual (a laboratory in software; virtual:4, its version "
+        "before), engine (the simulator), ur (an arm), or your own robot as "
+        "package.module:factory.",
     ),
 ]
 GripSpeed = Annotated[

@@ -404,7 +404,11 @@ def reproduction_page(
     return page, [*tables, took]
 
 
-_RIG_PHRASES = {"virtual": "on a virtual rig", "engine": "in a simulator"}
+_RIG_PHRASES = {
+    "virtual": "on a virtual rig",
+    "virtual:4": "on virtual rig 4",
+    "engine": "in a simulator",
+}
 
 
 def _cards(results: Reproduction) -> list[dict[str, str]]:

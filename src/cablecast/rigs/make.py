@@ -13,7 +13,7 @@ from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
 
-RIG_NAMES = ("virtual", "engine", "ur")
+RIG_NAMES = ("virtual", "virtual:4", "virtual:5", "engine", "ur")
 """Rigs that come with cablecast; any other is given as package.module:factory."""
 
 RigFactory = Callable[[Setup, int], Rig]
@@ -30,8 +30,9 @@ def make_rig(
     """Return a rig whose answers are checked.
 
     Args:
-        spec: "virtual", "engine", "ur", "package.module:factory", a function factory(setup, seed)
-            that returns a rig, or a rig. The module may lie in the working directory.
+        spec: "virtual", "virtual:4" or "virtual:5" for a version of its laboratory, "engine", "ur",
+            "package.module:factory", a function factory(setup, seed) that returns a rig, or a rig.
+            The module may lie in the working directory.
         setup: Cable, workspace, arm and motion settings.
         seed: Seed of what the rig draws by chance.
         time_limit: Longest time of one reset or one trial [s]; None for no limit.
@@ -53,10 +54,12 @@ def make_rig(
 
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     """Return the rig itself."""
-    if spec == "virtual":
-        from cablecast.rigs.virtual import RigVirtual
+    if spec in ("virtual", "virtual:4", "virtual:5"):
+        from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
-        return RigVirtual(setup, seed)
+        _, colon, version = spec.partition(":")
+        config = VirtualConfig(version=int(version)) if colon else VirtualConfig()
+        return RigVirtual(setup, seed, config)
     if spec == "engine":
         from cablecast.engines.warp_ import EngineWarp
         from cablecast.rigs.engine import RigEngine

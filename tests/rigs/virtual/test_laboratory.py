@@ -22,7 +22,7 @@ from cablecast.rigs.virtual.trials import ASIDE_MAX, Trial, find_library, reset_
 
 # A table far behind the robot: the cable hangs free above the floor, and touches nothing.
 IN_THE_AIR = Workspace(grip_height=0.5, table_near_y=-5.0, table_depth=0.3)
-QUICK = VirtualConfig(segment_count=16, dt=1e-3, sensing="exact")
+QUICK = VirtualConfig(version=4, segment_count=16, dt=1e-3, sensing="exact")
 SILENT = dataclasses.replace(QUICK, noise=TrialNoise.none())
 # Where two trials are compared, how a cable comes to rest proves nothing.
 BRIEF = dataclasses.replace(QUICK, segment_count=10, dt=2e-3, reset_time=0.1, rest_time_max=0.2)
@@ -80,8 +80,10 @@ def test_equal_motions_scatter_by_some_per_cent_and_not_at_all_without_noise(set
 def test_a_mirrored_motion_ends_mirrored_on_an_even_table_with_an_even_cable(
     setup, cast, monkeypatch
 ):
-    def even(cable, lab_seed):
-        return dataclasses.replace(hidden_cable(cable, lab_seed), curl=0.0, endpoint_offset=0.0)
+    def even(cable, lab_seed, strengths):
+        return dataclasses.replace(
+            hidden_cable(cable, lab_seed, strengths), curl=0.0, endpoint_offset=0.0
+        )
 
     monkeypatch.setattr(laboratory, "hidden_cable", even)
     bare = dataclasses.replace(
@@ -91,7 +93,9 @@ def test_a_mirrored_motion_ends_mirrored_on_an_even_table_with_an_even_cable(
     left = Trajectory(action=None, grip_path=cast.grip_path.mirrored(), joint_path=None)
     uneven = RigVirtual(bare, 0, BRIEF_SILENT).execute_many([right, left])
     monkeypatch.setattr(
-        laboratory, "hidden_table", lambda seed: HiddenTable(seed=seed, wear=0, board=0, seam=0)
+        laboratory,
+        "hidden_table",
+        lambda seed, strengths: HiddenTable(seed=seed, wear=0, board=0, seam=0),
     )
     tracks = RigVirtual(bare, 0, BRIEF_SILENT).execute_many([right, left])
     landings = [track.final_xy for track in tracks]
@@ -153,7 +157,7 @@ def test_a_motion_that_no_simulation_survives_is_marked_and_leaves_no_log_file(
 def test_a_cable_that_is_only_held_lies_still_on_the_table(setup, cable, workspace):
     pose = [0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0]
     hold = Trajectory(action=None, grip_path=GripPath.hold(pose, 1.0), joint_path=None)
-    track = play(RigVirtual(setup, 0, VirtualConfig()), hold)
+    track = play(RigVirtual(setup, 0, VirtualConfig(version=4)), hold)
     assert track.status is TrialStatus.OK
     # It rests as soon as it may: the trial ends with the first sample after the motion.
     assert track.times[-1] <= 1.2 + 1e-9

@@ -45,7 +45,7 @@ def test_a_simulated_reset_ends_as_those_of_the_library():
     setup = Setup(cable="cable_3")
     stored = find_library(setup)
     assert stored is not None
-    made = simulate_resets(setup, 1, 123, VirtualConfig(segment_count=16))
+    made = simulate_resets(setup, 1, 123, VirtualConfig(version=4, segment_count=16))
     scatter = stored.endpoints.std(axis=0)
     # Four standard deviations, and a centimetre for a library of few states.
     off = np.abs(made.endpoints - stored.endpoints.mean(axis=0))

@@ -1,6 +1,7 @@
-"""The arm as it really moves: set points that arrive late, and joints that follow like springs.
+"""The arm as it really moves: set points that arrive late, and joints that follow them.
 
-Each joint is the textbook servo, a second-order system behind a dead time,
+In version 5 the arm is made of rigid bodies (dynamics.py). In version 4, and for the twin, each
+joint is the textbook servo, a second-order system behind a dead time,
 
     qdd = omega^2 (q_set - q) + 2 zeta omega (share qd_set - qd),
 
@@ -19,9 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm
+from cablecast.arm.ur import ArmUR
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm
+from cablecast.rigs.virtual.dynamics import RigidArm
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
 
@@ -82,6 +85,8 @@ def move_arm(
         dt: Step [s].
         step_count: Number of steps from the start of the motion.
     """
+    is_rigid = servos.is_rigid_body and isinstance(arm, ArmUR)
+    rigid = RigidArm(arm, servos, dt) if is_rigid else None
     motions: dict[int, ArmMotion] = {}
     for jointed in (True, False):
         rows = [i for i, t in enumerate(trajectories) if (t.joint_path is not None) is jointed]
@@ -91,21 +96,24 @@ def move_arm(
         commands = [_command(*case, servos, dt, step_count) for case in cases]
         set_points, set_rates = (np.stack(values) for values in zip(*commands, strict=True))
         joints = _joints(set_points.shape[-1]) if jointed else _CARRIERS
-        followed = _follow(
-            servos,
-            joints,
-            np.stack([trial.servo_factor(len(joints)) for _, trial in cases]),
-            np.stack([set_points[:, 0], np.zeros_like(set_points[:, 0])]),
-            (set_points[:, 1:], set_rates[:, 1:]),
-            _strength(cases, servos, dt, step_count) if jointed else None,
-            dt,
-        )
-        for row, q, qd in zip(rows, *followed, strict=True):
-            if jointed:
-                report = _report(q, qd, trajectories[row], trials[row], dt)
-                motions[row] = ArmMotion(poses=arm.grip_pose(q), joint_path=report)
-            else:
-                motions[row] = ArmMotion(poses=q, joint_path=None)
+        factors = np.stack([trial.servo_factor(len(joints)) for _, trial in cases])
+        if jointed and rigid is not None:
+            torques = np.array([trial.torque_factor for _, trial in cases])
+            followed = rigid.follow(set_points, set_rates, factors, torques)
+        else:
+            q, qd = _follow(
+                servos,
+                joints,
+                factors,
+                np.stack([set_points[:, 0], np.zeros_like(set_points[:, 0])]),
+                (set_points[:, 1:], set_rates[:, 1:]),
+                _strength(cases, servos, dt, step_count) if jointed else None,
+                dt,
+            )
+            followed = q, qd, arm.grip_pose(q) if jointed else q
+        for row, q, qd, poses in zip(rows, *followed, strict=True):
+            report = _report(q, qd, trajectories[row], trials[row], dt) if jointed else None
+            motions[row] = ArmMotion(poses=poses, joint_path=report)
     return [motions[row] for row in range(len(trajectories))]
 
 

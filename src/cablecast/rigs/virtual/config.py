@@ -6,17 +6,31 @@ rendered pictures.
 
 import dataclasses
 import math
+from typing import Any, cast
 
 import numpy as np
 
 from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.settings import MARKER_HUE
 from cablecast.errors import InputError, check_count, check_number, check_ranges, check_seed
+from cablecast.rigs.virtual._hidden import EFFECTS, VERSIONS
 from cablecast.workspace import Workspace
 
 SENSING_NAMES = ("exact", "error_model", "camera")
 """Ways of seeing the cable: exactly as it is, with the measured errors of the camera, or with that
 camera itself, frame by rendered frame."""
+
+
+_NOISE_5 = {
+    "reset": 1.5,
+    "tip_roll": 0.2,
+    "curl": 0.1,
+    "friction": 0.02,
+    "servo": 0.08,
+    "torque": 0.02,
+    "latency": 5e-4,
+}
+"""What differs from `TrialNoise`'s defaults in version 5."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -28,18 +42,22 @@ class TrialNoise:
     since some fast casts magnify any difference.
 
     Attributes:
+        reset: Share of the measured deviation of the cable after a reset [-]; version 5 has this in
+            place of bow, sway and angle.
         bow: Sideways bow of the cable after a reset, at its middle [m].
         sway: Sideways S-shape of the cable after a reset, at its quarters [m].
         angle: Direction of the cable after a reset [rad].
         tip_roll: Turn of the lying attachment about the cable [rad].
         curl: Curvature that earlier trials have left in the cable [1/m].
         friction: Relative change of the friction between cable and table [-].
-        servo: Relative change of the response frequency of each joint's servo [-].
+        servo: Relative change of the response frequency of each joint's servo, in version 5 of its
+            gear's friction, which its temperature changes [-].
         torque: Relative change of the torque of the base joint [-].
         latency: Delay of a set point on its way to the arm [s].
         encoder: Error of a reported joint angle [rad].
     """
 
+    reset: float = 1.0
     bow: float = 0.002
     sway: float = 0.001
     angle: float = 0.0033
@@ -55,6 +73,7 @@ class TrialNoise:
         check_ranges(
             self,
             {
+                "reset": (0.0, 5.0, ""),
                 "bow": (0.0, 0.5, "m"),
                 "sway": (0.0, 0.5, "m"),
                 "angle": (0.0, 0.5, "rad"),
@@ -70,6 +89,11 @@ class TrialNoise:
         )
 
     @classmethod
+    def of_version(cls, version: int) -> "TrialNoise":
+        """Return the noise of a version of the laboratory."""
+        return cls() if version == 4 else cls(**_NOISE_5)
+
+    @classmethod
     def none(cls) -> "TrialNoise":
         """Return the noise of a laboratory in which equal motions end equally."""
         return cls(**{field.name: 0.0 for field in dataclasses.fields(cls)})
@@ -80,10 +104,12 @@ class VirtualConfig:
     """Settings of the virtual laboratory.
 
     Attributes:
+        version: Number of the laboratory, 4 or 5; see docs/virtual-rig.md.
         lab_seed: Seed of the laboratory: another one has another copy of each cable and another
             table. It stays the same while one rig's seed varies, so that data collected today and
             an evaluation tomorrow meet the same cable.
-        noise: Deviations from trial to trial.
+        without: Names of effects that version 5 is to leave out, of `EFFECTS`.
+        noise: Deviations from trial to trial; those of the version where not given.
         segment_count: Segments of the discrete rod. Twice as many move a landing by a median of 3 %
             of the cable length; the rod is the world here, so that is a matter of likeness.
         dt: Step [s]. An eighth of it moves a landing by a median of 0.9 %.
@@ -98,8 +124,11 @@ class VirtualConfig:
             result.
     """
 
+    version: int = 4
     lab_seed: int = 0
-    noise: TrialNoise = dataclasses.field(default_factory=TrialNoise)
+    without: tuple[str, ...] = ()
+    # Those of the version as soon as the settings are made.
+    noise: TrialNoise = cast(TrialNoise, None)  # noqa: RUF009
     segment_count: int = 30
     dt: float = 1e-3
     sample_dt: float = 0.1
@@ -111,6 +140,16 @@ class VirtualConfig:
     thread_count: int | None = None
 
     def __post_init__(self):
+        if self.version not in VERSIONS:
+            known = " or ".join(map(str, VERSIONS))
+            raise InputError(f"virtual rig version = {self.version!r} must be {known}")
+        object.__setattr__(self, "without", tuple(self.without))
+        for name in self.without:
+            if name not in EFFECTS or self.version == 4:
+                known = "none in version 4" if self.version == 4 else ", ".join(EFFECTS)
+                raise InputError(f"virtual rig effect {str(name)[:40]!r} is not one of: {known}")
+        if self.noise is None:
+            object.__setattr__(self, "noise", TrialNoise.of_version(self.version))
         if self.sensing not in SENSING_NAMES:
             names = ", ".join(SENSING_NAMES)
             raise InputError(f"virtual rig sensing = {self.sensing!r} is not one of {names}")
@@ -270,6 +309,11 @@ class CameraConfig:
             centre_offset=(self.centre_offset[0] * scale, self.centre_offset[1] * scale),
             row_time=self.row_time / scale,
         )
+
+    def troubled(self, values: dict[str, Any]) -> "CameraConfig":
+        """Return the camera with the hidden troubles of a laboratory."""
+        light = dataclasses.replace(self.light, **values.get("light", {}))
+        return dataclasses.replace(self, **{**values, "light": light})
 
     @property
     def view(self) -> CameraView:

@@ -2,8 +2,10 @@
 
 MuJoCo knows one friction coefficient for the whole cable. The table here is covered with foam
 boards that are not all alike, worn here and there, with seams between; along the cable it is
-smoother than across. The difference is added where the cable's surface slides. A rod of MuJoCo's is
-straight at rest. A real one keeps a curl, and some of every sharp bend.
+smoother than across; at a creep it holds more than in motion, and its boards' edges stand up. The
+difference is added where the cable's surface slides. A rod of MuJoCo's is straight at rest, and
+elastic. A real one keeps a curl, and some of every sharp bend; and its strands rub against each
+other, so that its moment depends on how it came to be bent.
 
 One thread computes one cable, from its free end towards the grip, so that what a vertex takes from
 its neighbours is at hand. Multiplications and additions are not fused: a trial's numbers are the
@@ -42,10 +44,15 @@ class FrictionMap:
     Attributes:
         origin: Corner of the map with the smallest x and y [m], shape [2].
         factors: Factor of each cell [-], shape [x, y].
+        rises: Height that a step towards +x, and one towards +y, gains in each cell, over the width
+            of a seam [m], shape [2, x, y]; [2, 1, 1] for a flat table.
+        seam_width: Width of a seam [m].
     """
 
     origin: Array
     factors: Array
+    rises: Array
+    seam_width: float
 
 
 def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
@@ -53,13 +60,16 @@ def friction_map(table: HiddenTable, workspace: Workspace) -> FrictionMap:
     origin = np.array([-workspace.half_width, workspace.y_min])
     size = np.array([2 * workspace.half_width, workspace.y_max - workspace.y_min])
     quarter_turns = round(workspace.table_yaw_deg / 90.0) % 4
-    factors = _face(table, size[::-1] if quarter_turns % 2 else size)
-    # Turned to the right, which is against the sense of rot90.
-    return FrictionMap(origin=origin, factors=np.rot90(factors, -quarter_turns))
+    factors, rises = _face(table, size[::-1] if quarter_turns % 2 else size)
+    for _ in range(quarter_turns):
+        # Turned to the right, which is against the sense of rot90: what was y ahead is x.
+        factors = np.rot90(factors, -1)
+        rises = np.stack([np.rot90(rises[1], -1), -np.rot90(rises[0], -1)])
+    return FrictionMap(origin=origin, factors=factors, rises=rises, seam_width=table.seam_width)
 
 
-def _face(table: HiddenTable, size: Array) -> Array:
-    """Return the factors of a table of some extent [m] that is not turned, shape [x, y]."""
+def _face(table: HiddenTable, size: Array) -> tuple[Array, Array]:
+    """Return factors and rises of a table of some extent [m] that is not turned."""
     rng = np.random.default_rng(table.seed)
     origin = np.array([-float(size[0]) / 2, 0.0])
     counts = [round(float(extent) / CELL) + 1 for extent in size]
@@ -77,7 +87,24 @@ def _face(table: HiddenTable, size: Array) -> Array:
     factors = np.exp(worn + boards[column[:, None], row])
     seam = np.minimum(from_x[:, None], from_y) < table.seam_width / 2
     factors[seam] *= 1.0 + table.seam
-    return factors
+    if table.edge == 0.0:
+        return factors, np.zeros((2, 1, 1))
+    heights = table.edge * rng.normal(size=boards.shape)
+    rises = np.zeros((2, *factors.shape))
+    # On a seam the board before and the one behind differ; elsewhere the nearest cells are one.
+    reach = max(1, round(table.seam_width / 2 / CELL))
+    for axis, board, near in ((0, column, from_x), (1, row, from_y)):
+        index = np.arange(len(board))
+        behind, ahead = np.maximum(index - reach, 0), np.minimum(index + reach, len(board) - 1)
+        pair = (column[behind], column[ahead]) if axis == 0 else (row[behind], row[ahead])
+        on_seam = near < table.seam_width / 2
+        if axis == 0:
+            step = heights[pair[1]][:, row] - heights[pair[0]][:, row]
+            rises[0] = np.where(on_seam[:, None], step, 0.0)
+        else:
+            step = heights[column][:, pair[1]] - heights[column][:, pair[0]]
+            rises[1] = np.where(on_seam, step, 0.0)
+    return factors, rises
 
 
 def _boards(places: Array, first: float, size: float) -> tuple[NDArray[np.intp], Array]:
@@ -97,6 +124,8 @@ _TOUCH = wp.constant(wp.float64(0.001))
 _STEEP = wp.constant(wp.float64(0.3))
 """Horizontal share of the direction below which the upper side is not well defined [-]: that of a
 cable steeper than about 70 deg."""
+_TENSION_MAX = wp.constant(wp.float64(5.0))
+"""Largest tension that counts for the strands [N]: accelerations are rough at impacts."""
 _TINY = wp.constant(wp.float64(1e-12))
 
 
@@ -106,23 +135,37 @@ class Properties:
 
     Attributes:
         radius: Radius of the cable [m].
-        friction: Mean Coulomb coefficient of the table [-].
+        friction: Mean Coulomb coefficient of the table at rest [-].
         grain: Half the relative difference of friction along and across the cable [-].
-        bend_stiffness: EI [N m^2].
         yield_curvature: Curvature beyond which the cable yields [1/m].
         yield_time: Time in which an excess of curvature decays [s].
         map_origin: Corner of the friction map with the smallest x and y [m].
         map_cell: Resolution of the map [m].
+        static_excess: Static friction in excess of kinetic friction [-].
+        stribeck_speed: Speed at which that excess has fallen to 1 / e [m/s].
+        friction_rise: Rise of friction with the sliding speed [s/m].
+        seam_width: Width of a step between boards [m].
+        strand_share: Share of the bending stiffness that is lost where all strands slip [-].
+        slip_curvature: Bend at which strands without tension slip [1/m].
+        slip_tension: Tension that doubles it [N]; 0 for none.
+        tip_mass: Mass of the attachment [kg].
     """
 
     radius: wp.float64
     friction: wp.float64
     grain: wp.float64
-    bend_stiffness: wp.float64
     yield_curvature: wp.float64
     yield_time: wp.float64
     map_origin: wp.vec2d
     map_cell: wp.float64
+    static_excess: wp.float64
+    stribeck_speed: wp.float64
+    friction_rise: wp.float64
+    seam_width: wp.float64
+    strand_share: wp.float64
+    slip_curvature: wp.float64
+    slip_tension: wp.float64
+    tip_mass: wp.float64
 
 
 @wp.func
@@ -191,10 +234,62 @@ def _table(
     if place[2] < cable.radius + _TOUCH and place[2] > wp.float64(0.0):
         pull = weight
     pull = pull / wp.sqrt(speed2 + _SLIP_SPEED * _SLIP_SPEED)
+    # MuJoCo applies static friction; it falls with the speed, and rises again.
     scale = base / cable.friction
+    if cable.static_excess > wp.float64(0.0):
+        speed = wp.sqrt(speed2)
+        fall = cable.static_excess * wp.exp(-speed / cable.stribeck_speed)
+        now = one + fall + cable.friction_rise * speed
+        scale = scale * now / (one + cable.static_excess)
     along = -pull * (scale * local * (one - cable.grain) - base) * slip_along
     across = -pull * (scale * local * (one + cable.grain) - base) * slip_across
     return wp.vec3d(along * x + across * y, along * y - across * x, wp.float64(0.0))
+
+
+@wp.func
+def _edge(
+    place: wp.vec3d,
+    v: wp.vec3d,
+    weight: wp.float64,
+    rises: wp.array3d[wp.float64],
+    cable: Properties,
+):
+    """Return the force of a step between two boards on a vertex that passes over it [N].
+
+    The weight is lifted over the width of a seam. A round cable of radius r that meets a step of
+    height h loses the part sin² = 2 h / r of its speed towards it, all where it goes up.
+    """
+    x = _cell(place[0], cable.map_origin[0], cable.map_cell, rises.shape[1])
+    y = _cell(place[1], cable.map_origin[1], cable.map_cell, rises.shape[2])
+    force = wp.vec3d()
+    if place[2] < cable.radius + _TOUCH and place[2] > wp.float64(0.0):
+        for axis in range(2):
+            rise = rises[axis, x, y]
+            push = -weight * rise / cable.seam_width
+            if rise * v[axis] > wp.float64(0.0):
+                share = wp.min(wp.float64(2.0) * wp.abs(rise) / cable.radius, wp.float64(1.0))
+                mass = weight / wp.float64(GRAVITY)
+                push = push - mass * wp.abs(v[axis]) * v[axis] * share / cable.seam_width
+            force[axis] = push
+    return force
+
+
+@wp.func
+def _slipped(
+    bend: wp.float64,
+    turn: wp.float64,
+    tension: wp.float64,
+    cable: Properties,
+):
+    """Return by how much the strands slip [1/m] while an elastic bend [1/m] turns by some [1/m].
+
+    Dahl's law between moment and curvature: the bend that the strands carry grows with the
+    curvature, and saturates at the curvature at which they all slip.
+    """
+    limit = cable.slip_curvature
+    if cable.slip_tension > wp.float64(0.0):
+        limit = limit * (wp.float64(1.0) + tension / cable.slip_tension)
+    return bend * wp.min(turn / limit, wp.float64(1.0))
 
 
 @wp.func
@@ -205,8 +300,11 @@ def _moment(
     sin: wp.float64,
     cell: wp.float64,
     elapsed: wp.float64,
+    tension: wp.float64,
     cable: Properties,
     curl: wp.array3d[wp.float64],
+    strands: wp.array3d[wp.float64],
+    stiffness: wp.array[wp.float64],
     world: int,
     vertex: int,
 ):
@@ -237,8 +335,25 @@ def _moment(
     share = wp.min(elapsed / cable.yield_time, one) * excess / wp.max(size, wp.float64(1e-9))
     curl[world, 0, vertex] = curl[world, 0, vertex] + sideways * share
     curl[world, 1, vertex] = curl[world, 1, vertex] + upwards * share
-    moment = curl[world, 0, vertex] * up + curl[world, 1, vertex] * side
-    return cable.bend_stiffness * moment
+    rest_sideways = wp.float64(curl[world, 0, vertex])
+    rest_upwards = wp.float64(curl[world, 1, vertex])
+    if cable.strand_share > wp.float64(0.0):
+        # The bend at the last evaluation, then what has slipped since the start.
+        by_sideways = sideways - strands[world, 0, vertex]
+        by_upwards = upwards - strands[world, 1, vertex]
+        strands[world, 0, vertex] = sideways
+        strands[world, 1, vertex] = upwards
+        turn = wp.sqrt(by_sideways * by_sideways + by_upwards * by_upwards)
+        carried = sideways - strands[world, 2, vertex]
+        carried_up = upwards - strands[world, 3, vertex]
+        slip = strands[world, 2, vertex] + _slipped(carried, turn, tension, cable)
+        slip_up = strands[world, 3, vertex] + _slipped(carried_up, turn, tension, cable)
+        strands[world, 2, vertex] = slip
+        strands[world, 3, vertex] = slip_up
+        rest_sideways = rest_sideways + cable.strand_share * slip
+        rest_upwards = rest_upwards + cable.strand_share * slip_up
+    moment = rest_sideways * up + rest_upwards * side
+    return stiffness[vertex] * moment
 
 
 @wp.kernel
@@ -256,8 +371,12 @@ def sum_forces(
     damping: wp.array[wp.float64],
     friction: wp.array[wp.float64],
     factors: wp.array2d[wp.float64],
+    rises: wp.array3d[wp.float64],
+    stiffness: wp.array[wp.float64],
     cable: Properties,
     curl: wp.array3d[wp.float64],
+    strands: wp.array3d[wp.float64],
+    before: wp.array2d[wp.vec3d],
     force: wp.array2d[wp.vec3d],
 ):
     """Sum the forces on the vertices after the gripped two of each active cable.
@@ -277,8 +396,13 @@ def sum_forces(
         damping: Linear damping of each free vertex [N s/m], shape [vertex - 2].
         friction: Coulomb coefficient that MuJoCo applies [-], shape [world].
         factors: Map of the friction [-], shape [x, y].
+        rises: Steps of the table [m], shape [2, x, y].
+        stiffness: Bending stiffness at each inner vertex [N m^2], shape [vertex - 2].
         cable: Properties of the cable.
         curl: Curvature at rest, sideways and upwards [1/m], shape [world, 2, vertex - 2].
+        strands: Elastic bend at the last evaluation and slip of the strands, each sideways and
+            upwards [1/m], shape [world, 4, vertex - 2].
+        before: Velocities at the last evaluation [m/s], shape [world, vertex - 2].
         force: Forces to fill [N], shape [active, vertex - 2].
     """
     row = wp.tid()
@@ -287,6 +411,8 @@ def sum_forces(
     ahead, half_ahead = wp.vec3d(), wp.vec3d()
     moment_ahead, push_ahead = wp.vec3d(), wp.vec3d()
     here = _direction(vertices[row, count], vertices[row, count + 1])
+    # What the outer part of the cable takes to be moved as it is: the edge pulls it with that.
+    taken = wp.vec3d()
     for back in range(count):
         free = count - 1 - back
         is_last = back == 0
@@ -305,9 +431,40 @@ def sum_forces(
         total = total + _table(
             place, v, along, rolling, weight[free], friction[world], local, cable
         )
+        if rises.shape[1] > 1:
+            total = total + _edge(place, v, weight[free], rises, cable)
+        tension = wp.float64(0.0)
+        if cable.slip_tension > wp.float64(0.0):
+            mass = weight[free] / wp.float64(GRAVITY)
+            if is_last:
+                mass = mass + cable.tip_mass
+            rate = (v - before[world, free]) / wp.max(elapsed, wp.float64(1e-6))
+            before[world, free] = v
+            load = mass * rate
+            if place[2] < cable.radius + _TOUCH:
+                speed = wp.sqrt(_dot(v, v) + _SLIP_SPEED * _SLIP_SPEED)
+                load = load + (mass * wp.float64(GRAVITY) * local / speed) * v
+            else:
+                load = load + wp.vec3d(wp.float64(0.0), wp.float64(0.0), mass * wp.float64(GRAVITY))
+            taken = taken + load
+            tension = wp.clamp(-_dot(taken, here), wp.float64(0.0), _TENSION_MAX)
         cell = (edge[free + 1] + edge[free]) / wp.float64(2.0)
         cos, sin = cos_roll[row, free], sin_roll[row, free]
-        moment = _moment(behind, here, cos, sin, cell, elapsed, cable, curl, world, free)
+        moment = _moment(
+            behind,
+            here,
+            cos,
+            sin,
+            cell,
+            elapsed,
+            tension,
+            cable,
+            curl,
+            strands,
+            stiffness,
+            world,
+            free,
+        )
         # Each moment turns the edge behind its vertex, and the edge before it the other way.
         torque = moment
         if not is_last:
@@ -324,6 +481,19 @@ def sum_forces(
         here = behind
 
 
+_SHARED = (
+    "grain",
+    "yield_curvature",
+    "yield_time",
+    "static_excess",
+    "stribeck_speed",
+    "friction_rise",
+    "strand_share",
+    "slip_curvature",
+    "slip_tension",
+)
+
+
 class CableForces:
     """Forces on the free vertices of a batch of cables.
 
@@ -336,6 +506,8 @@ class CableForces:
         friction: Coulomb coefficient that MuJoCo applies [-], shape [world].
         curl: Curvature of each cable at the start, sideways and upwards [1/m], shape
             [world, 2, inner vertex].
+        stiffness: Bending stiffness at each inner vertex as a multiple of the mean [-], shape
+            [inner vertex]; even where None.
     """
 
     def __init__(
@@ -347,6 +519,7 @@ class CableForces:
         masses: Array,
         friction: Array,
         curl: Array,
+        stiffness: Array | None = None,
     ):
         start_warp()
         edge = np.diff(arc_lengths)
@@ -363,22 +536,40 @@ class CableForces:
         self._world_view, self._force_view = self._worlds.numpy(), self._force.numpy()
         properties = Properties()
         properties.radius = cable.radius
-        for name in ("friction", "grain", "bend_stiffness", "yield_curvature", "yield_time"):
+        for name in _SHARED:
             setattr(properties, name, getattr(truth, name))
+        properties.friction = truth.friction * (1.0 + truth.static_excess)
+        properties.seam_width, properties.tip_mass = friction_map.seam_width, truth.endpoint_mass
         properties.map_origin = wp.vec2d(*friction_map.origin)
         properties.map_cell = CELL
         drag = 0.5 * AIR_DENSITY * truth.drag * cable.diameter * edge
         weight, damping = GRAVITY * masses[2:], truth.linear_damping * masses[2:]
+        stiff = truth.bend_stiffness * (np.ones(free_count) if stiffness is None else stiffness)
         constant = (edge, weight, drag, damping, friction, friction_map.factors)
+        strands = np.zeros((world_count, 4, free_count))
+        strands[:, :2] = -curl
         # They share their memory with numpy's.
-        *fixed, bent = (
-            wp.array(values, dtype=wp.float64, device="cpu", copy=False)
-            for values in (*constant, curl)
+        *fixed, rises, stiff, bent, strands = (
+            wp.array(np.ascontiguousarray(values), dtype=wp.float64, device="cpu", copy=False)
+            for values in (*constant, friction_map.rises, stiff, curl, strands)
         )
+        before = wp.zeros((world_count, free_count), dtype=wp.vec3d, device="cpu")
         self._launch: Any = wp.launch(
             sum_forces,
             dim=world_count,
-            inputs=[self._worlds, *self._motion, 0.0, *fixed, properties, bent, self._force],
+            inputs=[
+                self._worlds,
+                *self._motion,
+                0.0,
+                *fixed,
+                rises,
+                stiff,
+                properties,
+                bent,
+                strands,
+                before,
+                self._force,
+            ],
             device="cpu",
             record_cmd=True,
         )

@@ -22,12 +22,18 @@ from cablecast.engines.mujoco_ import quiet
 from cablecast.files import core_count
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.virtual._hidden import HiddenCable, hidden_arm, hidden_cable, hidden_table
+from cablecast.rigs.virtual._hidden import (
+    HiddenCable,
+    effect_strengths,
+    hidden_arm,
+    hidden_cable,
+    hidden_table,
+)
 from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.forces import CableForces, friction_map
 from cablecast.rigs.virtual.scene import Scene, build_scene
-from cablecast.rigs.virtual.trials import Trial, find_library, initial_curl, reset_shape
+from cablecast.rigs.virtual.trials import Drift, Trial, find_library, initial_curl, reset_shape
 from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
@@ -70,18 +76,24 @@ class Laboratory:
         self.setup = setup
         self.config = config
         self.window = max(1, round(_WINDOW / config.dt))
-        self._truth: HiddenCable = hidden_cable(setup.cable, config.lab_seed)
-        self._servos = hidden_arm(config.lab_seed)
-        self._map = friction_map(hidden_table(config.lab_seed), setup.workspace)
-        self._library = find_library(setup, config.lab_seed) if config.stored_resets else None
+        strengths = effect_strengths(config.version, config.lab_seed, config.without)
+        self._truth: HiddenCable = hidden_cable(setup.cable, config.lab_seed, strengths)
+        self._servos = hidden_arm(config.lab_seed, strengths)
+        table = hidden_table(config.lab_seed, strengths)
+        self._map = friction_map(table, setup.workspace)
+        self._drift = Drift.of(table)
+        has_library = config.version == 4 and config.stored_resets
+        self._library = find_library(setup, config.lab_seed) if has_library else None
         self.scene: Scene = build_scene(
-            setup.cable, self._truth, setup.workspace, config.segment_count, config.dt
+            setup.cable, self._truth, setup.workspace, config.segment_count, config.dt, table.tilt
         )
 
     def reset_shape(self, pose: Array, trial: Trial) -> Array:
         """Return the cable as the reset of a trial leaves it [m], shape [vertex, 3]."""
-        scene, cable = self.scene, self.setup.cable
-        return reset_shape(cable, pose, trial, scene.arc_lengths, scene.end_height, self._library)
+        scene, cable, spread = self.scene, self.setup.cable, self._truth.reset_spread
+        return reset_shape(
+            cable, pose, trial, scene.arc_lengths, scene.end_height, self._library, spread
+        )
 
     def run(
         self,
@@ -138,8 +150,9 @@ class Cables:
             self._batch.expand(name) for name in ("flex_friction", "geom_friction")
         )
         for world, trial in enumerate(trials):
-            friction[world, ..., 0] *= trial.friction_factor
-            tip_friction[world, :, 0] *= trial.friction_factor
+            factor = trial.friction_factor * lab._drift.factor(trial)
+            friction[world, ..., 0] *= factor
+            tip_friction[world, :, 0] *= factor
             scene.lay_down(self._qpos[world], poses[world], shapes[world], trial.tip_roll)
         self._forces = CableForces(
             lab.setup.cable,
@@ -148,7 +161,8 @@ class Cables:
             scene.arc_lengths,
             scene.masses,
             np.array(friction).reshape(count, -1)[:, 0],
-            np.stack([initial_curl(trial, lab._truth.curl, scene.arc_lengths) for trial in trials]),
+            np.stack([initial_curl(trial, lab._truth, scene.arc_lengths) for trial in trials]),
+            scene.stiffness,
         )
         self.broken = np.zeros(count, dtype=bool)
 

@@ -13,7 +13,8 @@ from cablecast.cast import EndpointTrack
 from cablecast.errors import check_count, check_seed
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle, purpose_seed
-from cablecast.rigs.virtual.config import VirtualConfig
+from cablecast.rigs.virtual._hidden import effect_strengths, hidden_camera
+from cablecast.rigs.virtual.config import CameraConfig, VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
 from cablecast.rigs.virtual.sensing import RECORD_DT, Sensor, SensorCamera, SensorErrorModel
 from cablecast.rigs.virtual.trials import Trial
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
 
 _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
-
-LABORATORY_VERSION = 4
-"""Number of the laboratory, raised when equal trials end elsewhere. It is part of the description
-that datasets keep, so that casts in one laboratory are never continued in another."""
 
 
 class RigVirtual(RigLifecycle):
@@ -59,7 +56,10 @@ class RigVirtual(RigLifecycle):
         if recorded.sensing == "error_model":
             self._sensor = SensorErrorModel(setup, sample_dt)
         elif recorded.sensing == "camera":
-            self._sensor = SensorCamera(setup, sample_dt, recorded.lab_seed)
+            lab_seed = recorded.lab_seed
+            strengths = effect_strengths(recorded.version, lab_seed, recorded.without)
+            camera = CameraConfig.over(setup.workspace).troubled(hidden_camera(lab_seed, strengths))
+            self._sensor = SensorCamera(setup, sample_dt, lab_seed, camera)
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
         self._lab = Laboratory(setup, recorded)
@@ -70,7 +70,7 @@ class RigVirtual(RigLifecycle):
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "virtual",
-            "laboratory_version": LABORATORY_VERSION,
+            "laboratory_version": self.config.version,
             "cable": setup.cable.name,
             "seed": self.seed,
             "config": dataclasses.asdict(self.config),

@@ -61,6 +61,11 @@ _CLAMP_INERTIA = 6e-7
 # with this lever arm [m].
 _DISC_BEARING = 0.002
 _DISC_ROLLING = 0.0025
+# Of a hook in a loop: its eye, the lever arm of the rubbing eye for each newton of its weight [m],
+# and a little damping for each kilogram [m²/s].
+_LOOP_MASS_SHARE = 0.15
+_LOOP_FRICTION = 0.0005
+_LOOP_DAMPING = 2e-4
 # Contacts: the cable meets the table, so does the attachment, but they do not meet each other.
 _TABLE_BITS, _TIP_BITS = 'contype="3" conaffinity="3"', 'contype="2" conaffinity="2"'
 # Resists the spinning of each segment about its own axis, as rolling on foam does [N·m·s].
@@ -99,6 +104,8 @@ class Scene:
         extra_count: Degrees of freedom between the attachment's turn and the rolls of the edges.
         hand_origin: Pose of the hand at joint values 0: x, y, z [m], yaw, pitch [rad], shape [5].
         vertex_origin: Positions of the free vertices at slides 0 [m], shape [vertex - 2, 3].
+        stiffness: Bending stiffness at each vertex after the first, as a multiple of the mean [-],
+            shape [vertex - 2].
     """
 
     model: Any
@@ -109,6 +116,7 @@ class Scene:
     extra_count: int
     hand_origin: Array
     vertex_origin: Array
+    stiffness: Array
 
     @property
     def vertex_slice(self) -> slice:
@@ -201,9 +209,14 @@ class Scene:
 
 
 def build_scene(
-    cable: Cable, truth: HiddenCable, workspace: Workspace, segment_count: int, dt: float
+    cable: Cable,
+    truth: HiddenCable,
+    workspace: Workspace,
+    segment_count: int,
+    dt: float,
+    tilt: tuple[float, float] = (0.0, 0.0),
 ) -> Scene:
-    """Compile the model, with a step of dt [s].
+    """Compile the model, with a step of dt [s], on a table that slopes along x and y [rad].
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -216,7 +229,8 @@ def build_scene(
     # would sit half a segment too far out, and the landing would depend on the segment count.
     arc = np.concatenate([[0.0], np.linspace(truth.sleeve, cable.length, segment_count + 1)])
     # Half the mass of each edge is lumped at each of its ends.
-    halves = np.diff(arc) * (truth.mass / cable.length) / 2
+    field = _fields(truth, arc)
+    halves = np.diff(arc) * (truth.mass / cable.length) / 2 * field[1]
     masses = np.append(halves, 0.0) + np.insert(halves, 0, 0.0)
     has_tip = (
         cable.attachment is not Attachment.NONE
@@ -228,16 +242,52 @@ def build_scene(
     positions = np.zeros((len(arc), 3)) + hand_origin[:3]
     positions[:, 1] += arc
     xml = _mjcf(cable, truth, workspace, arc, masses, has_tip, positions, dt)
+    model = MjModel.from_xml_string(xml)
+    # The table stays level in its own frame; what comes from the side is its slope.
+    model.opt.gravity[:2] = [-GRAVITY * slope for slope in tilt]
+    _soften(model, truth, field[0])
+    loop = has_tip and not magnet and truth.play > 0.0
     return Scene(
-        model=MjModel.from_xml_string(xml),
+        model=model,
         arc_lengths=arc,
         masses=masses,
         has_tip=has_tip,
         end_height=max(cable.radius, truth.endpoint_radius) if magnet else cable.radius,
-        extra_count=1 if magnet else 0,
+        extra_count=1 if magnet else 2 if loop else 0,
         hand_origin=hand_origin,
         vertex_origin=positions[2:],
+        stiffness=field[0][: len(arc) - 2],
     )
+
+
+def _fields(truth: HiddenCable, arc: Array) -> tuple[Array, Array]:
+    """Return factors of the stiffness and of the mass of each edge, of mean 1, shape [edge]."""
+    middle = (arc[1:] + arc[:-1]) / (2 * arc[-1])
+    fields = []
+    rng = np.random.default_rng(truth.field_seed)
+    for deviation in (truth.stiffness_field, truth.mass_field):
+        # Four half waves, so that ends differ, and bends of some decimetres.
+        sizes, waves = rng.normal(size=4), np.cos(np.pi * np.arange(1, 5) * middle[:, None])
+        field = np.exp(deviation * (waves @ sizes) / math.sqrt(2.0))
+        fields.append(field / np.average(field, weights=np.diff(arc)))
+    return fields[0], fields[1]
+
+
+def _soften(model: Any, truth: HiddenCable, stiffness: Array) -> None:
+    """Let the cable be stiffer here than there, kinked at a place, and held by pads that give.
+
+    MuJoCo keeps ten numbers for each bent vertex: at 4 the bending stiffness over the length that
+    belongs to it, at 8 that of twist. The stiffness is a factor for each edge, shape [edge].
+    """
+    rows = model.flex_bending[1:].reshape(-1, 10)
+    for column in (4, 8):
+        # The first vertex ends the gripped edge, the last may be the attachment's.
+        for vertex, row in enumerate(rows):
+            here = stiffness[min(vertex, len(stiffness) - 1)]
+            row[column] *= 1.0 if truth.stiffness_field == 0.0 else here
+    if truth.pad_stiffness:
+        # Two springs in series.
+        rows[0, 4] *= truth.pad_stiffness / (truth.pad_stiffness + rows[0, 4])
 
 
 def _mjcf(
@@ -292,6 +342,7 @@ def _mjcf(
         vertices += f"0 {cable.attachment_length:.9g} 0"
     elements = " ".join(f"{edge} {edge + 1}" for edge in range(len(owners) - 1))
     second_moment = math.pi * radius**4 / 4
+    friction = truth.friction * (1.0 + truth.static_excess)
     depth = workspace.y_max - workspace.y_min
     table_size = (workspace.half_width, depth / 2, _TABLE_THICKNESS / 2)
     table_pos = (0.0, (workspace.y_min + workspace.y_max) / 2, -_TABLE_THICKNESS / 2)
@@ -313,7 +364,7 @@ def _mjcf(
 <deformable>
   <flex name="cable" dim="1" radius="{radius:.9g}" body="{" ".join(owners)}" vertex="{vertices}"
         element="{elements}">
-    <contact condim="3" friction="{truth.friction:.9g} 0.005 0.0001" priority="1"
+    <contact condim="3" friction="{friction:.9g} 0.005 0.0001" priority="1"
              solref="{_CONTACT_SOLREF}" solimp="{_CONTACT_SOLIMP}" selfcollide="none"/>
     <elasticity young="{truth.bend_stiffness / second_moment:.9g}"
                 shear="{truth.twist_stiffness / (2 * second_moment):.9g}"
@@ -343,6 +394,8 @@ def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
         inertia = mass * np.maximum(
             np.array([length**2 / 12, offset**2 / 2, length**2 / 12]), _GYRATION_MIN**2
         )
+        if truth.play > 0.0:
+            return _hung_hook(truth, contact, length, radius, offset, lumped)
         return (
             f'<joint name="tip" type="ball"/>'
             f'<inertial pos="{_text([*centre, 0.0])}" mass="{mass:.9g}" '
@@ -366,6 +419,35 @@ def _tip(cable: Cable, truth: HiddenCable, lumped: float) -> str:
         f'<inertial pos="0 0 0" mass="{disc:.9g}" diaginertia="{turning}"/>'
         f'<geom name="tip" type="cylinder" size="{radius:.9g} {thickness / 2:.9g}" '
         f'euler="90 0 0" {contact}/></body>'
+    )
+
+
+def _hung_hook(
+    truth: HiddenCable, contact: str, length: float, radius: float, offset: float, lumped: float
+) -> str:
+    """Return a hook that hangs in a loop of the cable: it swings freely by the play, then is held.
+
+    The loop is clamped to the cable and has its end's mass.
+    """
+    mass, share = truth.endpoint_mass, truth.endpoint_share
+    loop = lumped + _LOOP_MASS_SHARE * mass
+    gyration = np.array([length**2 / 12, offset**2 / 2, length**2 / 12])
+    inertia = mass * np.maximum(gyration, _GYRATION_MIN**2)
+    swing = "".join(
+        f'<joint type="hinge" axis="{axis}" limited="true" range="{-math.degrees(truth.play):.9g} '
+        f'{math.degrees(truth.play):.9g}" frictionloss="{_LOOP_FRICTION * mass * GRAVITY:.9g}" '
+        f'damping="{_LOOP_DAMPING * mass:.9g}" solreflimit="0.006 1"/>'
+        for axis in ("1 0 0", "0 0 1")
+    )
+    return (
+        f'<joint name="tip" type="ball" armature="{_CLAMP_INERTIA:.9g}"/>'
+        f'<inertial pos="0 0 0" mass="{loop:.9g}" '
+        f'diaginertia="{_text([loop * _GYRATION_MIN**2] * 3)}"/>'
+        f'<body name="hook">{swing}'
+        f'<inertial pos="{_text([0.5 * offset, share * length, 0.0])}" '
+        f'mass="{(1.0 - _LOOP_MASS_SHARE) * mass:.9g}" diaginertia="{_text(inertia)}"/>'
+        f'<geom name="tip" type="capsule" size="{radius:.9g} " {contact} '
+        f'fromto="{_text([offset, 0.4 * length, 0.0, offset, length - radius, 0.0])}"/></body>'
     )
 
 

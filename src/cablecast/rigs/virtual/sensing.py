@@ -24,7 +24,7 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, check_ranges
 from cablecast.files import read_json, write_json
 from cablecast.motion.trajectory import JointPath, joints_at
-from cablecast.rigs.virtual.config import USUAL_CENTRE_Y, Mount, clutter_place
+from cablecast.rigs.virtual.config import USUAL_CENTRE_Y, CameraConfig, Mount, clutter_place
 from cablecast.setup import Setup
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
@@ -354,9 +354,15 @@ class SensorCamera(Sensor):
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, setup: Setup, sample_dt: float = 0.1, lab_seed: int = 0):
+    def __init__(
+        self,
+        setup: Setup,
+        sample_dt: float = 0.1,
+        lab_seed: int = 0,
+        config: CameraConfig | None = None,
+    ):
         super().__init__(setup, sample_dt)
-        self.camera, self.calibration = _calibrated_camera(setup.workspace, lab_seed)
+        self.camera, self.calibration = _calibrated_camera(setup.workspace, lab_seed, config)
         self.sight = CameraSight(position=self.calibration.view.position)
 
     def _look(
@@ -374,11 +380,11 @@ class SensorCamera(Sensor):
 
 
 @functools.lru_cache(maxsize=2)
-def _calibrated_camera(workspace: Workspace, lab_seed: int):
+def _calibrated_camera(workspace: Workspace, lab_seed: int, config: CameraConfig | None):
     """Return a camera over the table of a laboratory, and its calibration."""
     from cablecast.rigs.virtual.camera import VirtualCamera, calibrate_virtual_camera
 
-    camera = VirtualCamera(workspace=workspace, seed=lab_seed)
+    camera = VirtualCamera(config, workspace, seed=lab_seed)
     return camera, calibrate_virtual_camera(camera, lab_seed)
 
 

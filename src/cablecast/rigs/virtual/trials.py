@@ -23,7 +23,7 @@ from cablecast.cable import Cable, load_cable
 from cablecast.errors import DatasetError, InputError
 from cablecast.files import read_bytes, write_bytes
 from cablecast.motion.polar import reset_path, reset_pose
-from cablecast.rigs.virtual._hidden import is_preset
+from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable, is_preset
 from cablecast.rigs.virtual.config import TrialNoise
 from cablecast.setup import Setup
 
@@ -38,6 +38,11 @@ one, and the reset is done again."""
 AHEAD_MIN = 0.97
 """Smallest distance ahead of an accepted reset's endpoint, as a share of the cable's length: a
 cable that lies nearer is folded."""
+
+RESET_WAVES = np.array([1.0, 1.0, 0.5, 0.5, 0.5, 0.3, 0.3])
+"""Deviations of the heading that a reset leaves along a cable, as multiples of its spread: where it
+comes down from the grip, and in six sines of whole half waves. Simulated resets left these, within
+a factor of two."""
 
 _PATH_TOLERANCE = 1e-9
 """Two reset motions are one if they differ by no more than rounding [m and rad]."""
@@ -245,6 +250,32 @@ class Trial:
         return scale[:, None, None] * self.rng(3).normal(size=(2, count, joint_count))
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Drift:
+    """Friction that wanders over the casts, with the wear of the table and the air of the day.
+
+    Attributes:
+        amplitude: Largest relative change [-].
+        period: Casts in which it goes up and down once.
+    """
+
+    amplitude: float
+    period: float
+
+    @classmethod
+    def of(cls, table: HiddenTable) -> "Drift":
+        """Return the drift on a table."""
+        return cls(amplitude=table.drift, period=table.drift_period)
+
+    def factor(self, trial: Trial) -> float:
+        """Return the factor of the friction in a trial, whose seed says where the day starts."""
+        if self.amplitude == 0.0:
+            return 1.0
+        seed, index = trial.key
+        start = np.random.default_rng([seed, 6]).uniform(0.0, 2 * np.pi)
+        return float(np.exp(self.amplitude * np.sin(2 * np.pi * index / self.period + start)))
+
+
 def reset_shape(
     cable: Cable,
     pose: Array,
@@ -252,6 +283,7 @@ def reset_shape(
     arc_lengths: Array,
     end_height: float,
     library: ResetLibrary | None = None,
+    spread: float | None = None,
 ) -> Array:
     """Return the vertices of the cable as a reset leaves it, along the grip's yaw.
 
@@ -262,12 +294,14 @@ def reset_shape(
         arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
         end_height: Height of the lying endpoint [m].
         library: States of simulated resets; the shape is drawn, nearly straight, where None.
+        spread: Standard deviation of the heading that a reset leaves [rad], for a shape of version
+            5; None for one of version 4.
 
     Returns:
         Positions in the base frame [m], shape [vertex, 3].
     """
     if library is None:
-        local = _drawn_shape(cable, pose[2], trial, arc_lengths, end_height)
+        local = _drawn_shape(cable, pose[2], trial, arc_lengths, end_height, spread)
     else:
         # A laboratory whose resets are all alike starts from the same one.
         alike = trial.noise.bow == trial.noise.sway == trial.noise.angle == 0.0
@@ -283,7 +317,12 @@ def reset_shape(
 
 
 def _drawn_shape(
-    cable: Cable, grip_height: float, trial: Trial, arc_lengths: Array, end_height: float
+    cable: Cable,
+    grip_height: float,
+    trial: Trial,
+    arc_lengths: Array,
+    end_height: float,
+    spread: float | None,
 ) -> Array:
     """Draw a nearly straight shape, seen from the grip but for its heights [m], [vertex, 3]."""
     drop = grip_height - cable.radius
@@ -298,22 +337,40 @@ def _drawn_shape(
     step = np.sqrt(np.diff(arc_lengths) ** 2 - np.diff(height) ** 2)
     middle = (arc_lengths[1:] + arc_lengths[:-1]) / 2 / cable.length
     # Slopes of the sideways shapes; all vanish at the grip, which holds the tangent.
-    heading = trial.angle * (1.0 - np.exp(-middle / 0.15))
-    heading = heading + trial.bow * np.pi / cable.length * np.sin(2 * np.pi * middle)
-    heading = heading + trial.sway * 2 * np.pi / cable.length * np.sin(4 * np.pi * middle)
-    positions = np.zeros((len(arc_lengths), 3))
+    if spread is None:
+        heading = trial.angle * (1.0 - np.exp(-middle / 0.15))
+        heading = heading + trial.bow * np.pi / cable.length * np.sin(2 * np.pi * middle)
+        heading = heading + trial.sway * 2 * np.pi / cable.length * np.sin(4 * np.pi * middle)
+        return _laid(step, heading, height)
+    waves = np.sin(np.pi * np.arange(1, len(RESET_WAVES)) * middle[:, None])
+    waves = np.column_stack([1.0 - np.exp(-middle * cable.length / 0.15), waves])
+    rng, scale = trial.rng(5), trial.noise.reset * spread
+    while True:
+        drawn = RESET_WAVES * np.clip(rng.normal(size=len(RESET_WAVES)), -_SIGMA_MAX, _SIGMA_MAX)
+        positions = _laid(step, waves @ (scale * drawn), height)
+        if abs(positions[-1, 0]) <= ASIDE_MAX:
+            return positions
+
+
+def _laid(step: Array, heading: Array, height: Array) -> Array:
+    """Return the vertices of a cable by the headings of its edges [rad]."""
+    positions = np.zeros((len(height), 3))
     positions[1:, 0] = np.cumsum(step * np.sin(heading))
     positions[1:, 1] = np.cumsum(step * np.cos(heading))
     positions[:, 2] = height
     return positions
 
 
-def initial_curl(trial: Trial, curl: float, arc_lengths: Array) -> Array:
-    """Return the curvature of a cable at rest: its own [1/m], and what earlier trials left.
+def initial_curl(trial: Trial, truth: HiddenCable, arc_lengths: Array) -> Array:
+    """Return the curvature of a cable at rest: its own, and what earlier trials left.
 
     Returns:
         Sideways and upwards [1/m], shape [2, inner vertex].
     """
     u = arc_lengths[1:-1] / arc_lengths[-1]
-    sideways = curl + trial.curl[0] * np.sin(np.pi * u) + trial.curl[1] * np.sin(2 * np.pi * u)
+    sideways = truth.curl + trial.curl[0] * np.sin(np.pi * u)
+    sideways = sideways + trial.curl[1] * np.sin(2 * np.pi * u)
+    if truth.kink:
+        at = int(np.argmin(np.abs(u - truth.kink_place)))
+        sideways[at] += truth.kink / (arc_lengths[at + 2] - arc_lengths[at]) * 2.0
     return np.stack([sideways, np.zeros_like(u)])
