@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm
-from cablecast.arm.ur import ArmUR
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm
@@ -85,8 +84,7 @@ def move_arm(
         dt: Step [s].
         step_count: Number of steps from the start of the motion.
     """
-    is_rigid = servos.is_rigid_body and isinstance(arm, ArmUR)
-    rigid = RigidArm(arm, servos, dt) if is_rigid else None
+    rigid = RigidArm(arm, servos, dt) if servos.is_rigid_body and RigidArm.knows(arm) else None
     motions: dict[int, ArmMotion] = {}
     for jointed in (True, False):
         rows = [i for i, t in enumerate(trajectories) if (t.joint_path is not None) is jointed]

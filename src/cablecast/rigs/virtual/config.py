@@ -124,7 +124,7 @@ class VirtualConfig:
             result.
     """
 
-    version: int = 4
+    version: int = 5
     lab_seed: int = 0
     without: tuple[str, ...] = ()
     # Those of the version as soon as the settings are made.

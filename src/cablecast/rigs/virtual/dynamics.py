@@ -16,17 +16,19 @@ UR5e gives them.
 """
 
 import math
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.ur import JOINT_COUNT, LINKS, ArmUR
+from cablecast.arm.base import Arm
+from cablecast.arm.ur import JOINT_NAMES, LINKS, ArmUR
 from cablecast.conventions import tangent
 from cablecast.rigs.virtual._hidden import HiddenArm
 
 Array = NDArray[np.float64]
 
+JOINT_COUNT = len(JOINT_NAMES)
 _MASSES = {
     "ur3": (2.0, 3.42, 1.26, 0.8, 0.8, 0.35),
     "ur3e": (1.98, 3.4445, 1.437, 0.871, 0.805, 0.261),
@@ -88,6 +90,11 @@ class RigidArm:
         gains = np.stack([stiffness, truth.integral * stiffness, damping])
         self.model = MjModel.from_xml_string(self._mjcf(dt / self._split, gains))
 
+    @staticmethod
+    def knows(arm: Arm) -> TypeGuard[ArmUR]:
+        """Return whether the maker's masses of an arm are known here."""
+        return isinstance(arm, ArmUR) and arm.model in _MASSES
+
     def follow(
         self, set_points: Array, set_rates: Array, friction: Array, torque: Array
     ) -> tuple[Array, Array, Array]:
@@ -141,7 +148,7 @@ class RigidArm:
 
     def _mjcf(self, dt: float, gains: Array) -> str:
         """Return the arm as XML, with gains kp, ki and kv of its servos, shape [3, 6]."""
-        arm, truth, links = self._arm, self._truth, self._arm.links
+        arm, truth, links = self._arm, self._truth, LINKS[self._arm.model]
         usual = LINKS["ur5"]
         lengths = np.array([0.0, links.upper_arm, links.forearm, 0.0, 0.0, 0.0])
         scales = [1.0, links.upper_arm / usual.upper_arm, links.forearm / usual.forearm, 1, 1, 1]
