@@ -64,7 +64,9 @@ class Lengths:
 # Universal_Robots_ROS2_Description, physical_parameters.yaml of each model, for the distances aside
 # (shoulder_offset and elbow_offset). The girth is the ratio of the footprints on the data sheets
 # (128, 149 and 190 mm), but a UR3 counts as thick as a UR5, which is on the safe side. That of a
-# UR20 and UR30 is our guess.
+# UR20 and UR30 is our guess. The lengths of ur7e, ur12e, ur16e and ur30 were read in a public table
+# that cites it; of the two pairs of arm lengths that the ROS files state for the ur30,
+# these are the link lengths. The limits of ur7e and ur12e are taken as those of ur5e and ur10e.
 LINKS = {
     # d1, upper_arm, forearm, d4, d5, d6, upper_aside, forearm_aside, girth
     "ur3": Lengths(0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819, 0.1198, 0.0275),
