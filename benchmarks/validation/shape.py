@@ -572,7 +572,11 @@ RING_TURNS = np.array([0.7, 0.75, 0.8, 0.85, 0.9, 0.925, 0.95, 0.97])
 def pushed_ring(make: MakeEngine, segment_count: int, dt: float, turns, push: float):
     """Return the shapes of a ring whose grips turn, pushed out of its plane at first [m/s]."""
     cable = scenes.make_cable(
-        bend_stiffness=RING_BEND, twist_stiffness=RING_TWIST, linear_damping=RING_DAMPING
+        bend_stiffness=RING_BEND,
+        twist_stiffness=RING_TWIST,
+        linear_damping=RING_DAMPING,
+        # Twist that swings on would hide how slowly the ring goes back.
+        angular_damping=5.0,
     )
     around = (np.arange(segment_count) + 0.5) / segment_count * 2.0 * np.pi
     state = CableState.at_rest(scenes.planar(DOWN + around, START, "xz")[None])
@@ -636,12 +640,11 @@ TWIST = (
             "with J = m R² / (2 L) the moment of inertia per length of a solid cable."
         ),
         parameters=("twist_stiffness",),
-        tolerance=5e-3,
-        reason="torsion is taken at the end of the step, which is of first order",
+        tolerance=2e-3,
+        reason="30 segments; the second mode has a quarter of a wave in ten of them",
         measure=torsional_swing,
         segment_count=30,
-        dt=1e-4,
-        ladder=((30, 8e-4), (30, 4e-4), (30, 2e-4)),
+        ladder=((8, 5e-4), (16, 5e-4), (32, 5e-4)),
         x_label="time [s]",
         y_label="roll of the last segment [rad]",
     ),
@@ -650,11 +653,10 @@ TWIST = (
         title="Angular damping slows the roll",
         theory="The same swing with angular damping c decays at c / 2.",
         parameters=("angular_damping",),
-        tolerance=1e-2,
-        reason="torsion at the end of the step adds ω² dt / 2",
+        tolerance=1e-4,
+        reason="torsion and damping are of second order in the step",
         measure=damped_roll,
         segment_count=30,
-        dt=5e-5,
         x_label="time [s]",
         y_label="roll of the last segment [rad]",
     ),

@@ -145,11 +145,17 @@ class Batch:
         path.next_knot = wp.zeros(self.group_count, dtype=real, device=device)
         return path
 
-    def state(self, initial: CableState, rest_bend: NDArray | None):
+    def state(
+        self,
+        initial: CableState,
+        damping_time: NDArray[np.float64],
+        rest_bend: NDArray | None,
+    ):
         """Pack the initial state; nothing is held by the table yet.
 
         Args:
             initial: Initial state.
+            damping_time: Time by which twist is damped [s], one or shape [world].
             rest_bend: Bend at which nodes feel no moment [m], shape [world, node, 3]; None where
                 the material remembers nothing.
         """
@@ -160,7 +166,8 @@ class Batch:
             lanes = lanes.reshape(*shape, 3, self.layout.lane_count)
             setattr(state, name, self.array(lanes, build.vec3))
         twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.far_roll[:, None])
-        for name, values in (("twist", twist), ("spin", initial.roll_rate)):
+        turn = initial.roll_rate * damping_time[:, None]
+        for name, values in (("twist", twist), ("spin", initial.roll_rate), ("turn", turn)):
             setattr(state, name, self.array(self.to_lanes(values), build.lane))
         state.binormal = self.zeros(*shape, dtype=build.vec3)
         if rest_bend is None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import AIR_DENSITY, Cable, CableParams
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT, CableState
-from cablecast.engines.warp_.elastic import SHAPE_TORSION, filter_factors, spin_pivots
+from cablecast.engines.warp_.elastic import IMPLICIT, SHARP_TORSION, filter_factors, spin_pivots
 from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
 
 MOST_FILTERED = 2.4
@@ -218,7 +218,7 @@ def model_constants(
         None if end is None else (last_ratio, JOINT_CELLS),
     )
     torsion = values["twist_stiffness"] / segment_length
-    most_torsion = SHAPE_TORSION * segment_mass * segment_length**2 / dt**2
+    sharp_torsion = SHARP_TORSION * segment_mass * segment_length**2 / dt**2
     # Segments and endpoint are solid cylinders of the cable's radius.
     rolling_mass = np.repeat(segment_mass[:, None], segment_count, axis=1)
     if end is None:
@@ -245,7 +245,8 @@ def model_constants(
         joint_friction += rubs_more * end.joint_mass / (end.joint_mass + 0.5 * segment_mass)
     # Friction that spins a segment within a step must overcome its inertia, and the neighbours that
     # torsion ties to it.
-    squared_time = dt * (dt + damping_time)
+    torsion_time = IMPLICIT * dt + damping_time
+    squared_time = dt * torsion_time
     held_inertia = spin_inertia + (2.0 * squared_time * torsion)[:, None]
     spin_response = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
     # Spin per velocity that all nodes lose. Friction that reckoned with less would roll some
@@ -260,13 +261,13 @@ def model_constants(
         "segment_mass": segment_mass,
         "bending": bending,
         "torsion": torsion,
-        "torsion_time": dt + damping_time,
+        "torsion_time": torsion_time,
         "twist_damping_time": damping_time,
         "lag_ratio": lag_ratio,
         "lag_kept": np.exp(-dt / lag_time),
         "yield_bend": yield_curvature * segment_length**2,
         "yield_share": dt / (dt + values["yield_time"]),
-        "shape_torsion": np.minimum(torsion, most_torsion),
+        "sharp_torsion": sharp_torsion,
         "friction": values["lateral_friction"] * values["worksurface_friction"],
         "last_friction": last_friction,
         "joint_friction": joint_friction,

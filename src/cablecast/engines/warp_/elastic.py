@@ -18,10 +18,15 @@ the holonomy of a bending curve, and its gradient gives the force with which twi
 shape: what makes a twisted cable buckle into loops (Bergou et al. 2008 and 2010, gradient of the
 reference twist). A twist costs C twist^2 / (2 l) with C the torsional rigidity GJ; between a
 gripper and the middle of its segment lies half a cell. Segments are so light against their
-torsional stiffness that twist settles within a step or a few. Torsion is therefore taken at the end
-of the step (backward Euler, a tridiagonal solve), and it is that torque which acts on the shape. In
-a material with a damping time T the torque follows the twist and T times its whole rate, the
-holonomy included.
+torsional stiffness that a step can't follow their fastest swings. The torque, which also acts on
+the shape, is therefore that of the twist and a filter of the spins of three steps, the new one
+included (a tridiagonal solve):
+
+    twist + dt D (a s[n+1/2] - (a - c) s[n-1/2] - c s[n-3/2])
+
+with D the difference between the segments of a node. What is added is of second order in the step,
+takes energy at the third order only, and quells what is too fast to follow. In a material with a
+damping time T the torque follows the twist and T times its whole rate, the holonomy included.
 
 Sweeps. The backward sweep, from the far end to the grip, measures at each node how the cable is
 curved and twisted, and eliminates the torsion system on its way; a gripper takes the place of a
@@ -165,9 +170,18 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
-SHAPE_TORSION = 0.25
-"""Most that torsion may act on the shape, as C dt^2 / (m l^3). A cable that is stiffer in torsion
-is untwisted faster than a step can follow, and would throw its shape about."""
+IMPLICIT = 8.0 / 27.0
+"""Share a of the spins at the end of the step in their torque (see above)."""
+
+REMEMBERED = 1.0 / 27.0
+"""Share c of the spins of two steps ago. With these two a twist far stiffer than a step can follow
+loses half of its ringing in each step, and more in none."""
+
+
+SHARP_TORSION = 1.0
+"""Most that torsion may act on the shape, as C |kb|^2 dt^2 / (m l^3): where a cable that is stiff
+in torsion is bent that sharply, a step can't follow how its shape untwists. A smooth curve stays
+far below; `python -m benchmarks stability` tells that folds do not throw the cable about."""
 
 MOST_TWIST = 1.0
 """Twist at one node up to which torsion acts on the shape in full [rad]. Beyond it a chain of
@@ -212,8 +226,10 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
     s = world_structs(precision, lane_count)
     real, lane, vec3 = f.real, f.lane, f.vec3
     dot, cross, scale, mul = f.dot, f.cross, f.scale, f.mul
-    Model, State, Scratch = s.Model, s.State, s.Scratch
+    Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
     most_twist = wp.constant(MOST_TWIST)
+    implicit = wp.constant(IMPLICIT)
+    remembered = wp.constant(REMEMBERED)
 
     @wp.func
     def binormal(model: Model, sine_squared: lane, before: vec3, after: vec3):
@@ -289,6 +305,21 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         return twist + keep_lead(model, scratch, group, node, holonomy)
 
     @wp.func
+    def gripper_turn(model: Model, path: Path, group: int):
+        """Return the turn of a gripper that counts for the torque [rad]."""
+        change = path.spin[group] - path.previous_spin[group]
+        kept = mul(model.twist_damping_time[group], path.spin[group])
+        return kept + change * (model.dt * real(implicit))
+
+    @wp.func
+    def take_spin(model: Model, state: State, group: int, segment: int, spin: lane):
+        """Give a segment its spin at the end of the step [rad/s]; keep its turn for the next."""
+        kept = mul(model.twist_damping_time[group], spin)
+        change = spin - state.spin[group][segment]
+        state.turn[group][segment] = kept + change * (model.dt * real(remembered))
+        state.spin[group][segment] = spin
+
+    @wp.func
     def shape_force(model: Model, state: State, group: int, node: int, twist: lane):
         """Return the force of a node's twist on the node before it [N].
 
@@ -299,13 +330,17 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
             twist: Torque of the node at the end of the step, over GJ / l [rad].
         """
         bounded = f.smaller(f.larger(twist, lane(real(-most_twist))), lane(real(most_twist)))
-        torque = mul(model.shape_torsion[group], bounded)
+        binormal = state.binormal[group][node]
+        sharpness = dot(binormal, binormal) + lane(real(1.0e-12))
+        acting = f.smaller(model.torsion[group], f.div(model.sharp_torsion[group], sharpness))
         half_inverse_length = real(0.5) / model.segment_length
-        return scale(torque * half_inverse_length, state.binormal[group][node])
+        return scale(mul(acting, bounded) * half_inverse_length, binormal)
 
     return SimpleNamespace(
         binormal=binormal,
         lead=lead,
+        gripper_turn=gripper_turn,
+        take_spin=take_spin,
         turn_twist=turn_twist,
         shape_force=shape_force,
     )
@@ -337,13 +372,13 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
             edge: Second node minus first [m].
             edge_rate: Rate of the edge [m/s].
             previous_spin: Spin in the previous step [rad/s].
-            spin: Spin at the start of this step [rad/s].
+            turn: Turn that counts for the torque now, as far as it is known [rad].
         """
 
         edge: vec3
         edge_rate: vec3
         previous_spin: lane
-        spin: lane
+        turn: lane
 
     @wp.func
     def read_segment(state: State, group: int, index: int):
@@ -354,7 +389,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         segment.edge = position[index + 1] - position[index]
         segment.edge_rate = velocity[index + 1] - velocity[index]
         segment.previous_spin = state.spin[group][index]
-        segment.spin = segment.previous_spin
+        segment.turn = state.turn[group][index]
         return segment
 
     @wp.func
@@ -372,7 +407,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         segment.edge = path.direction[group] * model.segment_length
         segment.edge_rate = path.direction_rate[group] * model.segment_length
         segment.previous_spin = path.previous_spin[group]
-        segment.spin = path.spin[group]
+        segment.turn = twist.gripper_turn(model, path, group)
         return segment
 
     @wp.func
@@ -387,7 +422,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         sine_squared: lane,
         previous_dt: lane,
     ):
-        """Return the torque at a node that the present spins lead to by the end of the step [N·m].
+        """Return the torque at a node as far as it is known before the spins are solved for [N·m].
 
         Args:
             state: Holds twist and binormal of the node, which are brought up to now.
@@ -407,8 +442,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
             twist.binormal(model, sine_squared, before.edge, after.edge),
             previous_dt,
         )
-        spin_difference = after.spin - before.spin
-        return mul(model.torsion[group], turned + mul(spin_difference, model.torsion_time[group]))
+        return mul(model.torsion[group], turned + after.turn - before.turn)
 
     @wp.func
     def held_torque(
@@ -541,6 +575,7 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         explicit_damping = one - half_damping
         implicit_damping = f.div(one, one + half_damping)
         spins = state.spin[group]
+        turns = state.turn[group]
         twists = state.twist[group]
         pivots = model.spin_pivot[group]
         lower1 = model.filter_lower1[group]
@@ -551,7 +586,7 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         forces = scratch.force[group]
         # Rate of the spin [rad/s²].
         alpha = lane()
-        spin_before = path.spin[group]
+        turn_before = twist.gripper_turn(model, path, group)
         # Of w and q (see above): the force on the node before as far as the nodes up to it make it,
         # and what that node does to the next one [N]. Then the last two eliminated forces. At a
         # gripper w and q count twice; moments of held nodes do so already.
@@ -563,11 +598,13 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         node = int(0)
         while node < last:
             alpha = mul(pivots[node], right_sides[node] + mul(coupling, alpha))
-            undamped = mul(explicit_damping, spins[node]) + alpha * force_dt
+            previous_spin = spins[node]
+            undamped = mul(explicit_damping, previous_spin) + alpha * force_dt
             spin = mul(implicit_damping, undamped)
             predicted_spins[node] = spin
+            turn = turns[node] + mul(torsion_time, spin - previous_spin)
             w_after = moments[node]
-            turned = twists[node] + mul(torsion_time, spin - spin_before)
+            turned = twists[node] + turn - turn_before
             turned += twist.lead(scratch, group, node)
             q_after = twist.shape_force(model, state, group, node, turned) * cells
             # The node before has all its neighbours now; before the first lies a dummy.
@@ -580,14 +617,14 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
             force1 = force
             known = w_after * real(2.0) - passed_on
             passed_on = w_after + q_after
-            spin_before = spin
+            turn_before = turn
             cells = real(1.0)
             node += 1
         w_after = vec3()
         q_after = vec3()
         if model.far_is_held == 1:
             w_after = moments[last]
-            turned = twists[last] + mul(torsion_time, far_path.spin[group] - spin_before)
+            turned = twists[last] + twist.gripper_turn(model, far_path, group) - turn_before
             turned += twist.lead(scratch, group, last)
             q_after = twist.shape_force(model, state, group, last, turned) * real(2.0)
         # A last segment of another length turns the farther, the shorter it is.

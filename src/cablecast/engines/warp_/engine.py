@@ -45,7 +45,7 @@ convergence`, docs/engine.md. At an eighteenth of 10 ms no preset takes substeps
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
 
-MODEL_VERSION = 6
+MODEL_VERSION = 7
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 
@@ -235,7 +235,7 @@ class EngineWarp:
         rest_bend = (
             self._rest_bend(cable, grip_path, plan, with_end) if features.remembers else None
         )
-        state = batch.state(plan.initial_state, rest_bend)
+        state = batch.state(plan.initial_state, np.atleast_1d(cable.params.damping_time), rest_bend)
         samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
         build = layout.build
         inputs = [

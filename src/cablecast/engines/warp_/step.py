@@ -96,12 +96,11 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
             velocity[last] = (far_path.position[group] - position[last]) * inverse_dt
 
     @wp.func
-    def move(model: Model, state: State, scratch: Scratch, group: int, active: lane):
-        """Advance positions and spins; return a squared speed that tells whether worlds rest.
+    def move(model: Model, state: State, group: int, active: lane):
+        """Advance positions; return a squared speed that tells whether worlds rest.
 
         Args:
-            state: Receives positions, velocities and spins at the end of the step.
-            scratch: Holds the new spins.
+            state: Receives positions and velocities at the end of the step.
 
         Returns:
             The largest squared horizontal speed of any node [m²/s²]. A free end in the air counts
@@ -111,8 +110,6 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         last = model.node_count - 1
         position = state.position[group]
         velocity = state.velocity[group]
-        spins = state.spin[group]
-        predicted_spins = scratch.spin[group]
         lifted = f.larger(position[model.endpoint][2] - lane(model.radius * real(1.5)), lane())
         fastest = lifted * real(airborne_weight)
         node = int(0)
@@ -124,10 +121,6 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
             weight = wp.max(in_last_quarter, real(swing_weight))
             fastest = f.larger(fastest, (mul(v[0], v[0]) + mul(v[1], v[1])) * weight)
             node += 1
-        segment = int(0)
-        while segment < last:
-            spins[segment] = mul(active, predicted_spins[segment])
-            segment += 1
         return fastest
 
     return SimpleNamespace(
@@ -261,11 +254,11 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
         elastic.elastic_forces(model, path, far_path, state, scratch, group, force_dt)
         integrate.predict_velocities(model, state, scratch, group, force_dt)
         air.resist(model, state, scratch, group, force_dt)
-        table.meet_table(model, state, scratch, group)
+        table.meet_table(model, state, scratch, group, active)
         integrate.drive_held_ends(model, path, far_path, state, group)
         length.hold_lengths(model, state, scratch, group, active)
         work = work * force_dt + energy.tension_work(model, state, group)
         state.work[group] = state.work[group] + mul(active, work)
-        return integrate.move(model, state, scratch, group, active)
+        return integrate.move(model, state, group, active)
 
     return SimpleNamespace(step=step)

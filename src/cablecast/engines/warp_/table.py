@@ -30,6 +30,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from cablecast.engines.warp_.elastic import twist_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import Features, world_structs
 
@@ -191,6 +192,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
     """Build the Warp functions of rolling, and the struct `Roll`."""
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
+    twist = twist_functions(precision, lane_count, False)
     real, lane, mul = f.real, f.lane, f.mul
     Model, State, Scratch = s.Model, s.State, s.Scratch
     stopped_scale = wp.constant(1.0e6)
@@ -268,7 +270,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return mean
 
     @wp.func
-    def finish_rolls(model: Model, state: State, scratch: Scratch, group: int):
+    def finish_rolls(model: Model, state: State, scratch: Scratch, group: int, active: lane):
         """Give each segment its spin, and store the axial impulse that led to it.
 
         Only a share of a change of the axial impulse is passed on to the next step. There the
@@ -277,8 +279,9 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         change itself.
 
         Args:
-            state: Lateral losses of this step; axial impulses, which are updated.
-            scratch: Loads; spins, which are updated.
+            state: Lateral losses of this step; axial impulses and spins, which are updated.
+            scratch: Loads, and predicted spins.
+            active: 1, or 0 for worlds at rest.
         """
         friction = model.rolling_friction[group]
         responses = model.spin_response[group]
@@ -302,7 +305,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
             repeated = mul(response, axial_impulses[segment])
             free_spin = spins[segment] - repeated
             spin = rolling_friction(free_spin + mul(response, loss), limit)
-            spins[segment] = spin
+            twist.take_spin(model, state, group, segment, mul(active, spin))
             change = (spin - free_spin - repeated) * model.radius
             axial_impulses[segment] = axial_impulses[segment] + change
             loss_before = loss_after
@@ -503,7 +506,10 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
 @functools.cache
 def table_functions(precision: str, lane_count: int, features: Features) -> SimpleNamespace:
     """Build the Warp function that turns predicted velocities into those beside the table."""
+    f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
+    twist = twist_functions(precision, lane_count, False)
+    lane, mul = f.lane, f.mul
     contact = contact_functions(precision, lane_count)
     spinning = spinning_functions(precision, lane_count)
     sliding = sliding_functions(precision, lane_count, features.surface)
@@ -511,24 +517,27 @@ def table_functions(precision: str, lane_count: int, features: Features) -> Simp
     Model, State, Scratch = s.Model, s.State, s.Scratch
 
     @wp.func
-    def meet_table(model: Model, state: State, scratch: Scratch, group: int):
+    def meet_table(model: Model, state: State, scratch: Scratch, group: int, active: lane):
         """Give nodes and segments the velocities and spins that the table leaves them.
 
         Args:
-            state: Receives velocities, and what the table holds.
-            scratch: Predicted velocities and spins, which are updated.
+            state: Receives velocities, spins, and what the table holds.
+            scratch: Predicted velocities, which are updated, and spins.
+            active: 1, or 0 for worlds at rest.
         """
         contact.press_nodes(model, state, scratch, group)
         spinning.resist_turning(model, state, scratch, group)
         sliding.slide_nodes(model, state, scratch, group)
-        rolling.finish_rolls(model, state, scratch, group)
+        rolling.finish_rolls(model, state, scratch, group, active)
 
     @wp.func
-    def meet_nothing(model: Model, state: State, scratch: Scratch, group: int):
-        """Give nodes their predicted velocities, in place of `meet_table`."""
+    def meet_nothing(model: Model, state: State, scratch: Scratch, group: int, active: lane):
+        """Give nodes and segments what is predicted, in place of `meet_table`."""
         node = int(1)
         while node < model.node_count:
             state.velocity[group, node] = scratch.velocity[group, node]
+            spin = mul(active, scratch.spin[group][node - 1])
+            twist.take_spin(model, state, group, node - 1, spin)
             node += 1
 
     return SimpleNamespace(meet_table=meet_table if features.table else meet_nothing)

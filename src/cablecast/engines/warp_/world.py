@@ -44,7 +44,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             segment_mass: Mass of a segment [kg], shape [group].
             bending: EI / l^3 [N/m], shape [group].
             torsion: GJ / l [N·m], shape [group].
-            torsion_time: dt, and the time by which twist is damped [s], shape [group].
+            torsion_time: Implicit share of dt, and the time by which twist is damped [s],
+                shape [group].
             twist_damping_time: Time by which twist is damped [s], shape [group].
             lag_ratio: Stiffness of the spring before the dashpot, over that of bending [-],
                 shape [group].
@@ -53,7 +54,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 shape [group].
             yield_share: Share of what lies beyond it that stays in the cable after a step [-],
                 shape [group].
-            shape_torsion: GJ / l as far as it acts on the shape (elastic.py) [N·m], shape [group].
+            sharp_torsion: Most of GJ / l times the square of a binormal that acts on the shape
+                (elastic.py) [N·m], shape [group].
             friction: Coulomb coefficient [-], shape [group].
             last_friction: Coulomb coefficient at the last node over it [-], shape [group].
             joint_friction: Coulomb coefficient at the node before over it [-], shape [group].
@@ -103,7 +105,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         lag_kept: wp.array(dtype=lane)
         yield_bend: wp.array(dtype=lane)
         yield_share: wp.array(dtype=lane)
-        shape_torsion: wp.array(dtype=lane)
+        sharp_torsion: wp.array(dtype=lane)
         friction: wp.array(dtype=lane)
         last_friction: wp.array(dtype=lane)
         joint_friction: wp.array(dtype=lane)
@@ -172,6 +174,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             twist: Twist at each node, between the segments before and after it [rad],
                 shape [group, node].
             spin: Spin of each segment about its tangent [rad/s], shape [group, segment].
+            turn: Turn of each segment by which the torque leads its twist if it spins on as before
+                (elastic.py) [rad], shape [group, segment].
             binormal: Curvature binormal of each node at the start of the last step [-],
                 shape [group, node].
             tension: dt^2 times tension over length of each segment in the last step [kg],
@@ -197,6 +201,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         velocity: wp.array2d(dtype=vec3)
         twist: wp.array2d(dtype=lane)
         spin: wp.array2d(dtype=lane)
+        turn: wp.array2d(dtype=lane)
         binormal: wp.array2d(dtype=vec3)
         tension: wp.array2d(dtype=lane)
         lateral_loss: wp.array2d(dtype=lane)
