@@ -201,6 +201,7 @@ def cell(outcome: Outcome) -> str:
         words = words.split("because: ", 1)[1].split(". cablecast never", 1)[0]
         words = words.split(" trials are kept")[0].rsplit(". ", 1)[0]
     words = re.sub(r"camera source \S+", "the camera", words)
+    words = re.sub(r" at 127\.\d+\.\d+\.\d+(:\d+)?", "", words)
     words = words.split(":", 1)[0] if len(words) > 90 else words
     rest = "" if outcome.rest_time is None else f"; at rest after {outcome.rest_time:.2f} s"
     return f"{words}{rest}; {'resumed' if outcome.resumed else '**not resumed**'}"
@@ -253,7 +254,8 @@ def main() -> None:
                     args.kept.write_text(json.dumps(cells, indent=1))
                     print(f"{fault} in {phase}: {outcome}", file=sys.stderr, flush=True)
         shown = [f for f in faults if any(f"{generation} {f} {p}" in cells for p in args.phases)]
-        tables.append(f"## {generation}\n\n{table(cells, generation, shown, args.phases)}")
+        if shown:
+            tables.append(f"## {generation}\n\n{table(cells, generation, shown, args.phases)}")
     text = "\n\n".join(tables)
     if args.out is None:
         print(text)
