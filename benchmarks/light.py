@@ -14,6 +14,7 @@ import numpy as np
 from tools.fit_camera_error import Clip, measure
 
 from benchmarks.common import Table
+from cablecast.errors import InputError
 from cablecast.files import write_text
 from cablecast.rigs.virtual.camera import VirtualCamera, calibrate_virtual_camera
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
@@ -37,14 +38,13 @@ class Args:
     Attributes:
         clips: Number of clips, of which every other one has an arm.
         seed: Seed of the clips, of noise and of light.
-        out: JSON file of what was found; none where None.
-        only: Parts of the names of the lights to try, between commas; all where empty.
+        out: JSON file of what was found; the command goes on where it was stopped. None is written
+            where None.
     """
 
     clips: int = 12
     seed: int = 1
     out: pathlib.Path | None = None
-    only: str = ""
 
 
 def lights() -> dict[str, CameraConfig]:
@@ -108,13 +108,18 @@ def even_of(name: str) -> str:
 
 
 def main(args: Args) -> None:
-    """Print a table of every light, and write it."""
+    """Track in every light that is not in the file yet, and print a table."""
     camera = VirtualCamera()
     calibration = calibrate_virtual_camera(camera)
+    settings = {"clips": args.clips, "seed": args.seed}
     found: dict[str, dict[str, float]] = {}
-    rows: list[tuple] = []
+    if args.out is not None and args.out.is_file():
+        stored = json.loads(args.out.read_text())
+        if settings != {name: stored[name] for name in settings}:
+            raise InputError(f"{args.out} was made with other clips than {settings}")
+        found = stored["lights"]
     for name, config in lights().items():
-        if not any(word in name for word in args.only.split(",")) and "even" not in name:
+        if name in found:
             continue
         camera.config = config
         # The green ones are found by the usual hue; any other one is said.
@@ -123,9 +128,11 @@ def main(args: Args) -> None:
         found[name] = row
         row["of_even"] = row["rms_mm"] / found[even_of(name)]["rms_mm"]
         print(f"{name}: {row}", file=sys.stderr, flush=True)
-        found_text = f"{row['found_pct']:.1f}"
-        rows.append((name, row["frame_count"], found_text, *(f"{row[k]:.2f}" for k in ERRORS)))
+        if args.out is not None:
+            write_text(args.out, json.dumps({**settings, "lights": found}, indent=1) + "\n")
+    rows = [
+        (name, row["frame_count"], f"{row['found_pct']:.1f}", *(f"{row[k]:.2f}" for k in ERRORS))
+        for name, row in found.items()
+    ]
     columns = ("light", "frames", "found [%]", "rms [mm]", "of even light", "largest [mm]")
     print(Table(f"{args.clips} clips, seed {args.seed}", columns, rows))
-    if args.out is not None:
-        write_text(args.out, json.dumps({"clips": args.clips, "lights": found}, indent=1) + "\n")

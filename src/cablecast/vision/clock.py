@@ -86,35 +86,10 @@ class ClockOffset:
     frame_count: int
 
 
-def slowing(times: Array, xy: Array) -> tuple[float, float] | None:
-    """Return the largest speed of an endpoint [m/s], and the rate at which it slowed from there.
-
-    Args:
-        times: Times of the frames [s], shape [frame].
-        xy: Positions, NaN where not seen [m], shape [frame, 2].
-
-    Returns:
-        Speed [m/s] and mean deceleration [m/s²] from 0.7 to 0.1 of it; None for an endpoint that
-        hardly moved, or did not come to rest.
-    """
-    seen = np.isfinite(xy).all(axis=1)
-    if seen.sum() < 3 * _SPEED_FRAMES:
-        return None
-    at, places = times[seen], xy[seen]
-    way = np.linalg.norm(places[_SPEED_FRAMES:] - places[:-_SPEED_FRAMES], axis=1)
-    speeds = way / (at[_SPEED_FRAMES:] - at[:-_SPEED_FRAMES])
-    top = float(np.max(speeds))
-    if top < _SLOWING_SPEED:
-        return None
-    fast = np.flatnonzero(speeds > 0.7 * top)[-1]
-    slow = np.flatnonzero(speeds[fast:] < 0.1 * top)
-    if not len(slow):
-        return None
-    return top, 0.6 * top / float(at[fast + slow[0]] - at[fast])
-
-
 def check_film_rate(times: Array, xy: Array, rate: float) -> None:
     """Check that an endpoint slows as friction slows one; slow motion shows it far more gently.
+
+    One that hardly moved, or did not come to rest, tells nothing.
 
     Args:
         times: Times of the frames [s], shape [frame].
@@ -124,14 +99,24 @@ def check_film_rate(times: Array, xy: Array, rate: float) -> None:
     Raises:
         InputError: No table is as slippery as this film would have it.
     """
-    slowed = slowing(times, xy)
-    if slowed is not None and slowed[1] < _SLOWING_MIN:
-        factor = np.sqrt(_USUAL_FRICTION * GRAVITY / slowed[1])
+    seen = np.isfinite(xy).all(axis=1)
+    at, places = times[seen], xy[seen]
+    if len(at) < 3 * _SPEED_FRAMES:
+        return
+    way = np.linalg.norm(places[_SPEED_FRAMES:] - places[:-_SPEED_FRAMES], axis=1)
+    speeds = way / (at[_SPEED_FRAMES:] - at[:-_SPEED_FRAMES])
+    top = float(np.max(speeds))
+    fast = int(np.flatnonzero(speeds >= 0.7 * top)[-1])
+    slow = np.flatnonzero(speeds[fast:] < 0.1 * top)
+    if top < _SLOWING_SPEED or not len(slow):
+        return
+    slowing = 0.6 * top / float(at[fast + slow[0]] - at[fast])
+    if slowing < _SLOWING_MIN:
+        factor = np.sqrt(_USUAL_FRICTION * GRAVITY / slowing)
         raise InputError(
-            f"the endpoint slowed from {slowed[0]:.2f} m/s by {slowed[1]:.2f} m/s² only, as on a "
-            f"table with a friction of {slowed[1] / GRAVITY:.3f}: was it filmed in slow "
-            f"motion, with about {factor * rate:.0f} frames/s stored as {rate:.0f}? Say the true "
-            "ones (--rate)"
+            f"the endpoint slowed from {top:.2f} m/s by {slowing:.2f} m/s² only, as on a table "
+            f"with a friction of {slowing / GRAVITY:.3f}: was it filmed in slow motion, with "
+            f"about {factor * rate:.0f} frames/s stored as {rate:.0f}? Say the true ones (--rate)"
         )
 
 
@@ -304,8 +289,9 @@ class CastClock:
             return None
         times = np.array([time for time, _ in self._kept]) + shift
         # Where the arm is fast, a shift of time shows most.
-        at = _points_of(times, robot_times, points)
-        ways = np.linalg.norm(np.diff(at, axis=0), axis=-1).mean(axis=1) * self._scale
+        rates = np.gradient(points, robot_times, axis=0)
+        speeds = np.linalg.norm(rates, axis=-1).mean(axis=1) * self._scale
+        ways = np.interp(times[:-1], robot_times, speeds, 0.0, 0.0) * np.diff(times)
         fast = np.sort(np.argsort(-ways)[:_CAST_PAIRS])
         if len(fast) < _CAST_PAIRS_MIN or ways[fast].mean() < _FLOW_MIN:
             return None
@@ -323,14 +309,6 @@ class CastClock:
         _, explained = _compare(seen, robot_times, points, offset)
         sd = _jackknife(offsets, losses)
         return ClockOffset(offset=offset, sd=sd, explained=explained, frame_count=len(fast))
-
-
-def _points_of(times: Array, robot_times: Array, points: Array) -> Array:
-    """Return points of the arm at times [s], shape [time, point, 2]."""
-    from scipy.interpolate import make_interp_spline
-
-    clipped = np.clip(times, robot_times[0], robot_times[-1])
-    return make_interp_spline(robot_times, points, k=1)(clipped)
 
 
 def sync_by_motion(
