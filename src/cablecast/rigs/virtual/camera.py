@@ -271,7 +271,7 @@ class Film:
         gains = self._gains(self.time(frame))
         rows = None
         if config.light.lamp_flicker:
-            from_middle = np.arange(top, bottom) - (config.height - 1) / 2
+            from_middle = np.arange(top, bottom, dtype=float) - (config.height - 1) / 2
             rows = self._lamp(self.time(frame) + config.row_time * from_middle)
         image = self.camera.expose(canvas, (left, top), gains, self.seed, frame, rows)
         return image[window[1] - top : window[3] - top, window[0] - left : window[2] - left]
