@@ -66,7 +66,7 @@ SIZES = {
     ),
     "torque limits": ("90 % of 150, 150, 150, 28, 28, 28 N·m", "the maker's Max. joint torques"),
     "gears": (
-        "Coulomb 8, 9, 6, 1.6 N·m, viscous 12, 12, 8, 1.8 N·m·s/rad; ± 3 % from cast to cast",
+        "Coulomb 8, 9, 6, 1.6 N·m, viscous 12, 12, 8, 1.8 N·m·s/rad; ± 8 % from cast to cast",
         "that it matters, and follows the temperature: Raviola 2021 (UR5), Kovincic 2019 (UR5); "
         "sizes assumed",
     ),

@@ -93,17 +93,12 @@ def _face(table: HiddenTable, size: Array) -> tuple[Array, Array]:
     rises = np.zeros((2, *factors.shape))
     # On a seam the board before and the one behind differ; elsewhere the nearest cells are one.
     reach = max(1, round(table.seam_width / 2 / CELL))
-    for axis, board, near in ((0, column, from_x), (1, row, from_y)):
-        index = np.arange(len(board))
-        behind, ahead = np.maximum(index - reach, 0), np.minimum(index + reach, len(board) - 1)
-        pair = (column[behind], column[ahead]) if axis == 0 else (row[behind], row[ahead])
-        on_seam = near < table.seam_width / 2
-        if axis == 0:
-            step = heights[pair[1]][:, row] - heights[pair[0]][:, row]
-            rises[0] = np.where(on_seam[:, None], step, 0.0)
-        else:
-            step = heights[column][:, pair[1]] - heights[column][:, pair[0]]
-            rises[1] = np.where(on_seam, step, 0.0)
+    for axis, near in ((0, from_x), (1, from_y)):
+        face = np.moveaxis(heights[column[:, None], row], axis, 0)
+        index = np.arange(len(face))
+        ahead, behind = np.minimum(index + reach, len(face) - 1), np.maximum(index - reach, 0)
+        step = np.where(near[:, None] < table.seam_width / 2, face[ahead] - face[behind], 0.0)
+        rises[axis] = np.moveaxis(step, 0, axis)
     return factors, rises
 
 
@@ -275,24 +270,6 @@ def _edge(
 
 
 @wp.func
-def _slipped(
-    bend: wp.float64,
-    turn: wp.float64,
-    tension: wp.float64,
-    cable: Properties,
-):
-    """Return by how much the strands slip [1/m] while an elastic bend [1/m] turns by some [1/m].
-
-    Dahl's law between moment and curvature: the bend that the strands carry grows with the
-    curvature, and saturates at the curvature at which they all slip.
-    """
-    limit = cable.slip_curvature
-    if cable.slip_tension > wp.float64(0.0):
-        limit = limit * (wp.float64(1.0) + tension / cable.slip_tension)
-    return bend * wp.min(turn / limit, wp.float64(1.0))
-
-
-@wp.func
 def _moment(
     behind: wp.vec3d,
     ahead: wp.vec3d,
@@ -344,10 +321,14 @@ def _moment(
         strands[world, 0, vertex] = sideways
         strands[world, 1, vertex] = upwards
         turn = wp.sqrt(by_sideways * by_sideways + by_upwards * by_upwards)
-        carried = sideways - strands[world, 2, vertex]
-        carried_up = upwards - strands[world, 3, vertex]
-        slip = strands[world, 2, vertex] + _slipped(carried, turn, tension, cable)
-        slip_up = strands[world, 3, vertex] + _slipped(carried_up, turn, tension, cable)
+        limit = cable.slip_curvature
+        if cable.slip_tension > wp.float64(0.0):
+            limit = limit * (one + tension / cable.slip_tension)
+        # Dahl's law: the bend that strands carry grows with the curvature and saturates at a limit.
+        part = wp.min(turn / limit, one)
+        slip, slip_up = wp.float64(strands[world, 2, vertex]), wp.float64(strands[world, 3, vertex])
+        slip = slip + (sideways - slip) * part
+        slip_up = slip_up + (upwards - slip_up) * part
         strands[world, 2, vertex] = slip
         strands[world, 3, vertex] = slip_up
         rest_sideways = rest_sideways + cable.strand_share * slip

@@ -280,11 +280,9 @@ def _soften(model: Any, truth: HiddenCable, stiffness: Array) -> None:
     belongs to it, at 8 that of twist. The stiffness is a factor for each edge, shape [edge].
     """
     rows = model.flex_bending[1:].reshape(-1, 10)
-    for column in (4, 8):
+    if truth.stiffness_field:
         # The first vertex ends the gripped edge, the last may be the attachment's.
-        for vertex, row in enumerate(rows):
-            here = stiffness[min(vertex, len(stiffness) - 1)]
-            row[column] *= 1.0 if truth.stiffness_field == 0.0 else here
+        rows[:, [4, 8]] *= stiffness[np.minimum(np.arange(len(rows)), len(stiffness) - 1), None]
     if truth.pad_stiffness:
         # Two springs in series.
         rows[0, 4] *= truth.pad_stiffness / (truth.pad_stiffness + rows[0, 4])
