@@ -137,11 +137,11 @@ def table_light(
     stride = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / _SAMPLE_COUNT)))
     v, u = np.mgrid[0 : image.shape[0] : stride, 0 : image.shape[1] : stride]
     on_table = workspace.on_table(view.to_table(np.stack([u, v], axis=-1).astype(float)))
-    pixels = image[::stride, ::stride][on_table].astype(float)
-    fair = pixels[(pixels < _CLIPPED).all(axis=1) & (pixels > _DARK).all(axis=1)]
-    if len(fair) < max(_FAIR_MIN * len(pixels) / 6, 1):
-        return np.ones(3)
-    colour = np.median(fair, axis=0)
+    pixels = image[::stride, ::stride].astype(float)
+    fair = (pixels < _CLIPPED).all(axis=-1) & (pixels > _DARK).all(axis=-1)
+    # Where the table is saturated, what lies about it must do.
+    seen = fair & on_table if (fair & on_table).sum() > _FAIR_MIN * on_table.sum() else fair
+    colour = np.median(pixels[seen], axis=0) if seen.any() else np.ones(3)
     return colour / colour.mean()
 
 
@@ -282,8 +282,11 @@ class _Light:
         """
         left, top, right, bottom = window
         stride = max(1, int(np.sqrt(piece.shape[0] * piece.shape[1] / _SAMPLE_COUNT)))
-        now = piece[::stride, ::stride].astype(np.float32)
-        then = self.first[top:bottom:stride, left:right:stride].astype(np.float32)
+        # Means of neighbours, since noise makes saturated pixels look as if they were not.
+        now, then = (
+            load_cv2().blur(part, (3, 3))[::stride, ::stride].astype(np.float32)
+            for part in (piece, self.first[top:bottom, left:right])
+        )
         fair = (then > _DARK).all(axis=-1)
         unclipped = fair & (now < _CLIPPED).all(axis=-1) & (then < _CLIPPED).all(axis=-1)
         self.is_clipped = bool((fair & ~unclipped).mean() > _FAIR_MIN / 3)
@@ -302,11 +305,14 @@ class _Light:
         peak = _peak(grey[fair])
         alike = np.abs(grey - peak) < _GAIN_NEAR
         gain = float(np.median(grey[alike])) if alike.any() else peak
-        tint = np.median(change[alike], axis=0) if alike.any() else np.full(3, gain)
-        tint = tint - tint.mean()
-        if np.isfinite(self._time):
-            most = _TINT_RATE * (time - self._time) + 0.005
-            tint = np.clip(tint, self._tint - most, self._tint + most)
+        # A saturated channel hides a colour: then it is the one that was seen last.
+        plain, tint = alike & unclipped, self._tint
+        if plain.mean() > _FAIR_MIN / 30:
+            tint = np.median(change[plain], axis=0)
+            tint = tint - tint.mean()
+            if np.isfinite(self._time):
+                most = _TINT_RATE * (time - self._time) + 0.005
+                tint = np.clip(tint, self._tint - most, self._tint + most)
         self._tint, self._time = tint, time
         at = np.interp(np.arange(piece.shape[0]), stride * np.arange(len(rows)), rows) + gain
         if not np.log(_GAIN_MIN) < np.median(at) < np.log(_GAIN_MAX):
