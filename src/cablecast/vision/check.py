@@ -13,7 +13,7 @@ from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.live import Brightness, CameraFacts, Frame, FrameWatch
 from cablecast.vision.tags import detect_tags, load_cv2
-from cablecast.vision.tracker import chroma_of, green_places, marker_mask, table_light
+from cablecast.vision.tracker import Chroma, green_places, table_light
 from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
 from cablecast.workspace import Workspace
 
@@ -357,7 +357,7 @@ class CameraCheck:
             centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
             px_per_m = calibration.view.pixels_per_metre(centre)
             light = table_light(image, calibration.view, workspace)
-            mask = marker_mask(*chroma_of(image, self._settings.marker_hue, light), 45.0) > 0
+            mask = Chroma.of(image, self._settings.marker_hue, light).mask(45.0) > 0
             same = green_places(mask, calibration.view, workspace)
             same = same[same[:, 2] > length]
         exposure = self._facts.exposure

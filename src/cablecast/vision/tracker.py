@@ -12,6 +12,7 @@ up: a frame in which the marker is not seen, or not enough of it, gives NaN.
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,66 +155,55 @@ def chroma_axes(hue_deg: float) -> NDArray[np.float64]:
     return 2.0 * np.stack([np.cos(angle), -np.sin(angle)])
 
 
-def marker_mask(
-    along: NDArray[np.float32], across: NDArray[np.float32], noise: float, hue_tolerance: float
-) -> NDArray[np.uint8]:
-    """Return 255 at pixels of the marker's colour and next to them, else 0, shape [v, u].
+class Chroma(NamedTuple):
+    """Chroma of each pixel along and across a hue, shape [v, u], and its standard deviation."""
 
-    Args:
-        along: Chroma along the marker's hue, shape [v, u].
-        across: Chroma across it, shape [v, u].
-        noise: Standard deviation of the chroma of the table.
-        hue_tolerance: Largest difference from the marker's hue [deg].
-    """
-    cv2 = load_cv2()
-    mask = (along > _least_chroma(noise)).astype(np.uint8) * np.uint8(255)
-    if not mask.any():
-        return mask
-    aside = np.float32(np.tan(np.radians(hue_tolerance))) * along
-    mask[np.abs(across) > aside + np.float32(_NOISE_FACTOR * noise)] = 0
-    # Noise makes single coloured pixels on dark ground; a blurred marker has holes.
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    return cv2.dilate(mask, np.ones((5, 5), np.uint8))
+    along: NDArray[np.float32]
+    across: NDArray[np.float32]
+    noise: float
 
+    @classmethod
+    def of(
+        cls, image: NDArray[np.generic], hue_deg: float, light: NDArray[np.float64] | float = 1.0
+    ) -> "Chroma":
+        """Return the chroma of a picture in a light whose colour is that of `table_light`."""
+        weights = (chroma_axes(hue_deg) / light).astype(np.float32)
+        both = load_cv2().transform(image.astype(np.float32), weights)
+        stride = max(1, int(np.sqrt(both[..., 0].size / _SAMPLE_COUNT)))
+        sample = both[::stride, ::stride, 0]
+        # Of most pixels, whatever the others are.
+        noise = 1.4826 * float(np.median(np.abs(sample - np.median(sample))))
+        return cls(both[..., 0], both[..., 1], noise)
 
-def _least_chroma(noise: float) -> float:
-    return max(_NOISE_FACTOR * noise, _CHROMA_MIN)
+    @property
+    def least(self) -> float:
+        """Least chroma of the marker's pixels."""
+        return max(_NOISE_FACTOR * self.noise, _CHROMA_MIN)
 
-
-def chroma_of(
-    image: NDArray[np.uint8], hue_deg: float, light: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
-    """Return the chroma along and across a hue, shape [v, u], and its standard deviation.
-
-    The colour of the light is that of `table_light`.
-    """
-    weights = (chroma_axes(hue_deg) / light).astype(np.float32)
-    both = load_cv2().transform(image.astype(np.float32), weights)
-    return both[..., 0], both[..., 1], _spread(both[..., 0])
-
-
-def _spread(values: NDArray[np.floating]) -> float:
-    """Return the standard deviation of most values of a picture, whatever the others are."""
-    stride = max(1, int(np.sqrt(values.size / _SAMPLE_COUNT)))
-    values = values[::stride, ::stride]
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    def mask(self, hue_tolerance: float) -> NDArray[np.uint8]:
+        """Return 255 at pixels of the hue within a tolerance [deg] and next to them, else 0."""
+        cv2 = load_cv2()
+        mask = (self.along > self.least).astype(np.uint8) * np.uint8(255)
+        if not mask.any():
+            return mask
+        aside = np.float32(np.tan(np.radians(hue_tolerance))) * self.along
+        mask[np.abs(self.across) > aside + np.float32(_NOISE_FACTOR * self.noise)] = 0
+        # Noise makes single coloured pixels on dark ground; a blurred marker has holes.
+        mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+        return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
 
 def _find_patches(
-    along: NDArray[np.float32],
-    across: NDArray[np.float32],
-    still: NDArray[np.float32] | None,
-    noise: float,
-    hue_tolerance: float,
-    corner: tuple[int, int],
+    seen: Chroma, still: NDArray[np.float32] | None, hue_tolerance: float, corner: tuple[int, int]
 ) -> list[_Patch]:
     """Return all patches of the marker's colour in a piece of a frame, by its corner u, v [px].
 
-    Arguments are those of `marker_mask`, and the chroma that was there in the first frame.
+    The chroma that was there in the first frame is subtracted.
     """
+    along, across, _ = seen
     cv2 = load_cv2()
     new = along if still is None else along - still
-    mask = marker_mask(new, across, noise, hue_tolerance)
+    mask = seen._replace(along=new).mask(hue_tolerance)
     if not mask.any():
         return []
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
@@ -224,7 +214,7 @@ def _find_patches(
         if area < 20:
             continue
         window = slice(top, top + h), slice(left, left + w)
-        inside = (labels[window] == label) & (new[window] > _least_chroma(noise))
+        inside = (labels[window] == label) & (new[window] > seen.least)
         chroma = np.where(inside, new[window], 0.0).astype(float)
         total = float(chroma.sum())
         if total <= 0:
@@ -622,11 +612,10 @@ class EndpointTracker:
 
     def _look_at_still(self, light: _Light, marker: _Patch | None) -> None:
         """Keep what has the marker's colour in the first frame, and is not the marker."""
-        along, across, noise = chroma_of(light.first, self._hue, light.colour)
+        chroma = Chroma.of(light.first, self._hue, light.colour)
         # What is hardly of its hue would still be added to a marker beside it.
         akin, mask = (
-            marker_mask(along, across, noise, tolerance) > 0
-            for tolerance in (_HUE_AKIN_DEG, self._hue_tolerance)
+            chroma.mask(tolerance) > 0 for tolerance in (_HUE_AKIN_DEG, self._hue_tolerance)
         )
         if marker is not None and self._still_chroma is None:
             left, top, right, bottom = marker.box
@@ -635,7 +624,7 @@ class EndpointTracker:
             akin &= self._still_chroma > 0
             mask &= self.still_green
         self.still_green = mask
-        still = load_cv2().blur(along, (3, 3))
+        still = load_cv2().blur(chroma.along, (3, 3))
         self._still_chroma = np.where(akin, np.maximum(still, 1e-3), 0.0).astype(np.float32)
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
@@ -685,15 +674,13 @@ class EndpointTracker:
         even = self._light.even(piece, window, time)
         if even is None:
             return []
-        both = load_cv2().transform(even, chroma_axes(self._hue).astype(np.float32))
-        along, across = both[..., 0], both[..., 1]
+        chroma = Chroma.of(even, self._hue)
         left, top, right, bottom = window
         still = None
         if self._still_chroma is not None:
             still = self._still_chroma[top:bottom, left:right]
-        noise = _spread(along)
-        patches = _find_patches(along, across, still, noise, self._hue_tolerance, (left, top))
-        least = max(_VIVID_MIN, 1.5 * _least_chroma(noise))
+        patches = _find_patches(chroma, still, self._hue_tolerance, (left, top))
+        least = max(_VIVID_MIN, 1.5 * chroma.least)
         green, u_max, v_max = self.still_green, self._frame[2] - 1, self._frame[3] - 1
 
         def lies_on_green(patch: _Patch) -> bool:
@@ -774,8 +761,8 @@ def pick_marker(
     piece = image[top : min(int(v + half), height), left : min(int(u + half), width)]
     found: list[tuple[float, float, _Patch]] = []
     for hue in np.arange(0.0, 360.0, 15.0) if piece.size else ():
-        along, across, noise = chroma_of(piece, float(hue), light)
-        for patch in _find_patches(along, across, None, noise, _HUE_DEG, (left, top)):
+        chroma = Chroma.of(piece, float(hue), light)
+        for patch in _find_patches(chroma, None, _HUE_DEG, (left, top)):
             area = patch.area / px_per_m**2
             fits = _PICK_AREA[0] < area < _PICK_AREA[1] and not patch.touches_edge
             if fits and patch.vivid > _VIVID_MIN and abs(patch.hue_off) < 7.6:
