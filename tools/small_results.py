@@ -56,7 +56,7 @@ SMALL: dict[str, tuple[str, ...]] = {
         *("--population-size", "6", "--fine-population-size", "6"),
         *("--coarse-generations", "2", "--fine-generations", "1", *COARSE, "--out", "runs/tune"),
     ),
-    "select": ("--grid", "2", "--grid-psi", "2", "--repeat", "runs/repeat", "--out", "runs/select"),
+    "select": ("--grid", "3", "--grid-psi", "3", "--repeat", "runs/repeat", "--out", "runs/select"),
     "simulate": (*("--params", "runs/tune", "--count", "120", *COARSE, "--out", "runs/dataset"),),
     "train": (
         *("--dataset", "runs/dataset", "--epochs", "2", "--candidate-count", "200"),
