@@ -5,6 +5,7 @@ import pytest
 
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.action import ActionRanges
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks
@@ -46,6 +47,7 @@ def dataset(truth, tmp_path_factory):
         SETUP,
         purpose="tune",
         count=TRIAL_COUNT,
+        ranges=ActionRanges(),
     )
 
 
