@@ -108,7 +108,7 @@ def clock(count):
 def test_films_follow_one_another_with_one_frame_per_frame_of_the_data(casts, tmp_path):
     rate = 30
     for number in range(CAST_COUNT):
-        write_video(tmp_path / f"films/{number:06d}.mp4", clock(4 * rate), rate)
+        write_video(tmp_path / f"films/{number:06d}.mp4", clock(5 * rate), rate)
     out = export_dataset(casts, tmp_path / "out", films=tmp_path / "films")
     info, film = read_video(out / VIDEO_FILE)
     pictures = [frame for _, frame in film]
