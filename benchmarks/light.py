@@ -92,7 +92,7 @@ def summary(clips: list[Clip]) -> dict[str, float]:
         plain.append((clip.clearance > CLEAR) & ~clip.on_blind)
     if not xy:
         # Everything has the marker's colour.
-        return {"frame_count": 0, "found_pct": 0.0, "rms_mm": np.nan, "largest_mm": np.nan}
+        return {"frame_count": 0, "found_pct": 0.0, "rms_mm": 0.0, "largest_mm": 0.0}
     seen_xy, plain_all = np.concatenate(xy), np.concatenate(plain)
     errors = np.linalg.norm(seen_xy - np.concatenate(truth), axis=1)
     found = np.isfinite(errors)

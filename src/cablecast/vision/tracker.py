@@ -138,10 +138,12 @@ def table_light(
     stride = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / _SAMPLE_COUNT)))
     v, u = np.mgrid[0 : image.shape[0] : stride, 0 : image.shape[1] : stride]
     on_table = workspace.on_table(view.to_table(np.stack([u, v], axis=-1).astype(float)))
-    pixels = image[::stride, ::stride].astype(float)
+    pixels = load_cv2().blur(image, (3, 3))[::stride, ::stride].astype(float)
     fair = (pixels < _CLIPPED).all(axis=-1) & (pixels > _DARK).all(axis=-1)
     # Where the table is saturated, what lies about it must do.
-    seen = fair & on_table if (fair & on_table).sum() > _FAIR_MIN * on_table.sum() else fair
+    seen = fair & on_table
+    if seen.sum() < _FAIR_MIN / 6 * on_table.sum():
+        seen = fair
     colour = np.median(pixels[seen], axis=0) if seen.any() else np.ones(3)
     return colour / colour.mean()
 
