@@ -56,7 +56,7 @@ def cablecast(verb, *words, rig=("--rig", "ur", "--time-limit", "600")):
 def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, lab, capsys):
     admin, setup = twin[0].admin, twin[1]
     # Both of these land on the table, and soon.
-    count = ("--count", "2", "--no-psi", "--seed", "6")
+    count = ("--count", "2", "--no-psi", "--seed", "10")
     assert cablecast("collect", *count, "--dry-run", rig=("--rig", "ur")) == 0
     page = capsys.readouterr().out
     assert "ok  first reset" in page
@@ -82,7 +82,7 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
 
     assert not cablecast("tune", "--segment-count", "10", "--dt", "0.002", rig=())
     known = ("--casts", "runs/cable_1/tune-data", "--params", "runs/cable_1/tune")
-    few = ("--simulated-count", "50", "--candidate-count", "500", "--tries", "1")
+    few = ("--simulated-count", "50", "--candidate-count", "500", "--tries", "1", "--anyway")
     # What so small a model aims at, it may miss: 3 says so.
     assert cablecast("aim", *known, *few, "--target", "1.10", "16.7") in (0, 3)
     assert "2 casts of cable_1 are known; the simulator is fitted to 2" in capsys.readouterr().out
