@@ -210,6 +210,18 @@ _NOTED_VALUES = ("scatter", "failure", "inside_coverage")
 _RINGS, _SPOKES = 48, 32
 
 
+def ring_points(
+    radius: NDArray[np.float64], turn: NDArray[np.floating], spokes: int
+) -> NDArray[np.float64]:
+    """Return points on rings about the origin, shape [ring * spoke, 2].
+
+    `radius` is that of each ring, `turn` its turn in spokes, shape [ring].
+    """
+    angle: NDArray[np.float64] = (np.arange(spokes) + turn[:, None]) * 2.0 * np.pi / spokes
+    ring = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return ring.reshape(-1, 2)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
     """A cast that was planned at a target, and what to expect of it.
@@ -257,8 +269,7 @@ class Proposal:
         # Points of equal probability: rings that halve equal shares, turned against each other.
         share = (np.arange(_RINGS) + 0.5) / _RINGS
         radius = np.sqrt([self.law.square(float(value)) for value in share])
-        angle = 2.0 * np.pi * (np.arange(_SPOKES) + share[:, None]) / _SPOKES
-        unit = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        unit = ring_points(radius, share, _SPOKES)
         points = self.expected_xy + unit @ np.linalg.cholesky(self.covariance).T
         within = self.within_pct / 100.0 * self.setup.cable.length
         near = np.linalg.norm(points - self.target_xy, axis=-1) <= within

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cablecast.aiming.predictor import Candidates, LandingPredictor
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
-from cablecast.cast import Proposal, RegionLaw
+from cablecast.cast import Proposal, RegionLaw, ring_points
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
@@ -303,6 +303,4 @@ def _unit_points() -> NDArray[np.float64]:
     share = (np.arange(_RINGS) + 0.5) / _RINGS
     radius = np.sqrt(-2.0 * np.log1p(-share))
     # Every other ring is turned by half a spoke.
-    turn = (np.arange(_SPOKES) + 0.5 * (np.arange(_RINGS)[:, None] % 2)) * 2.0 * np.pi / _SPOKES
-    ring = radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    return ring.reshape(-1, 2)
+    return ring_points(radius, 0.5 * (np.arange(_RINGS) % 2), _SPOKES)

@@ -171,8 +171,12 @@ def print_stop(proposal: "Proposal", reason: str) -> None:
 
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.target_xy)}")
-    verb = "not cast at" if proposal.try_number == 1 else "stopped"
-    print(f"{verb}: {reason} (--anyway casts all the same)", flush=True)
+    words = _stop_words(proposal.try_number - 1)
+    print(f"{words}: {reason} (--anyway casts all the same)", flush=True)
+
+
+def _stop_words(cast_count: int) -> str:
+    return "stopped" if cast_count else "not cast at"
 
 
 def print_cast(cast: "Cast", session: "AimSession") -> None:
@@ -197,18 +201,19 @@ def print_result(result: "AimResult") -> None:
     tries = max((len(casts) for casts in result.casts), default=0)
     heads = ("target", *(str(number) for number in range(1, tries + 1)))
     table = tables.make_table("Miss of each try, in % of cable length", *heads)
-    for target, casts in zip(result.target_xy, result.casts, strict=True):
+    stopped = []
+    for target, casts, stop in zip(result.target_xy, result.casts, result.stops, strict=True):
         r, theta = xy_to_polar(target)
+        place = f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg"
         cells = [f"{cast.miss_pct:.1f}" if cast.landed else cast.status.code for cast in casts]
         cells += [""] * (tries - len(cells))
         style = "bold" if any(cast.hit for cast in casts) else ""
-        table.add_row(f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg", *cells, style=style)
-    tables.print_table(table, f"{int(result.hit.sum())} of {len(result.casts)} targets were hit.")
-    for target, casts, stop in zip(result.target_xy, result.casts, result.stops, strict=True):
+        table.add_row(place, *cells, style=style)
         if stop:
-            r, theta = xy_to_polar(target)
-            verb = "stopped" if casts else "not cast at"
-            print(f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg: {verb}: {stop}")
+            stopped.append(f"{place}: {_stop_words(len(casts))}: {stop}")
+    tables.print_table(table, f"{int(result.hit.sum())} of {len(result.casts)} targets were hit.")
+    for line in stopped:
+        print(line)
 
 
 def print_tries(result: "AimResult") -> None:

@@ -47,16 +47,12 @@ class MocapFrame:
             InputError: There is no such file, or the points give no frame.
         """
         ours, theirs = ("x_m", "y_m", "z_m"), ("mocap_x_m", "mocap_y_m", "mocap_z_m")
+        rows = read_csv(path, (*ours, *theirs))
         try:
-            rows = read_csv(path, (*ours, *theirs))
             places = np.array([[float(row[name]) for name in ours] for row in rows])
             points = np.array([[float(row[name]) for name in theirs] for row in rows])
-        except ValueError as error:
-            raise (
-                error
-                if isinstance(error, InputError)
-                else InputError(f"{path} holds something else than numbers")
-            ) from None
+        except ValueError:
+            raise InputError(f"{path} holds something else than numbers") from None
         if len(rows) < 3 or not np.all(np.isfinite([places, points])):
             raise InputError(f"{path} must hold at least three points of finite numbers")
         across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1]

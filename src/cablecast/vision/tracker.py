@@ -131,11 +131,16 @@ class _Patch:
     touches_edge: bool
 
 
+def _stride(image: NDArray[np.generic]) -> int:
+    """Return every which row and column of a picture makes a sample of it."""
+    return max(1, int(np.sqrt(image.shape[0] * image.shape[1] / _SAMPLE_COUNT)))
+
+
 def table_light(
     image: NDArray[np.uint8], view: CameraView, workspace: Workspace
 ) -> NDArray[np.float64]:
     """Return the colour of the light, blue, green and red about 1 [-], by the table as grey."""
-    stride = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / _SAMPLE_COUNT)))
+    stride = _stride(image)
     v, u = np.mgrid[0 : image.shape[0] : stride, 0 : image.shape[1] : stride]
     on_table = workspace.on_table(view.to_table(np.stack([u, v], axis=-1).astype(float)))
     pixels = load_cv2().blur(image, (3, 3))[::stride, ::stride].astype(float)
@@ -171,7 +176,7 @@ class Chroma(NamedTuple):
         """Return the chroma of a picture in a light whose colour is that of `table_light`."""
         weights = (chroma_axes(hue_deg) / light).astype(np.float32)
         both = load_cv2().transform(image.astype(np.float32), weights)
-        stride = max(1, int(np.sqrt(both[..., 0].size / _SAMPLE_COUNT)))
+        stride = _stride(both)
         sample = both[::stride, ::stride, 0]
         # Of most pixels, whatever the others are.
         noise = 1.4826 * float(np.median(np.abs(sample - np.median(sample))))
@@ -273,7 +278,7 @@ class _Light:
         None where it is too dark or too bright to be compared.
         """
         left, top, right, bottom = window
-        stride = max(1, int(np.sqrt(piece.shape[0] * piece.shape[1] / _SAMPLE_COUNT)))
+        stride = _stride(piece)
         # Means of neighbours, since noise makes saturated pixels look as if they were not.
         now, then = (
             load_cv2().blur(part, (3, 3))[::stride, ::stride].astype(np.float32)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cablecast.arm.robot import RobotConfig
 from cablecast.errors import MissingExtraError, RigError
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
-from cablecast.rigs.ur.rtde import GET_VERSION, PHASE, RTDE_PORT, STOP, frame
+from cablecast.rigs.ur.rtde import GET_VERSION, PHASE, RTDE_PORT, STOP, FrameReader, ask
 
 _CONNECT_TIME_MAX = 3.0
 _AGENT_TIME_MAX = 20.0
@@ -359,10 +359,9 @@ def _read_version(connection: socket.socket, address: str) -> Version:
     """
     connection.settimeout(_ANSWER_TIME_MAX)
     try:
-        connection.sendall(frame(GET_VERSION))
-        answer = connection.recv(19, socket.MSG_WAITALL)
-        major, minor, bugfix, _ = struct.unpack(">3x4I", answer)
-    except (OSError, struct.error) as error:
+        answer = ask(connection, FrameReader(), GET_VERSION)
+        major, minor, bugfix, _ = struct.unpack(">4I", answer)
+    except (OSError, ValueError, struct.error) as error:
         raise RigError(f"the controller at {address} does not say its version: {error}") from None
     if major not in (CB3, E_SERIES, POLYSCOPE_X):
         raise RigError(

@@ -71,6 +71,21 @@ class FrameReader:
             yield kind, payload
 
 
+def ask(connection: socket.socket, reader: FrameReader, kind: int, payload: bytes = b"") -> bytes:
+    """Return the answer to a frame; the controller may send text messages before it.
+
+    Raises:
+        OSError: The controller does not answer.
+        ValueError: It speaks no RTDE.
+    """
+    connection.sendall(frame(kind, payload))
+    while data := connection.recv(4096):
+        for answered, answer in reader.feed(data):
+            if answered == kind:
+                return answer
+    raise OSError("RTDE closed the connection")
+
+
 @dataclasses.dataclass(frozen=True)
 class Recipe:
     """Names and layout of a data package.
@@ -131,9 +146,9 @@ class RegisterWriter:
         self._values = dict.fromkeys(self._names, 0)
         self._connection = socket.create_connection((address, RTDE_PORT), _ANSWER_TIME_MAX)
         self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._reader = FrameReader()
-        self._ask(REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2))
-        answer = self._ask(SETUP_INPUTS, ",".join(self._names).encode())
+        connection, reader = self._connection, FrameReader()
+        ask(connection, reader, REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2))
+        answer = ask(connection, reader, SETUP_INPUTS, ",".join(self._names).encode())
         self._recipe = Recipe(answer[0], self._names, tuple(answer[1:].decode().split(",")))
         if not self._recipe.is_valid:
             self._connection.close()
@@ -142,18 +157,9 @@ class RegisterWriter:
                 "fieldbus or another program: end it, or set robot input_register in the lab file "
                 "to the first of three that are free, from 24 to 45"
             )
-        self._ask(START)
+        ask(connection, reader, START)
 
     def write(self, index: int, value: int) -> None:
         """Write one register, counted from the first."""
         self._values[self._names[index]] = value
         self._connection.sendall(self._recipe.pack(self._values))
-
-    def _ask(self, kind: int, payload: bytes = b"") -> bytes:
-        """Return the answer to a frame; the controller may send text messages before it."""
-        self._connection.sendall(frame(kind, payload))
-        while data := self._connection.recv(4096):
-            for answered, answer in self._reader.feed(data):
-                if answered == kind:
-                    return answer
-        raise OSError("RTDE closed the connection")
