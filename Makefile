@@ -10,7 +10,7 @@ OPENCV_4 := 4.14.0.94
 PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test coverage lint format docs release clean
+.PHONY: help install demo test coverage lint format docs results release clean
 
 help: ## Show what can be made
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -38,6 +38,9 @@ format: $(STAMP) ## Rewrite the code in the house style
 
 docs: $(STAMP) ## Build the pages and the API reference into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+results: $(STAMP) ## Write tables and figures of README and docs anew from benchmarks/results
+	$(BIN)/python -m benchmarks pages
 
 release: $(STAMP) ## Build the distributions into build/dist and check them
 	$(BIN)/python tools/check_release.py

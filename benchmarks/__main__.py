@@ -1,41 +1,115 @@
-"""`python -m benchmarks NAME`: one command for every measurement."""
+"""`python -m benchmarks NAME`: one command for every measurement.
 
+Each prints its tables and writes them to a file, with what they were measured on: to
+`benchmarks/results` where a page quotes a run with these settings, to `runs/benchmarks` otherwise.
+`python -m benchmarks pages` writes the pages anew from the files, as `make results` does;
+`python -m benchmarks all --budget HOURS` repeats the runs that pages quote.
+"""
+
+import dataclasses
 import importlib
+import pathlib
+import shlex
+import subprocess
 import sys
+import time
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
-COMMANDS = {
-    "convergence": ("accuracy:convergence", "error of the landing by segments and step"),
-    "order": ("accuracy:order", "order of EngineWarp in time"),
-    "sensitivity": ("accuracy:sensitivity", "error of the landing by the cast's own sensitivity"),
+from benchmarks.result import (
+    FOLDER,
+    LABORATORY,
+    LEARNING,
+    OTHER,
+    PHYSICS,
+    SIGHT,
+    Result,
+    Table,
+    measured,
+)
+
+COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "convergence": ("accuracy:convergence", PHYSICS, "error of the landing by segments and step"),
+    "order": ("accuracy:order", PHYSICS, "order of EngineWarp in time"),
+    "sensitivity": (
+        "accuracy:sensitivity",
+        PHYSICS,
+        "error of the landing by the cast's own sensitivity",
+    ),
     "stability": (
         "energy:stability",
+        PHYSICS,
         "worlds over the search space: none may gain energy",
     ),
-    "swing": ("energy:swing", "energy that an undamped swing loses, by the step"),
-    "validation": ("validation:main", "closed forms; writes docs/validation.md"),
-    "engines": ("engines:main", "rollouts per second and accuracy of every engine"),
-    "peers": ("peers:main", "EngineWarp and other simulators: stable step, error, rate"),
-    "mocap": ("mocap:main", "motion capture of cables held at both ends, with published figures"),
-    "material": ("fits:material", "fits with and without damping and curl, on casts"),
-    "sampler": ("fits:sampler", "posterior of a fit and draws of a sampler"),
-    "casts": ("casts:casts", "error at targets by the number of real casts and corrections"),
-    "sessions": ("casts:sessions", "first tries of a session with and without new fits"),
-    "scatter": ("scatter:scatter", "scatter of equal casts, and what predicts it and the error"),
-    "uneven": ("scatter:uneven", "share of a miss that one correction leaves on uneven friction"),
-    "preparation": ("times:preparation", "time from five casts to the first aimed one"),
-    "cluster": ("times:cluster", "throughput of a Ray cluster on this machine and of one thread"),
-    "page": ("page:main", "latencies, memory and frames of the page of `cablecast view`"),
-    "light": ("light:main", "tracker in flicker, casts of colour, and with markers of any hue"),
-    "effects": ("effects:effects", "shift of landings by each effect of the virtual rig"),
-    "laboratory": ("laboratory:main", "scatter and difficulty of the virtual rig and of the paper"),
+    "swing": ("energy:swing", PHYSICS, "energy that an undamped swing loses, by the step"),
+    "validation": ("validation:main", PHYSICS, "closed forms, with plots"),
+    "engines": (
+        "engines:main",
+        (*PHYSICS, "engines"),
+        "rollouts per second and accuracy of every engine",
+    ),
+    "peers": ("peers:main", PHYSICS, "EngineWarp and other simulators: stable step, error, rate"),
+    "mocap": (
+        "mocap:main",
+        PHYSICS,
+        "motion capture of cables held at both ends, with published figures",
+    ),
+    "material": ("fits:material", (*LABORATORY, "tuning"), "fits with and without a material"),
+    "sampler": ("fits:sampler", (*LABORATORY, "tuning"), "posterior of a fit, and a sampler"),
+    "casts": (
+        "casts:casts",
+        LEARNING,
+        "error at targets by the number of real casts and corrections",
+    ),
+    "sessions": ("casts:sessions", LEARNING, "first tries of a session with and without new fits"),
+    "scatter": ("scatter:scatter", LEARNING, "scatter of equal casts, and what predicts it"),
+    "uneven": (
+        "scatter:uneven",
+        PHYSICS,
+        "share of a miss that one correction leaves on uneven friction",
+    ),
+    "preparation": ("times:preparation", LEARNING, "time from five casts to the first aimed one"),
+    "cluster": (
+        "times:cluster",
+        (*PHYSICS, "data"),
+        "throughput of a Ray cluster on this machine and of one thread",
+    ),
+    "page": ("page:main", ("view",), "latencies, memory and frames of the page of `view`"),
+    "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
+    "effects": ("effects:effects", LABORATORY, "shift of landings by each effect of version 5"),
+    "laboratory": (
+        "laboratory:main",
+        LABORATORY,
+        "scatter and difficulty of the virtual rig and of the paper",
+    ),
+    "reproduce": (
+        "reproduction:main",
+        (*LEARNING, "evaluation"),
+        "every experiment of the paper, by `cablecast reproduce`",
+    ),
 }
-"""Module and function of each command, and what it measures."""
+"""Module and function of each command, the code that it depends on, and what it measures."""
+
+QUOTED: dict[str, tuple[str, float]] = {
+    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 201", 12.0),
+    "by-count": (
+        "casts --rigs virtual:4 --counts 2 5 20 50 100 280 --methods aim simulated fine-tuning "
+        "--targets 66 --tries 2",
+        20.0,
+    ),
+    "reproduce": ("reproduce", 2.0),
+    "effects": ("effects --count 10", 0.3),
+    "validation": ("validation", 0.2),
+    "light": ("light", 0.5),
+}
+"""Command and expected hours on two cores of each run that a page quotes, in order of worth."""
+
+UNSAID = ("out", "data", "session", "workers")
+"""Settings that change no figure."""
 
 
-def parse(name: str, words: list[str]) -> tuple[Callable[[Any], int | None], Any]:
+def parse(name: str, words: list[str]) -> tuple[Callable[[Any], Iterable[Table]], Any]:
     """Return the function of a command, and its arguments from the words of a command line."""
     import tyro
 
@@ -45,15 +119,94 @@ def parse(name: str, words: list[str]) -> tuple[Callable[[Any], int | None], Any
     return run, tyro.cli(kind, prog=f"python -m benchmarks {name}", args=words)
 
 
+def settings_of(args: Any) -> dict[str, Any]:
+    """Return the settings that decide a result."""
+    return {key: value for key, value in dataclasses.asdict(args).items() if key not in UNSAID}
+
+
+def quoted_as(command: str, args: Any) -> str | None:
+    """Return the name of the quoted run with these settings; None if no page quotes it."""
+    for name, (line, _) in QUOTED.items():
+        first, *words = shlex.split(line)
+        if first == command and settings_of(parse(first, words)[1]) == settings_of(args):
+            return name
+    return None
+
+
+def run_command(command: str, words: list[str]) -> int:
+    """Run a benchmark and write its result."""
+    run, args = parse(command, words)
+    quoted = quoted_as(command, args)
+    line = QUOTED[quoted][0] if quoted else shlex.join([command, *words])
+    result, status = measured(
+        run(args),
+        name=quoted or command,
+        command=f"python -m benchmarks {line}",
+        settings=settings_of(args),
+        code=COMMANDS[command][1],
+    )
+    path = result.write(FOLDER if quoted else OTHER)
+    print(f"\n{path}", *(["make results writes it into the pages"] if quoted else []), sep="\n")
+    return status
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AllArgs:
+    """Repeat the runs that pages quote, those of most worth first, the latest ones last.
+
+    Attributes:
+        budget: Time for all of them [h].
+        stale: Leave out those whose code has not changed since.
+    """
+
+    budget: float
+    stale: bool = True
+
+
+def run_all(args: AllArgs) -> int:
+    """Repeat the runs that fit into the budget, each in a process of its own."""
+    end, status = time.monotonic() + 3600.0 * args.budget, 0
+    for name, (line, hours) in QUOTED.items():
+        stored = stored_result(name)
+        if args.stale and stored is not None and not stored.changed():
+            print(f"{name}: up to date")
+            continue
+        if stored is not None and stored.seconds is not None:
+            hours = stored.seconds / 3600.0
+        left = (end - time.monotonic()) / 3600.0
+        if hours > left:
+            print(f"{name}: takes about {hours:.2g} h, and {left:.2g} h are left")
+            continue
+        print(f"{name}: python -m benchmarks {line}", flush=True)
+        done = subprocess.run([sys.executable, "-m", "benchmarks", *shlex.split(line)])
+        status = status or done.returncode
+    return status
+
+
+def stored_result(name: str) -> Result | None:
+    """Return a result that pages quote; None where it is still to be measured."""
+    path: pathlib.Path = FOLDER / f"{name}.json"
+    return Result.read(path) if path.is_file() else None
+
+
 def main() -> int:
-    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
+    name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("--help", [])
+    if name == "pages":
+        from benchmarks.pages import write_pages
+
+        return write_pages()
+    if name == "all":
+        import tyro
+
+        return run_all(tyro.cli(AllArgs, prog="python -m benchmarks all", args=words))
     if name not in COMMANDS:
         print("usage: python -m benchmarks NAME [options]\n")
-        for command, (_, what) in COMMANDS.items():
+        for command, (_, _, what) in COMMANDS.items():
             print(f"  {command:13}{what}")
+        print("\n  all          repeat the runs that pages quote, within --budget hours")
+        print("  pages        write the pages from the results, as `make results` does")
         return 0 if name in ("-h", "--help") else 2
-    run, args = parse(name, sys.argv[2:])
-    return run(args) or 0
+    return run_command(name, words)
 
 
 if __name__ == "__main__":

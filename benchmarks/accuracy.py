@@ -15,10 +15,12 @@ largest gains, errors and gains are correlated.
 """
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.common import Table, land, landing_error_pct, random_casts, track_errors
+from benchmarks.common import land, landing_error_pct, random_casts, track_errors
+from benchmarks.result import Table
 from benchmarks.validation.case import make_warp
 from benchmarks.validation.scenes import LOCKED
 from cablecast.cable import CABLE_NAMES, ROD_ARM, Cable, load_cable
@@ -60,7 +62,7 @@ def summary(error) -> tuple[float, float, float]:
     return tuple(float(v) for v in np.percentile(error, [50, 90, 100]))
 
 
-def convergence(args: ConvergenceArgs) -> None:
+def convergence(args: ConvergenceArgs) -> Iterator[Table]:
     paths = random_casts(args.count, args.seed)
     whole = Table(
         f"Distance from {FINE_SEGMENT_COUNT} segments at {FINE_DT * 1e3} ms, in % of cable length, "
@@ -92,8 +94,8 @@ def convergence(args: ConvergenceArgs) -> None:
         limit = land(cable, paths, DEFAULT_SEGMENT_COUNT, 6.25e-5)
         for dt in (1e-3, DEFAULT_DT, 5e-4, 2.5e-4, 1.25e-4):
             add(time, limit, DEFAULT_SEGMENT_COUNT, dt)
-    for table in (whole, time):
-        print(table)
+    yield whole
+    yield time
 
 
 ORDER_STEPS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
@@ -125,8 +127,8 @@ class OrderArgs:
     segment_count: int = 30
 
 
-def order(args: OrderArgs) -> None:
-    """Print the error of each step and the orders between them, for each resistance."""
+def order(args: OrderArgs) -> Iterator[Table]:
+    """Yield the error of each step and the orders between them, for each resistance."""
     cable = load_cable(args.cable)
     paths = random_casts(args.count, args.seed)
     rungs = [(args.segment_count, dt) for dt in ORDER_STEPS]
@@ -155,7 +157,7 @@ def order(args: OrderArgs) -> None:
         orders = np.log2(errors[:-1] / errors[1:])
         errors_pct = 100.0 * errors / cable.length
         table.rows.append((label, *errors_pct.tolist(), *orders.tolist()))
-    print(table)
+    yield table
 
 
 COARSE = ((DEFAULT_SEGMENT_COUNT, DEFAULT_DT), (2 * DEFAULT_SEGMENT_COUNT, DEFAULT_DT / 2))
@@ -272,7 +274,7 @@ def study(cable: Cable, paths: GripPath, args: SensitivityArgs) -> tuple[list[tu
     return rows, errors
 
 
-def sensitivity(args: SensitivityArgs) -> None:
+def sensitivity(args: SensitivityArgs) -> Iterator[Table]:
     paths = random_casts(args.count, args.seed)
     nature = Table(
         f"How far landings move with the initial state, {args.fine} segments at "
@@ -298,5 +300,5 @@ def sensitivity(args: SensitivityArgs) -> None:
         rows, errors = study(load_cable(name), paths, args)
         nature.rows += rows
         method.rows += errors
-    for table in (nature, method):
-        print(table, flush=True)
+    yield nature
+    yield method

@@ -15,14 +15,13 @@ resumes where it was stopped, and adds what a larger one asks for.
 
 import dataclasses
 import itertools
-import pathlib
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.common import Table
 from benchmarks.places import (
     FINE_TUNING_MIN,
     METHODS,
@@ -34,16 +33,17 @@ from benchmarks.places import (
     random_targets,
     try_count,
 )
+from benchmarks.result import Table
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import difference_interval, median_interval
-from cablecast.files import write_bytes
 from cablecast.report import style
 from cablecast.rigs.virtual.sensing import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
 
-COLUMNS = ("rig", "cable", "casts", "method", "targets", "try", "median", "q1", "q3", "missed")
-REGION_COLUMNS = ("rig", "cable", "casts", "method", "try", "landings", "in 50 %", "in 90 %")
+KEY = ("rig", "cable", "casts", "method")
+MISSES = (*KEY, "targets", "try", "median", "low", "high", "q1", "q3", "lost", "in 50 %", "in 90 %")
+DIFFERENCES = (*KEY, "targets", "try", "median", "low", "high")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,8 +66,6 @@ class CastsArgs(ModelArgs):
     """Casts at each target."""
     quick: bool = False
     """Use the strange rig, one laboratory, one cable, 8 targets, and small models only."""
-    figure: pathlib.Path | None = None
-    """Picture of the misses to write: against tries, or against several numbers of casts."""
 
     @property
     def shares(self) -> list[int]:
@@ -106,90 +104,67 @@ def run(args: CastsArgs, report: ProgressCallback) -> Found:
     return found
 
 
-def print_misses(found: Found, tries: int, which: str = "") -> None:
-    """Print the misses of every try."""
-    rows_of_misses: list[tuple] = []
-    for (name, cable, count, method), rows in found.items():
-        misses = np.array([row["miss_pct"] for row in rows])
-        for number in range(try_count(method, tries)):
-            values = misses[:, number]
-            median, low, high = median_interval(values)
-            q1, q3 = np.quantile(values, (0.25, 0.75))
-            lost = 100.0 * np.mean(values >= MISSED_PCT)
-            spread = f"{median:.1f} ({low:.1f} to {high:.1f})"
-            quartiles = (f"{q1:.1f}", f"{q3:.1f}", f"{lost:.1f}")
-            row = (name, cable, count, method, len(values), number + 1, spread, *quartiles)
-            rows_of_misses.append(row)
-    title = "Miss of each try in % of cable length; missed: no landing, or a length off or more [%]"
-    print(Table(title=title + which, columns=COLUMNS, rows=rows_of_misses))
+def misses(found: Found, which: str = "") -> Table:
+    """Return the misses of every try, and how often the regions held that were stated before it."""
+    rows: list[tuple] = []
+    for key, casts_at in found.items():
+        values = np.array([row["miss_pct"] for row in casts_at])
+        for number, own in enumerate(values.T):
+            q1, q3 = np.quantile(own, (0.25, 0.75))
+            inside: tuple[float | None, ...] = (None, None)
+            if key[-1] in ("aim", "one simulator"):
+                shares = [row["share"][number] for row in casts_at]
+                landed = np.array([share for share in shares if share is not None])
+                inside = tuple(100.0 * float(np.mean(landed < share)) for share in (0.5, 0.9))
+            lost = 100.0 * np.mean(own >= MISSED_PCT)
+            spread = (*median_interval(own), q1, q3, lost)
+            rows.append((*key, len(own), number + 1, *spread, *inside))
+    title = "Miss of each try in % of cable length; lost: no landing, or a length off or more [%]"
+    return Table(title=title + which, columns=MISSES, rows=rows)
 
 
-def print_regions(found: Found, tries: int) -> None:
-    """Print how often the regions held that were stated before each try."""
-    rows_of_regions: list[tuple] = []
-    for (name, cable, count, method), rows in found.items():
-        if method not in ("aim", "one simulator"):
-            continue
-        for number in range(tries):
-            shares = [row["share"][number] for row in rows]
-            landed = np.array([share for share in shares if share is not None])
-            inside = [100.0 * np.mean(landed < share) for share in (0.5, 0.9)]
-            found_in = (f"{share:.0f}" for share in inside)
-            rows_of_regions.append((name, cable, count, method, number + 1, len(landed), *found_in))
-    title = "Landings within the regions that were stated before the cast [%]"
-    print(Table(title=title, columns=REGION_COLUMNS, rows=rows_of_regions))
-
-
-def print_differences(found: Found) -> None:
-    """Print how much more other methods miss than aim, at the same targets."""
+def differences(found: Found) -> Table:
+    """Return how much more other methods miss than aim, at the same targets."""
     rows = []
-    for (name, cable, count, method), others in found.items():
-        own = found.get((name, cable, count, "aim"))
-        if method == "aim" or own is None:
+    for key, others in found.items():
+        own = found.get((*key[:-1], "aim"))
+        if key[-1] == "aim" or own is None:
             continue
-        for number in range(try_count(method, len(own[0]["miss_pct"]))):
+        for number in range(try_count(key[-1], len(own[0]["miss_pct"]))):
             theirs, ours = ([row["miss_pct"][number] for row in of] for of in (others, own))
-            middle, low, high = difference_interval(theirs, ours)
-            spread = f"{middle:+.1f} ({low:+.1f} to {high:+.1f})"
-            rows.append((name, cable, count, method, len(own), number + 1, spread))
-    if rows:
-        title = "Median miss less that of aim at the same targets [% of cable length]"
-        columns = ("rig", "cable", "casts", "method", "targets", "try", "difference")
-        print(Table(title=title, columns=columns, rows=rows))
+            rows.append((*key, len(own), number + 1, *difference_interval(theirs, ours)))
+    title = "Median miss less that of aim at the same targets [% of cable length]"
+    return Table(title=title, columns=DIFFERENCES, rows=rows)
 
 
-def print_blind(found: Found, args: CastsArgs) -> None:
-    """Print how many targets the camera of the virtual rig is blind at, and misses without them."""
+def sighted(found: Found, args: CastsArgs) -> Iterator[Table]:
+    """Yield how many targets the virtual rig's camera is blind at, and misses without them."""
     xy = np.concatenate(
         [random_targets(own, lab) for lab, own in zip(args.labs, args.shares, strict=True)]
     )
     blind = CameraErrorModel.load().sight.is_blind_at(xy)
-    print(f"The virtual rig's camera is blind at {blind.sum()} of these {len(xy)} targets.\n")
-    if not blind.any():
-        return
-    seen = {
-        key: [row for row, unseen in zip(rows, blind, strict=True) if not unseen]
-        for key, rows in found.items()
-        if key[0].startswith("virtual")
-    }
-    print_misses(seen, args.tries, ", at the others")
+    title = "Targets at which the virtual rig's camera is blind"
+    yield Table(title=title, columns=("blind", "targets"), rows=[(int(blind.sum()), len(xy))])
+    if blind.any():
+        seen = {
+            key: [row for row, unseen in zip(rows, blind, strict=True) if not unseen]
+            for key, rows in found.items()
+            if key[0].startswith("virtual")
+        }
+        yield misses(seen, ", at the others")
 
 
-def casts(args: CastsArgs) -> int:
-    """Run the benchmark and print its tables."""
+def casts(args: CastsArgs) -> Iterator[Table]:
+    """Yield misses and differences."""
     args = dataclasses.replace(args, **QUICK) if args.quick else args
     if unknown := sorted(set(args.methods) - set(METHODS)):
         raise InputError(f"unknown method {unknown[0][:40]!r}: one of {', '.join(METHODS)}")
     with console_progress() as progress:
         found = run(args, progress)
-    print_misses(found, args.tries)
-    print_regions(found, args.tries)
+    yield misses(found)
     if any(rig.startswith("virtual") for rig in args.rigs):
-        print_blind(found, args)
-    print_differences(found)
-    if args.figure is not None:
-        draw(found, args.figure)
-    return 0
+        yield from sighted(found, args)
+    yield differences(found)
 
 
 SESSION_COLUMNS = (
@@ -262,8 +237,8 @@ def after_refit(rows: list[dict[str, Any]], first: int) -> NDArray[np.bool_]:
     return np.array([row["fitted"] > first for row in rows])
 
 
-def sessions(args: SessionsArgs) -> int:
-    """Run the benchmark and print its table."""
+def sessions(args: SessionsArgs) -> Iterator[Table]:
+    """Yield the tries of each session after the first new fit."""
     table: list[tuple] = []
     with console_progress() as progress:
         for cable in args.cables:
@@ -280,8 +255,7 @@ def sessions(args: SessionsArgs) -> int:
             if len(args.labs) > 1:
                 table += [(cable, "all", name, *summary(rows)) for name, rows in found.items()]
     title = "First tries after the first new fit, in % of cable length; hit: targets hit by any try"
-    print(Table(title=title, columns=SESSION_COLUMNS, rows=table))
-    return 0
+    yield Table(title=title, columns=SESSION_COLUMNS, rows=table)
 
 
 def summary(rows: list[dict[str, Any]]) -> tuple:
@@ -303,27 +277,27 @@ def summary(rows: list[dict[str, Any]]) -> tuple:
 COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY)
 
 
-def draw(found: Found, path: pathlib.Path) -> None:
+def draw(rows: Iterable[Mapping[str, Any]]) -> bytes:
     """Draw misses against tries; against the number of real casts where there are several numbers.
 
     Args:
-        found: Results by rig, cable, number of casts and method.
-        path: PNG file to write.
+        rows: Rows of `misses` by the names of their columns.
+
+    Returns:
+        A PNG file.
     """
-    names = list(dict.fromkeys((name, cable) for name, cable, _, _ in found))
-    by_count = len({count for _, _, count, _ in found}) > 1
+    places: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        places.setdefault((row["rig"], row["cable"]), []).append(row)
+    by_count = len({row["casts"] for here in places.values() for row in here}) > 1
     with style.styled():
-        width = max(4.0, 0.33 * style.PAGE_WIDTH * len(names))
+        width = max(4.0, 0.33 * style.PAGE_WIDTH * len(places))
         figure = style.new_figure(width + 1.4 * by_count, 2.9)
-        axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
-        for axis, (name, cable) in zip(axes, names, strict=True):
-            here = {
-                key[2:]: np.array([row["miss_pct"] for row in rows])
-                for key, rows in found.items()
-                if key[:2] == (name, cable)
-            }
+        axes = figure.subplots(1, len(places), sharey=True, squeeze=False)[0]
+        for axis, ((name, cable), here) in zip(axes, places.items(), strict=True):
             (_over_counts if by_count else _over_tries)(axis, here)
-            targets = len(next(iter(here.values())))
+            counts = sorted({row["targets"] for row in here})
+            targets = " to ".join(str(count) for count in sorted({counts[0], counts[-1]}))
             axis.set(title=f"{cable}, {name} rig: {targets} targets")
             axis.grid(axis="y", color=style.FAINT)
         axes[0].set(ylabel="miss [% of cable length]")
@@ -331,35 +305,35 @@ def draw(found: Found, path: pathlib.Path) -> None:
             figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
         else:
             axes[0].legend()
-        write_bytes(path, style.png_bytes(figure))
+        return style.png_bytes(figure)
 
 
-def _over_tries(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
+def _over_tries(axis, here: list[Mapping[str, Any]]) -> None:
     """Draw medians with their intervals, and a band from quartile to quartile, for each line."""
-    for ((count, method), misses), color in zip(
-        here.items(), itertools.cycle(COLORS), strict=False
-    ):
-        tries = np.arange(1, misses.shape[1] + 1)
-        q1, q3 = np.quantile(misses, (0.25, 0.75), axis=0)
-        axis.fill_between(tries, q1, q3, color=color, alpha=0.15, linewidth=0)
-        _medians(axis, tries, misses.T, color, f"{method}, {count} casts before")
+    keys = dict.fromkeys((row["casts"], row["method"]) for row in here)
+    for key, color in zip(keys, itertools.cycle(COLORS), strict=False):
+        own = [row for row in here if (row["casts"], row["method"]) == key]
+        tries = [row["try"] for row in own]
+        low, high = ([row[name] for row in own] for name in ("q1", "q3"))
+        axis.fill_between(tries, low, high, color=color, alpha=0.15, linewidth=0)
+        _medians(axis, tries, own, color, f"{key[1]}, {key[0]} casts before")
         axis.set(xlabel="try", xticks=tries, ylim=(0, None))
 
 
-def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None:
+def _over_counts(axis, here: list[Mapping[str, Any]]) -> None:
     """Draw medians with their intervals: the first try of every method, and later ones dashed."""
     from matplotlib.ticker import LogLocator, StrMethodFormatter
 
-    counts = sorted({count for count, _ in here})
-    methods = dict.fromkeys(method for _, method in here)
+    counts = sorted({row["casts"] for row in here})
+    methods = dict.fromkeys(row["method"] for row in here)
     for method, color in zip(methods, itertools.cycle(COLORS), strict=False):
-        own = [count for count in counts if (count, method) in here]
-        tries = min(here[count, method].shape[1] for count in own)
-        for number in range(tries):
-            label = method if tries == 1 else f"{method}, try {number + 1}"
-            misses = [here[count, method][:, number] for count in own]
-            places = [counts.index(count) for count in own]
-            _medians(axis, places, misses, color, label, "-" if number == 0 else "--")
+        tries = sorted({row["try"] for row in here if row["method"] == method})
+        for number in tries:
+            label = method if tries == [1] else f"{method}, try {number}"
+            own = [row for row in here if (row["method"], row["try"]) == (method, number)]
+            own.sort(key=lambda row: row["casts"])
+            at = [counts.index(row["casts"]) for row in own]
+            _medians(axis, at, own, color, label, "-" if number == 1 else "--")
     axis.set(xlabel="real casts before the first target", yscale="log")
     axis.set_xticks(range(len(counts)), [str(count) for count in counts])
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -367,9 +341,11 @@ def _over_counts(axis, here: dict[tuple[int, str], NDArray[np.float64]]) -> None
     axis.minorticks_off()
 
 
-def _medians(axis, places, misses, color, label: str, linestyle: str = "-") -> None:
+def _medians(axis, places, rows, color, label: str, linestyle: str = "-") -> None:
     """Draw medians of misses, with the intervals that hold 90 % of bootstrap draws."""
-    middle, low, high = np.array([median_interval(values) for values in misses]).T
+    low, middle, high = (
+        np.array([row[name] for row in rows]) for name in ("low", "median", "high")
+    )
     axis.errorbar(
         places,
         middle,

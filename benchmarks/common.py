@@ -1,6 +1,5 @@
-"""Shared parts of the benchmarks: random casts, landings, errors of a resolution, tables."""
+"""Shared parts of the benchmarks: random casts, landings, errors of a resolution."""
 
-import dataclasses
 import importlib.util
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -79,26 +78,3 @@ def landing_error_pct(
 ) -> NDArray[np.float64]:
     """Return the distance of landings from a reference [% of cable length], shape [action]."""
     return 100.0 * np.linalg.norm(landing_xy - reference_xy, axis=-1) / cable.length
-
-
-@dataclasses.dataclass
-class Table:
-    """A table that prints as Markdown."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple]
-
-    def __str__(self) -> str:
-        cells = [self.columns, *[tuple(_show(v) for v in row) for row in self.rows]]
-        widths = [max(len(str(row[i])) for row in cells) for i in range(len(self.columns))]
-        lines = [
-            "| " + " | ".join(str(v).ljust(w) for v, w in zip(r, widths, strict=True)) + " |"
-            for r in cells
-        ]
-        rule = "|" + "|".join("-" * (w + 2) for w in widths) + "|"
-        return "\n".join([f"\n{self.title}\n", lines[0], rule, *lines[1:]])
-
-
-def _show(value) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)

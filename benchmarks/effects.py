@@ -2,19 +2,17 @@
 
 The same casts are played without chance in a laboratory as it is, and with one effect switched off
 at a time. The shift of the landing is what a study has to reckon with, and what a simulator without
-the effect misses. The table goes to a file, and from there into docs/virtual-rig.md.
+the effect misses.
 """
 
 import dataclasses
-import pathlib
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table
+from benchmarks.result import Table
 from cablecast.cli.progress import console_progress
-from cablecast.files import read_json, write_json, write_text
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
@@ -22,10 +20,6 @@ from cablecast.rigs.virtual import RigVirtual, TrialNoise, VirtualConfig
 from cablecast.rigs.virtual._hidden import EFFECTS
 from cablecast.runs.progress import Progress
 from cablecast.setup import Setup
-
-RESULT = pathlib.Path(__file__).parent / "data" / "laboratory_effects.json"
-PAGE = pathlib.Path(__file__).parent.parent / "docs" / "virtual-rig.md"
-START, END = "<!-- effects -->", "<!-- end of effects -->"
 
 SIZES = {
     "strands": (
@@ -88,14 +82,12 @@ class Args:
         lab: Seed of the laboratory.
         count: Casts, at random actions.
         seed: Seed of the actions.
-        out: File of the result; None to print only.
     """
 
     cable: str = "cable_1"
     lab: int = 0
     count: int = 20
     seed: int = 7
-    out: pathlib.Path | None = RESULT
 
 
 def landings(
@@ -109,60 +101,21 @@ def landings(
         return np.array([track.endpoint_xy[-1] for track in rig.execute_many(motions)])
 
 
-def effects(args: Args) -> int:
-    """Measure, print and store the table."""
+def effects(args: Args) -> Iterator[Table]:
+    """Yield the shift by each effect, and by all of them."""
     setup = Setup(cable=args.cable)
     actions = feasible_uniform(args.count, setup, seed=args.seed)
     motions = [plan_trajectory(Action.from_array(action), setup) for action in actions]
     # A landing without chance does not show what changes from cast to cast, nor what is seen.
     names = [name for name in EFFECTS if name != "light"]
-    shifts: dict[str, dict[str, float]] = {}
+    shifts: dict[str, list[float]] = {}
     with console_progress() as progress:
         usual = landings(motions, setup, args.lab, ())
         for done, name in enumerate((*names, "all")):
             without = tuple(names) if name == "all" else (name,)
             moved = landings(motions, setup, args.lab, without) - usual
             pct = 100.0 * np.linalg.norm(moved, axis=1) / setup.cable.length
-            q1, median, q3 = np.nanquantile(pct, (0.25, 0.5, 0.75))
-            shifts[name] = {
-                "q1_pct": round(float(q1), 2),
-                "median_pct": round(float(median), 2),
-                "q3_pct": round(float(q3), 2),
-            }
+            shifts[name] = np.nanquantile(pct, (0.25, 0.5, 0.75)).round(2).tolist()
             progress(Progress(task="effects", done=done + 1, total=len(names) + 1, unit="effects"))
-    settings = {"cable": args.cable, "lab": args.lab, "casts": args.count, "seed": args.seed}
-    result = {"settings": settings, "shifts": shifts}
-    rows = [(name, *values.values()) for name, values in shifts.items()]
-    print(Table("Shift by each effect [% of length]", ("effect", "q1", "median", "q3"), rows))
-    if args.out is not None:
-        write_json(args.out, result)
-        quote(result)
-    return 0
-
-
-def table(result: dict[str, Any]) -> str:
-    """Return the table of a page."""
-    lines = [
-        "| effect | size | source | landings shift [%]: median (quartiles) |",
-        "|---|---|---|---|",
-    ]
-    for name in EFFECTS:
-        size, source = SIZES[name]
-        lines.append(f"| {name} | {size} | {source} | {_cell(result['shifts'].get(name))} |")
-    lines.append(f"| all of them | | | {_cell(result['shifts']['all'])} |")
-    return "\n".join(lines)
-
-
-def _cell(shift: dict[str, float] | None) -> str:
-    if shift is None:
-        return "-"
-    q1, median, q3 = (f"{shift[key]:.1f}" for key in ("q1_pct", "median_pct", "q3_pct"))
-    return f"{median} ({q1} to {q3})"
-
-
-def quote(result: dict[str, Any] | None = None) -> None:
-    """Write the stored table into the page."""
-    before, rest = PAGE.read_text().split(START)
-    after = rest.split(END)[1]
-    text = table(read_json(RESULT) if result is None else result)
-    write_text(PAGE, f"{before}{START}\n{text}\n{END}{after}")
+    rows = [(name, *values) for name, values in shifts.items()]
+    yield Table("Shift by each effect [% of length]", ("effect", "q1", "median", "q3"), rows)

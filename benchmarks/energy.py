@@ -11,11 +11,14 @@ that the length solve iterates along the turned edges, and that takes energy.
 """
 
 import dataclasses
+import sys
+from collections.abc import Generator, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, random_casts
+from benchmarks.common import random_casts
+from benchmarks.result import Table
 from cablecast.cable import CABLE_NAMES, FITTED_MATERIAL, Cable, CableParams, load_cable
 from cablecast.conventions import GRAVITY, tangent
 from cablecast.engines.base import CableState
@@ -185,8 +188,8 @@ def scan(
     return marked, grown, most
 
 
-def stability(args: StabilityArgs) -> int:
-    """Print marked worlds and those that grow unmarked; status 1 where there is one."""
+def stability(args: StabilityArgs) -> Generator[Table, None, int]:
+    """Yield marked worlds and those that grow unmarked; status 1 where there is one."""
     table = Table(
         f"Parameters over the search space, every second world undamped, v_max {V_MAX:g} m/s",
         ("segments", "step [ms]", "worlds", "marked", "grown and not marked", "most growth"),
@@ -203,10 +206,10 @@ def stability(args: StabilityArgs) -> int:
             worlds = each * len(args.cables)
             row = (segment_count, dt * 1e3, worlds, sum(marked), sum(grown), round(max(most), 3))
             table.rows.append(row)
-            print(*row, flush=True)
+            print(*row, file=sys.stderr, flush=True)
     worlds, marked, grown = (sum(row[i] for row in table.rows) for i in (2, 3, 4))
     table.rows.append(("all", "", worlds, marked, grown, max(row[5] for row in table.rows)))
-    print(table)
+    yield table
     return 1 if grown else 0
 
 
@@ -267,8 +270,8 @@ def swing_losses(
     return lost / kinetic.max(axis=1)
 
 
-def swing(args: SwingArgs) -> None:
-    """Print the loss of each cable, step and clamp."""
+def swing(args: SwingArgs) -> Iterator[Table]:
+    """Yield the loss of each cable, step and clamp."""
     pitches = np.radians(PITCHES_DEG)
     table = Table(
         f"Energy lost in {args.duration:g} s, {args.segment_count} segments, in % of the greatest "
@@ -280,4 +283,4 @@ def swing(args: SwingArgs) -> None:
         for dt in SWING_STEPS:
             losses = swing_losses(load_cable(name), pitches, args.segment_count, dt, args.duration)
             table.rows.append((name, dt * 1e3, *(100.0 * losses).round(2).tolist()))
-    print(table)
+    yield table

@@ -13,12 +13,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, has, random_casts
+from benchmarks.common import has, random_casts
+from benchmarks.result import Table
 from cablecast.cable import PAPER_PARAMS, PARAMS, Cable, load_cable
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
@@ -385,12 +387,12 @@ def scaling(job: Job, world_count: int) -> Table:
     return table
 
 
-def cuda(job: Job) -> Table | None:
+def cuda(job: Job) -> Iterator[Table]:
     """Measure EngineWarp on the first CUDA device, with its landings against those of the CPU."""
     import warp as wp
 
     if not wp.is_cuda_available():
-        return None
+        return
     device = wp.get_device("cuda")
     cpu = job.play(EngineWarp(rest_speed=0.0))[0]
     engine = EngineWarp(device="cuda", rest_speed=0.0)
@@ -411,22 +413,15 @@ def cuda(job: Job) -> Table | None:
         used = wp.get_mempool_used_mem_high(device) / worlds / 1024
         table.rows.append((worlds, rate, used))
         worlds *= 4
-    return table
+    yield table
 
 
-def main(args: Args) -> None:
+def main(args: Args) -> Iterator[Table]:
     job = prepare(args)
-    tables = []
-
-    def show(table: Table | None) -> None:
-        if table is not None:
-            print(table, flush=True)
-            tables.append(table)
-
-    show(compared(job, args.world_count))
+    yield compared(job, args.world_count)
     if args.convergence and has("mujoco"):
-        show(agreement(job))
-    show(scaling(job, args.world_count))
-    show(footprint())
-    show(robust(job.cable, job.duration, args.robust_count, args.seed))
-    show(cuda(job))
+        yield agreement(job)
+    yield scaling(job, args.world_count)
+    yield footprint()
+    yield robust(job.cable, job.duration, args.robust_count, args.seed)
+    yield from cuda(job)

@@ -15,16 +15,17 @@ the misfit that it ended with.
 
 import dataclasses
 import pathlib
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.common import Table
 from benchmarks.places import ModelArgs, Place, open_rig
+from benchmarks.result import Table
 from cablecast.cable import ROD_ARM, CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.data.dataset import Dataset
@@ -85,7 +86,7 @@ class MaterialArgs:
     out: pathlib.Path | None = None
 
 
-def material(args: MaterialArgs) -> None:
+def material(args: MaterialArgs) -> Iterator[Table]:
     table = Table("Simulated against measured endpoint, in % of cable length", MATERIAL_COLUMNS, [])
     with tempfile.TemporaryDirectory() as temporary:
         out = args.out or pathlib.Path(temporary)
@@ -94,8 +95,8 @@ def material(args: MaterialArgs) -> None:
                 casts = collected(cable, lab, args, out)
                 for settings in (NO_MATERIAL, {}):
                     table.rows.append(fitted(casts, lab, settings, args))
-                    print(*table.rows[-1], flush=True)
-    print(table)
+                    print(*table.rows[-1], file=sys.stderr, flush=True)
+    yield table
 
 
 def collected(cable: str, lab: int, args: MaterialArgs, out: pathlib.Path) -> Dataset:
@@ -323,8 +324,8 @@ def along_product(posterior: ParamPosterior, count: int) -> CableParams:
     return CableParams.from_array(values)
 
 
-def sampler(args: SamplerArgs) -> int:
-    """Run the benchmark and print its tables."""
+def sampler(args: SamplerArgs) -> Iterator[Table]:
+    """Yield the deviations of each fit, and the spread of landings over its draws."""
     from scipy.stats import spearmanr
 
     models = ModelArgs(out=args.out)
@@ -347,7 +348,7 @@ def sampler(args: SamplerArgs) -> int:
                     moves=args.moves,
                     report=progress,
                 )
-                print_parameters(f"{cable}, laboratory {lab}", posterior, points)
+                yield deviations(f"{cable}, laboratory {lab}", posterior, points)
                 sampled = posterior.space.to_params(points[:: max(1, len(points) // 40)])
                 gauss = spreads(tuned, posterior.draw(40), args.actions)
                 curved = spreads(tuned, along_product(posterior, 40), args.actions)
@@ -366,17 +367,16 @@ def sampler(args: SamplerArgs) -> int:
     title = (
         "Spread of landings over draws of the posterior, median over casts, in % of cable length"
     )
-    print(Table(title=title, columns=SPREAD_COLUMNS, rows=rows))
-    return 0
+    yield Table(title=title, columns=SPREAD_COLUMNS, rows=rows)
 
 
-def print_parameters(where: str, posterior: ParamPosterior, points: NDArray[np.float64]) -> None:
-    """Print the deviations of each parameter, in shares of its search range."""
+def deviations(where: str, posterior: ParamPosterior, points: NDArray[np.float64]) -> Table:
+    """Return the deviations of each parameter, in shares of its search range."""
     rows = []
     for row, name in enumerate(posterior.space.names):
         gauss = float(posterior.deviation[row])
         shift = (float(points[:, row].mean()) - float(posterior.mean[row])) / gauss
-        deviations = (posterior.prior.deviation[row], gauss, points[:, row].std())
-        rows.append((name, *(f"{value:.3f}" for value in deviations), f"{shift:+.1f}"))
+        spread = (posterior.prior.deviation[row], gauss, points[:, row].std())
+        rows.append((name, *(f"{value:.3f}" for value in spread), f"{shift:+.1f}"))
     title = f"{where}: deviations in shares of the search range; shift in Gaussian deviations"
-    print(Table(title=title, columns=PARAMETER_COLUMNS, rows=rows))
+    return Table(title=title, columns=PARAMETER_COLUMNS, rows=rows)

@@ -10,11 +10,12 @@ default parameters).
 import dataclasses
 import pathlib
 import tempfile
+from collections.abc import Iterator
 
 import numpy as np
 from scipy import stats
 
-from benchmarks.common import Table
+from benchmarks.result import Table
 from cablecast.cli.progress import console_progress
 from cablecast.conventions import xy_to_polar
 from cablecast.data.record import collect_dataset
@@ -107,34 +108,25 @@ class Args:
     out: pathlib.Path | None = None
 
 
-def main(args: Args) -> None:
+def main(args: Args) -> Iterator[Table]:
     with tempfile.TemporaryDirectory() as temporary:
         out = args.out or pathlib.Path(temporary)
-        tables = [
-            Table(
-                "Scatter of equal casts of cable 1 on the virtual rig, in % of cable length",
-                SCATTER_COLUMNS,
-                [scatter_row(published, args, out) for published in PUBLISHED_CANDIDATES],
-            )
-        ]
-        tables.append(
-            Table(
-                "Shape of the scatter of real casts (arXiv 2111.04814), by the same measures",
-                REAL_COLUMNS,
-                [real_row(cable) for cable in REAL_CABLE_LENGTHS],
-            )
+        yield Table(
+            "Scatter of equal casts of cable 1 on the virtual rig, in % of cable length",
+            SCATTER_COLUMNS,
+            [scatter_row(published, args, out) for published in PUBLISHED_CANDIDATES],
         )
-        print(*tables, sep="\n")
+        yield Table(
+            "Shape of the scatter of real casts (arXiv 2111.04814), by the same measures",
+            REAL_COLUMNS,
+            [real_row(cable) for cable in REAL_CABLE_LENGTHS],
+        )
         if args.untuned_count:
-            rows = [untuned_row(name, args, out) for name in args.cables]
-            tables.append(
-                Table(
-                    "Untuned engine against the virtual rig, in % of cable length",
-                    UNTUNED_COLUMNS,
-                    rows,
-                )
+            yield Table(
+                "Untuned engine against the virtual rig, in % of cable length",
+                UNTUNED_COLUMNS,
+                [untuned_row(name, args, out) for name in args.cables],
             )
-            print(tables[-1])
 
 
 def scatter_row(published: Candidate, args: Args, out: pathlib.Path) -> tuple:

@@ -6,16 +6,13 @@ the marker lies in plain sight: on the table, not on another green thing, and cl
 
 import dataclasses
 import itertools
-import json
-import pathlib
 import sys
+from collections.abc import Iterator
 
 import numpy as np
 from tools.fit_camera_error import Clip, measure
 
-from benchmarks.common import Table
-from cablecast.errors import InputError
-from cablecast.files import write_text
+from benchmarks.result import Table
 from cablecast.rigs.virtual.camera import VirtualCamera, calibrate_virtual_camera
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
 from cablecast.vision.tracker import MarkerConfig
@@ -26,7 +23,8 @@ RATES = (30.0, 60.0, 120.0)
 SHARES = (0.7, 1.3)
 CLEAR = 0.05
 """Distance from the arm's silhouette beyond which it hides nothing of the marker [m]."""
-ERRORS = ("rms_mm", "of_even", "largest_mm")
+KEYS = ("frame_count", "found_pct", "rms_mm", "of_even", "largest_mm")
+COLUMNS = ("light", "frames", "found [%]", "rms [mm]", "of even light", "largest [mm]")
 READ_SHARE = 0.9
 """Share of the time between two frames in which a rolling shutter reads its rows [-]."""
 
@@ -38,13 +36,10 @@ class Args:
     Attributes:
         clips: Number of clips, of which every other one has an arm.
         seed: Seed of the clips, of noise and of light.
-        out: JSON file of what was found; the command goes on where it was stopped. None is written
-            where None.
     """
 
-    clips: int = 12
+    clips: int = 5
     seed: int = 1
-    out: pathlib.Path | None = None
 
 
 def lights() -> dict[str, CameraConfig]:
@@ -110,20 +105,12 @@ def even_of(name: str) -> str:
     return f"even {'rolling ' if 'bands' in name else ''}{rate or '60 frames/s'}"
 
 
-def main(args: Args) -> None:
-    """Track in every light that is not in the file yet, and print a table."""
+def main(args: Args) -> Iterator[Table]:
+    """Track in every light, and yield the errors."""
     camera = VirtualCamera()
     calibration = calibrate_virtual_camera(camera)
-    settings = {"clips": args.clips, "seed": args.seed}
     found: dict[str, dict[str, float]] = {}
-    if args.out is not None and args.out.is_file():
-        stored = json.loads(args.out.read_text())
-        if settings != {name: stored[name] for name in settings}:
-            raise InputError(f"{args.out} was made with other clips than {settings}")
-        found = stored["lights"]
     for name, config in lights().items():
-        if name in found:
-            continue
         camera.config = config
         # The green ones are found by the usual hue; any other one is said.
         marker = MarkerConfig() if "green of" in name else None
@@ -131,11 +118,5 @@ def main(args: Args) -> None:
         found[name] = row
         row["of_even"] = row["rms_mm"] / found[even_of(name)]["rms_mm"]
         print(f"{name}: {row}", file=sys.stderr, flush=True)
-        if args.out is not None:
-            write_text(args.out, json.dumps({**settings, "lights": found}, indent=1) + "\n")
-    rows = [
-        (name, row["frame_count"], f"{row['found_pct']:.1f}", *(f"{row[k]:.2f}" for k in ERRORS))
-        for name, row in found.items()
-    ]
-    columns = ("light", "frames", "found [%]", "rms [mm]", "of even light", "largest [mm]")
-    print(Table(f"{args.clips} clips, seed {args.seed}", columns, rows))
+    rows = [(name, *(row[key] for key in KEYS)) for name, row in found.items()]
+    yield Table(f"{args.clips} clips, seed {args.seed}", COLUMNS, rows)

@@ -13,12 +13,14 @@ them.
 
 import dataclasses
 import pathlib
+import sys
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table
+from benchmarks.result import Table
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import tangent
 from cablecast.engines.base import CableState
@@ -439,8 +441,8 @@ def find_cables(folder: pathlib.Path) -> list[str]:
     return names
 
 
-def main(args: Args) -> int:
-    """Fit, play held-out sequences, and print the table."""
+def main(args: Args) -> Iterator[Table]:
+    """Fit, play held-out sequences, and yield the table."""
     rows: list[tuple[Any, ...]] = []
     for name in find_cables(args.data):
         train = Sequences(args.data / f"{name}_train.npz")
@@ -451,8 +453,6 @@ def main(args: Args) -> int:
             tested = Player(held_out, args).error_cm(values)
             found = ", ".join(f"{key} {value:.3g}" for key, value in values.items())
             rows.append((name, label, *trained, *tested, found))
-            print(rows[-1], flush=True)
+            print(rows[-1], file=sys.stderr, flush=True)
     columns = ("cable", "fitted", "train [cm]", "free", "held out [cm]", "free", "found")
-    table = Table(title="Mean absolute error", columns=columns, rows=rows)
-    print(table)
-    return 0
+    yield Table(title="Mean absolute error", columns=columns, rows=rows)

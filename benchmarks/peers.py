@@ -10,14 +10,16 @@ rotation, rolling and spinning friction, and each has laws of its own for them.
 
 import dataclasses
 import importlib
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table, has, random_casts
+from benchmarks.common import has, random_casts
+from benchmarks.result import Table
 from cablecast.cable import Cable, CableParams, load_cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
@@ -436,8 +438,8 @@ def next_fine(scene: Scene) -> str:
     return f"{NEXT_FINE[0]} segments are {median:.2g} % (median) and {p90:.2g} % (p90) from it"
 
 
-def main(args: Args) -> None:
-    """Print a table of swings, one of casts, and one of what was not played."""
+def main(args: Args) -> Iterator[Table]:
+    """Yield a table of swings, one of casts, and one of what was not played."""
     cable = load_cable(args.cable)
     pitches = -np.radians(np.linspace(STEEPEST_DEG, 0.0, args.swing_count))
     both = swings(cable, pitches), casts(cable, args.cast_count, args.seed)
@@ -472,6 +474,5 @@ def main(args: Args) -> None:
             else:
                 row = cast_row(name, SEGMENTS, rolls, result, CAST_TIME)
             table.rows.append(row)
-            print(scene, *row, flush=True)
-    for table in tables:
-        print(table)
+            print(scene, *row, file=sys.stderr, flush=True)
+    yield from tables

@@ -16,13 +16,14 @@ in the worst direction is left: what a method with no other error would leave.
 """
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table
 from benchmarks.places import DIFFERENCES, Luck, Place, RigArgs, equal_casts, random_targets
+from benchmarks.result import Table
 from benchmarks.strange_rig import Scatter, StrangeRig
 from cablecast.aiming.predictor import log_scatters
 from cablecast.cast import TrialStatus
@@ -128,8 +129,8 @@ def rank_rows(rows: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
     ]
 
 
-def scatter(args: ScatterArgs) -> int:
-    """Run the benchmark and print its tables."""
+def scatter(args: ScatterArgs) -> Iterator[Table]:
+    """Yield scatter and error of each cable, and what predicts them."""
     every, table = [], []
     with console_progress() as progress:
         for cable in args.cables:
@@ -145,10 +146,9 @@ def scatter(args: ScatterArgs) -> int:
             table.append((args.rig, cable, len(here), *percent))
             every += here
     title = "Medians over targets in % of cable length; lost: casts without a landing [%]"
-    print(Table(title=title, columns=SCATTER_COLUMNS, rows=table))
+    yield Table(title=title, columns=SCATTER_COLUMNS, rows=table)
     title = f"Rank correlation at {len(every)} targets"
-    print(Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every)))
-    return 0
+    yield Table(title=title, columns=RANK_COLUMNS, rows=rank_rows(every))
 
 
 STEP = 0.02
@@ -263,8 +263,8 @@ def compare(args: UnevenArgs) -> dict[str, NDArray[np.float64]]:
     return {name: np.array(of) for name, of in rows.items()}
 
 
-def uneven(args: UnevenArgs) -> None:
-    """Print medians and quartiles on both rigs."""
+def uneven(args: UnevenArgs) -> Iterator[Table]:
+    """Yield medians and quartiles on both rigs."""
     table = Table(
         f"Uneven friction and one friction, {args.cable}: medians (quartiles)",
         ("rig", "actions", "shift of the landing [%]", "change of the Jacobian", "miss left"),
@@ -274,4 +274,4 @@ def uneven(args: UnevenArgs) -> None:
         q1, median, q3 = np.quantile(found, (0.25, 0.5, 0.75), axis=0)
         cells = (f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(median, q1, q3, strict=True))
         table.rows.append((name, len(found), *cells))
-    print(table)
+    yield table

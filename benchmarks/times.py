@@ -14,10 +14,11 @@ import itertools
 import pathlib
 import tempfile
 import time
+from collections.abc import Iterator
 
 import cablecast as cc
-from benchmarks.common import Table
 from benchmarks.places import open_rig
+from benchmarks.result import Table
 from cablecast.cli.progress import console_progress
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.engines.warp_ import EngineWarp
@@ -83,8 +84,8 @@ def time_preparation(cable: str, args: PreparationArgs) -> tuple[float, ...]:
     return (*parts, sum(parts))
 
 
-def preparation(args: PreparationArgs) -> int:
-    """Run the benchmark and print its table."""
+def preparation(args: PreparationArgs) -> Iterator[Table]:
+    """Yield the times of each part."""
     if not args.cold:
         few = dataclasses.replace(args, count=200, epochs=2)
         for cable in args.cables:
@@ -96,8 +97,7 @@ def preparation(args: PreparationArgs) -> int:
     title = f"From {args.calibration} casts to the first aimed one, {core_count()} cores"
     if args.device != "cpu":
         title += f" and {args.device}"
-    print(Table(title=title, columns=PREPARATION_COLUMNS, rows=rows))
-    return 0
+    yield Table(title=title, columns=PREPARATION_COLUMNS, rows=rows)
 
 
 @dataclasses.dataclass
@@ -110,7 +110,7 @@ class ClusterArgs:
     """Rounds over all of them; the fastest of each is printed."""
 
 
-def cluster(args: ClusterArgs) -> int:
+def cluster(args: ClusterArgs) -> Iterator[Table]:
     engine = EngineWarp(thread_count=1)
     # Kernels are compiled before any clock runs.
     with tempfile.TemporaryDirectory() as folder:
@@ -135,8 +135,7 @@ def cluster(args: ClusterArgs) -> int:
         cells = (f"{starts[workers]:.1f}", f"{min(times):.1f}", f"{rate:.0f}")
         rows.append((who, *cells, f"{alone / min(times):.2f}"))
     columns = ("who", "start [s]", "time [s]", "casts/s", "x one thread")
-    print(Table(title=f"{args.count} casts of cable_1", columns=columns, rows=rows))
-    return 0
+    yield Table(title=f"{args.count} casts of cable_1", columns=columns, rows=rows)
 
 
 def time_cluster(

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from benchmarks.casts import draw
+from benchmarks.casts import draw, misses
 from matplotlib.figure import Figure
 
 
@@ -15,7 +15,10 @@ def found(counts, methods):
     tries = {"aim": 4}
     return {
         ("virtual", "cable_1", count, method): [
-            {"miss_pct": list(8.0 * 0.5 ** np.arange(tries.get(method, 1)) + rng.uniform(-1, 1))}
+            {
+                "miss_pct": list(8.0 * 0.5 ** np.arange(tries.get(method, 1)) + rng.uniform(-1, 1)),
+                "share": [0.25, 0.7, 0.95, 0.7],
+            }
             for _ in range(20)
         ]
         for count in counts
@@ -24,7 +27,7 @@ def found(counts, methods):
 
 
 @pytest.fixture
-def drawn(monkeypatch, tmp_path):
+def drawn(monkeypatch):
     """Return a function that draws, and returns the axis with what it shows."""
     figures = []
     savefig = Figure.savefig
@@ -36,8 +39,7 @@ def drawn(monkeypatch, tmp_path):
     monkeypatch.setattr(Figure, "savefig", kept)
 
     def draw_it(*what):
-        draw(found(*what), tmp_path / "casts.png")
-        assert (tmp_path / "casts.png").stat().st_size > 10_000
+        assert len(draw(misses(found(*what)).records())) > 10_000
         return figures[-1].axes[0]
 
     return draw_it
@@ -58,3 +60,9 @@ def test_several_numbers_are_drawn_beside_each_other_with_a_line_for_each_try(dr
     assert list(lines) == [*(f"aim, try {number}" for number in (1, 2, 3, 4)), "simulated"]
     np.testing.assert_allclose(lines["aim, try 3"], [2, 2, 2], atol=0.8)
     assert [label.get_text() for label in axis.get_xticklabels()] == ["2", "5", "50"]
+
+
+def test_regions_are_counted_where_a_method_states_them():
+    rows = misses(found((5,), ("aim", "simulated"))).records()
+    inside = [(row["in 50 %"], row["in 90 %"]) for row in rows]
+    assert inside == [(100.0, 100.0), (0.0, 100.0), (0.0, 0.0), (0.0, 100.0), (None, None)]

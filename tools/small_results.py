@@ -152,7 +152,7 @@ def _digest(file: pathlib.Path) -> str:
 
 
 def _without_times(values: Any) -> Any:
-    """Return plain values without times, the commit, and checksums over them."""
+    """Return plain values without times, the commit, the load, and checksums over them."""
     if isinstance(values, list):
         return [_without_times(value) for value in values]
     if not isinstance(values, dict):
@@ -160,5 +160,5 @@ def _without_times(values: Any) -> Any:
     return {
         name: _without_times(value)
         for name, value in values.items()
-        if "seconds" not in name and name not in ("sha256", "started", "commit")
+        if "seconds" not in name and name not in ("sha256", "started", "commit", "load")
     }

@@ -1,16 +1,26 @@
-"""EngineWarp against closed forms: `python -m benchmarks validation` writes docs/validation.md.
+"""EngineWarp against closed forms, as docs/validation.md shows them.
 
 tests/engines/test_warp_validation.py runs the same scenes.
 """
 
 import dataclasses
-import pathlib
+from collections.abc import Generator
 from typing import Literal
 
-from benchmarks.validation.case import Case, Result, Theme, make_mujoco, make_warp, write
+from benchmarks.result import ROOT, Table
+from benchmarks.validation.case import (
+    Case,
+    Result,
+    Theme,
+    make_mujoco,
+    make_warp,
+    result_tables,
+    write_plots,
+)
 from benchmarks.validation.contact import ROLLING, SLIDING
 from benchmarks.validation.motion import DAMPING, FLIGHT, ORDER
 from benchmarks.validation.shape import BENDING, HANGING, TWIST
+from cablecast.errors import InputError
 
 THEMES = (
     Theme(title="Friction", cases=SLIDING),
@@ -32,32 +42,25 @@ class Args:
     """Closed forms against an engine.
 
     Attributes:
-        engine: Name of the engine. Only EngineWarp's results are written to the page.
-        only: Names of cases; all where none is given, and only then is the page written.
-        docs: Folder that gets validation.md and images/validation.
+        engine: Name of the engine. Only EngineWarp's results get plots.
+        only: Names of cases; all where none is given, and only then are plots written.
     """
 
     engine: Literal["warp", "mujoco"] = "warp"
     only: tuple[str, ...] = ()
-    docs: pathlib.Path = pathlib.Path("docs")
 
 
-def main(args: Args) -> int:
-    """Run the cases, print their errors, and write the page; status 1 where one is missed."""
+def main(args: Args) -> Generator[Table, None, int]:
+    """Yield the outcomes of each case and write the plots; status 1 where one is missed."""
     names = [case.name for case in CASES]
     for name in args.only:
         if name not in names:
-            print(f"no case {name!r}: one of {', '.join(names)}")
-            return 2
-    results = {}
+            raise InputError(f"no case {name!r}: one of {', '.join(names)}")
+    results: list[Result] = []
     for case in CASES:
         if not args.only or case.name in args.only:
-            result = Result.of(case, MAKERS[args.engine])
-            results[case.name] = result
-            print(result, flush=True)
-    missed = sum(not result.met for result in results.values())
-    print(f"\n{len(results) - missed} of {len(results)} cases are within their tolerance")
+            results.append(Result.of(case, MAKERS[args.engine]))
+            yield from result_tables(results[-1])
     if args.engine == "warp" and not args.only:
-        write(args.docs, THEMES, results)
-        print(f"written: {args.docs / 'validation.md'}")
-    return 1 if missed else 0
+        write_plots(ROOT / "docs", results)
+    return 0 if all(result.met for result in results) else 1

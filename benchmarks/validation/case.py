@@ -2,13 +2,13 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Table
+from benchmarks.result import Table
 from cablecast import files
 from cablecast.cable import PAPER_PARAMS
 from cablecast.engines.base import GRAVITY, Engine
@@ -168,9 +168,9 @@ class Theme:
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COMMAND = "python -m benchmarks validation"
 IMAGES = pathlib.PurePosixPath("images/validation")
-COLUMNS = ("quantity", "unit", "closed form", "engine", "error", "tolerance")
+OUTCOMES = ("quantity", "unit", "closed form", "engine", "error")
+LADDER = ("segments", "step [ms]", "error of the first row", "slope")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -191,43 +191,32 @@ class Result:
         """True where every outcome is within the tolerance."""
         return all(outcome.error <= self.case.tolerance for outcome in self.measured.outcomes)
 
-    def table(self) -> Table:
-        """Return the outcomes as a table."""
-        rows = [
-            (
-                outcome.quantity,
-                outcome.unit,
-                _number(outcome.exact),
-                _number(outcome.computed),
-                f"{outcome.error:.1e}",
-                f"{self.case.tolerance:g}",
-            )
-            for outcome in self.measured.outcomes
-        ]
-        return Table(self.case.title, COLUMNS, rows)
 
-    def __str__(self) -> str:
-        mark = "" if self.met else "\n**missed**"
-        return f"{self.table()}\n{slope_sentence(self.convergence)}{mark}"
+def result_tables(result: Result) -> Iterator[Table]:
+    """Yield the outcomes of a case, and the errors on its ladder, if it has one."""
+    case, convergence = result.case, result.convergence
+    rows = [(o.quantity, o.unit, o.exact, o.computed, o.error) for o in result.measured.outcomes]
+    yield Table(case.title, OUTCOMES, rows)
+    if convergence is not None:
+        rungs = zip(convergence.ladder, convergence.errors, strict=True)
+        rows = [(count, 1e3 * dt, error, convergence.slope) for (count, dt), error in rungs]
+        yield Table(f"{case.title}: convergence", LADDER, rows)
 
 
 def _number(value: float) -> str:
     return "0" if abs(value) < 5e-13 else f"{value:.5g}"
 
 
-def slope_sentence(convergence: Convergence | None) -> str:
+def slope_sentence(case: Case, ladder: Table) -> str:
     """Return the convergence of the first outcome in words."""
-    if convergence is None:
-        return ""
-    rungs = []
-    for (count, dt), error in zip(convergence.ladder, convergence.errors, strict=True):
-        size = f"{dt * 1e3:g} ms" if convergence.in_time else f"{count} segments"
-        rungs.append(f"{error:.1e} at {size}")
-    what = "step" if convergence.in_time else "segment"
-    return (
-        f"Convergence of the first row: {', '.join(rungs)}; slope {convergence.slope:.2f} in the "
-        f"{what}."
+    in_time = len({row[0] for row in ladder.rows}) == 1
+    rungs = ", ".join(
+        f"{error:.1e} at " + (f"{dt:g} ms" if in_time else f"{count} segments")
+        for count, dt, error, _ in ladder.rows
     )
+    what = "step" if in_time else "segment"
+    slope = ladder.rows[0][-1]
+    return f"Convergence of the first row: {rungs}; slope {slope:.2f} in the {what}."
 
 
 def plot(result: Result) -> bytes:
@@ -278,45 +267,45 @@ def anchor(title: str) -> str:
     return kept.replace(" ", "-")
 
 
-def section(result: Result) -> str:
+def section(case: Case, tables: Mapping[str, Table]) -> str:
     """Return heading, theory, plot, table, tolerance and slope of a case."""
-    case = result.case
+    rows = [
+        (quantity, unit, _number(exact), _number(computed), f"{error:.1e}", f"{case.tolerance:g}")
+        for quantity, unit, exact, computed, error in tables[case.title].rows
+    ]
+    ladder = tables.get(f"{case.title}: convergence")
     parts = [
         f"### {case.title}",
         case.theory,
         f"![{case.title}]({IMAGES / case.name}.png)",
-        str(result.table()).split("\n\n", 1)[1].strip(),
+        Table("", (*OUTCOMES, "tolerance"), rows).markdown(),
         f"At {case.segment_count} segments and {case.dt * 1e3:g} ms. Tolerance "
-        f"{case.tolerance:g}: {case.reason}. {slope_sentence(result.convergence)}".strip(),
+        f"{case.tolerance:g}: {case.reason}. {slope_sentence(case, ladder) if ladder else ''}",
     ]
-    if not result.met:
-        parts.append("**This case is outside its tolerance.**")
-    return "\n\n".join(parts)
+    return "\n\n".join(part.strip() for part in parts)
 
 
-def write(docs: pathlib.Path, themes: tuple[Theme, ...], results: dict[str, Result]) -> None:
-    """Write the page and its plots."""
-    met = sum(result.met for result in results.values())
-    errors = [outcome.error for r in results.values() for outcome in r.measured.outcomes]
+def page(themes: tuple[Theme, ...], tables: Mapping[str, Table]) -> str:
+    """Return what the page says, from the tables of the cases by their titles."""
+    cases = [case for theme in themes for case in theme.cases]
+    errors = {case.title: [row[-1] for row in tables[case.title].rows] for case in cases}
+    met = sum(max(errors[case.title]) <= case.tolerance for case in cases)
+    every = [error for of in errors.values() for error in of]
     parts = [
-        "# Validation",
-        f"<!-- Written by `{COMMAND}`; changes made by hand are lost. -->",
-        "Scenes whose outcome is known without a simulator, and what `EngineWarp` makes of them in "
-        "double precision. Lines in the plots are closed forms, points are the engine. Errors are "
-        "relative to the closed form, or to the size that stands in the name of the quantity; "
-        f"positions are relative to the length of the cable. `{COMMAND}` repeats everything and "
-        "writes this page; `tests/engines/test_warp_validation.py` holds the engine to the same "
-        "tolerances.",
-        f"{met} of {len(results)} cases are within their tolerance; the median error of all "
-        f"{len(errors)} quantities is {np.median(errors):.1e}.",
+        f"{met} of {len(cases)} cases are within their tolerance; the median error of all "
+        f"{len(every)} quantities is {np.median(every):.1e}.",
         "Each parameter decides the outcome of at least one case:",
-        str(parameter_table(themes)).strip(),
+        parameter_table(themes).markdown(),
     ]
     for theme in themes:
         parts.append(f"## {theme.title}")
-        parts += [section(results[case.name]) for case in theme.cases]
+        parts += [section(case, tables) for case in theme.cases]
+    return "\n\n".join(parts)
+
+
+def write_plots(docs: pathlib.Path, results: Iterable[Result]) -> None:
+    """Write the plot of each case into a folder of pages."""
     images = docs / IMAGES
     images.mkdir(parents=True, exist_ok=True)
-    for result in results.values():
+    for result in results:
         files.write_bytes(images / f"{result.case.name}.png", plot(result))
-    files.write_text(docs / "validation.md", "\n\n".join(parts) + "\n")

@@ -299,6 +299,16 @@ def core_count() -> int:
 
 
 @functools.cache
+def processor_name() -> str:
+    """Return the name of the processor as Linux states it; empty elsewhere."""
+    try:
+        lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return ""
+    return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
+
+
+@functools.cache
 def library_versions() -> dict[str, str]:
     """Return the versions of Python and of the libraries that affect the results.
 

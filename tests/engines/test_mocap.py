@@ -56,4 +56,4 @@ def test_the_fit_finds_a_better_damping(folder):
 
 def test_a_folder_without_sequences_is_refused(tmp_path):
     with pytest.raises(InputError, match="holds no file"):
-        main(Args(data=tmp_path))
+        list(main(Args(data=tmp_path)))

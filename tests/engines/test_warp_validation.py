@@ -4,7 +4,15 @@ import dataclasses
 
 import pytest
 from benchmarks.validation import CASES, THEMES
-from benchmarks.validation.case import Result, anchor, make_warp, plot, write
+from benchmarks.validation.case import (
+    Result,
+    anchor,
+    make_warp,
+    page,
+    plot,
+    result_tables,
+    write_plots,
+)
 
 from cablecast.cable import PAPER_PARAMS
 from cablecast.engines.base import GRAVITY
@@ -53,8 +61,9 @@ def test_the_page_shows_each_case_with_its_plot(tmp_path):
     cases = tuple(dataclasses.replace(case, ladder=()) for case in THEMES[0].cases[:2])
     theme = dataclasses.replace(THEMES[0], cases=cases)
     results = {case.name: Result.of(case, make_warp) for case in cases}
-    write(tmp_path, (theme,), results)
-    text = (tmp_path / "validation.md").read_text()
+    write_plots(tmp_path, results.values())
+    tables = {table.title: table for result in results.values() for table in result_tables(result)}
+    text = page((theme,), tables)
     for name, result in results.items():
         assert f"### {result.case.title}" in text
         image = tmp_path / "images" / "validation" / f"{name}.png"

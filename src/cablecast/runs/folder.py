@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from cablecast.errors import CablecastError, DamagedFileError, InputError
-from cablecast.files import library_versions, read_sealed, seal, write_json
+from cablecast.files import library_versions, processor_name, read_sealed, seal, write_json
 
 
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -80,11 +80,13 @@ def _short(value: Any) -> str:
 
 
 def run_facts() -> dict[str, Any]:
-    """Return versions, commit, number of processors, and the time now."""
+    """Return versions, commit, processor, its load [processes], and the time now."""
     return {
         "versions": library_versions(),
         "commit": source_commit(),
+        "processor": processor_name(),
         "cpu_count": os.cpu_count(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
 

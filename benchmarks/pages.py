@@ -1,0 +1,337 @@
+"""Tables and figures of README and docs, written from the results.
+
+A page says where a result stands:
+
+    <!-- results: NAME -->               every table of the result, with its title
+    <!-- results: NAME, WORDS -->        the table whose title starts with these words
+    <!-- results: NAME, =VIEW -->        what a function of `VIEWS` makes of it
+    <!-- results: all -->                a list of all results
+    <!-- end of results -->
+
+What stands between the marks is written by `make results`, and a test compares it. It ends with the
+origin of the data, and says if the code has changed since.
+"""
+
+import datetime
+import hashlib
+import io
+import os
+import pathlib
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from benchmarks.result import FOLDER, ROOT, Result, Table, quoted
+from cablecast.cable import load_cable
+from cablecast.files import read_text, write_bytes, write_text
+from cablecast.runs.progress import duration_text
+
+PAGES = ("README.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").glob("*.md")))
+START = re.compile(r"^<!-- results: ([\w-]+)(?:, (=?)([^>]+?))? -->\n", re.MULTILINE)
+END = "<!-- end of results -->"
+
+
+def effects(result: Result) -> str:
+    """Return the table of the laboratory's effects, with their sizes and sources."""
+    from benchmarks.effects import SIZES
+    from cablecast.rigs.virtual._hidden import EFFECTS
+
+    shifts = {row["effect"]: row for row in result.table("Shift").records()}
+
+    def cell(name: str) -> str:
+        if (row := shifts.get(name)) is None:
+            return "-"
+        return f"{row['median']:.1f} ({row['q1']:.1f} to {row['q3']:.1f})"
+
+    columns = ("effect", "size", "source", "landings shift [%]: median (quartiles)")
+    rows = [(name, *SIZES[name], cell(name)) for name in EFFECTS]
+    return Table("", columns, [*rows, ("all of them", "", "", cell("all"))]).markdown()
+
+
+def tries(result: Result) -> str:
+    """Return a row for each try: median, quartiles, casts lost, and how often regions held."""
+    records = result.table("Miss of each try").records()
+    keys = varied(records, ("rig", "cable", "casts", "method"))
+    columns = (*keys, "try", "median", "quartiles", "lost", "inside 50 %", "inside 90 %")
+    rows = [
+        (
+            *(str(row[key]) for key in keys),
+            str(row["try"]),
+            interval(row),
+            "" if row["q1"] is None else f"{row['q1']:.1f} to {row['q3']:.1f}",
+            "" if row["lost"] is None else f"{row['lost']:.1f} %",
+            *("" if row[key] is None else f"{row[key]:.0f} %" for key in ("in 50 %", "in 90 %")),
+        )
+        for row in records
+    ]
+    return Table("", columns, rows).markdown()
+
+
+def medians(result: Result) -> str:
+    """Return a row for each cable, number of casts or method, and a column for each try.
+
+    Where numbers of casts differ, each method has columns of its own.
+    """
+    records = result.table("Miss of each try").records()
+    keys = varied(records, ("rig", "cable", "casts"))
+    across = ("method", "try") if "casts" in keys else ("try",)
+    keys = keys if "casts" in keys else varied(records, ("rig", "cable", "method"))
+    heads = list(dict.fromkeys(tuple(row[name] for name in across) for row in records))
+    columns = (*keys, *(f"{method[0]}, try {n}" if method else f"try {n}" for *method, n in heads))
+    return Table("", columns, pivot(records, keys, across, heads, interval)).markdown()
+
+
+def shares(result: Result) -> str:
+    """Return how many landings of `aim` lay in the stated regions, by the number of casts."""
+    records = [r for r in result.table("Miss of each try").records() if r["in 50 %"] is not None]
+    heads = list(dict.fromkeys((row["casts"],) for row in records))
+    rows = pivot(records, ("cable", "try"), ("casts",), heads, region)
+    return Table("", ("cable", "try", *(f"{n[0]} casts" for n in heads)), rows).markdown()
+
+
+def centimetres(result: Result) -> str:
+    """Return the misses of first tries and of those after one and three corrections [cm]."""
+    heads = {"first try": 1, "after one correction": 2, "after three": 4}
+    rows = []
+    for name, words in CABLES.items():
+        cable = load_cable(name)
+        found = {r["try"]: r for r in result.tables[0].records() if r["cable"] == name}
+        cells = [
+            interval({key: cable.length * found[n][key] for key in ("median", "low", "high")}, "cm")
+            for n in heads.values()
+        ]
+        rows.append((f"{name}: {words}, {100 * cable.length:.0f} cm", *cells))
+    return Table("", ("cable", *heads), rows).markdown()
+
+
+CABLES = {
+    "cable_1": "11 mm rope with a hook",
+    "cable_2": "2 mm rope with a hook",
+    "cable_3": "7 mm iron wire with a magnet",
+}
+
+
+def pivot(
+    records: Sequence[dict[str, Any]],
+    keys: Sequence[str],
+    across: Sequence[str],
+    heads: Sequence[tuple],
+    cell: Callable[[dict[str, Any]], str],
+) -> list[tuple]:
+    """Return rows by some columns of a table, with a cell for each value of others."""
+    cells = {(tuple(r[k] for k in keys), tuple(r[k] for k in across)): cell(r) for r in records}
+    lines = dict.fromkeys(line for line, _ in cells)
+    return [(*map(str, line), *(cells.get((line, head), "") for head in heads)) for line in lines]
+
+
+def varied(records: Sequence[dict[str, Any]], names: Sequence[str]) -> list[str]:
+    """Return those columns in which rows differ."""
+    return [name for name in names if len({row[name] for row in records}) > 1]
+
+
+def interval(row: dict[str, Any], unit: str = "") -> str:
+    """Return a median with the interval of its bootstrap draws, where it is known."""
+    text = f"{row['median']:.1f}{f' {unit}' if unit else ''}"
+    return text if row["low"] is None else f"{text} ({row['low']:.1f} to {row['high']:.1f})"
+
+
+def region(row: dict[str, Any]) -> str:
+    """Return the shares of landings in the regions of 50 and 90 %."""
+    return f"{row['in 50 %']:.0f} and {row['in 90 %']:.0f} %"
+
+
+def closed_forms(result: Result) -> str:
+    """Return every case of the validation, with its theory and plot."""
+    from benchmarks.validation import THEMES
+    from benchmarks.validation.case import page
+
+    return page(THEMES, {table.title: table for table in result.tables})
+
+
+LIGHTS = {
+    "even": "even light",
+    "flicker": "flicker of +-10 to 50 % at 100 and 120 Hz, at 30, 60 and 120 frames/s",
+    "bands": "bands of a rolling shutter, +-50 %, the same rates",
+    "cast": "cast of +-30 % in one channel",
+    "balance": "white balance that drifts by +-30 % in 0.5 s, in one channel",
+    "brightness": "0.4 to 1.8 times as bright",
+    "green of hue": "green tape of hue 90 to 160 degrees, looked for as 122",
+    "far hue": "tape of hue 90 to 300 degrees, every 30",
+    "near hue": "tape of hue 330 to 60 degrees, every 30",
+    "tenth": "a tenth of the frames lost",
+}
+"""Words for each kind of light."""
+
+
+def lights(result: Result) -> str:
+    """Return the worst of each kind of light."""
+    kinds: dict[str, list[dict[str, Any]]] = {kind: [] for kind in LIGHTS}
+    for row in result.tables[0].records():
+        name = row["light"]
+        if name.startswith("hue"):
+            name = f"{'far' if 90 <= int(name.split()[1]) <= 300 else 'near'} {name}"
+        kinds[next(kind for kind in LIGHTS if name.startswith(kind))].append(row)
+    columns = (
+        "light",
+        "lights",
+        "found in the worst [%]",
+        "rms in the worst [mm]",
+        "of even light",
+    )
+    rows = []
+    for kind, of in kinds.items():
+        rms, ratio = (f"{max(row[key] for row in of):.2f}" for key in ("rms [mm]", "of even light"))
+        rows.append((LIGHTS[kind], len(of), f"{min(r['found [%]'] for r in of):.1f}", rms, ratio))
+    return Table("", columns, rows).markdown()
+
+
+def runs() -> str:
+    """Return a row for each result that pages quote: its command, age and pages."""
+    rows = []
+    texts = {page: read_text(ROOT / page) for page in PAGES}
+    for path in sorted(FOLDER.glob("*.json")):
+        result = quoted(path.stem)
+        shown = [page for page, text in texts.items() if path.stem in quoted_names(text)]
+        links = ", ".join(
+            f"[{pathlib.Path(page).name}]({os.path.relpath(page, 'docs')})" for page in shown
+        )
+        took = "" if result.seconds is None else duration_text(result.seconds)
+        commit = (result.commit or "")[:8]
+        changed = ", ".join(result.changed())
+        rows.append((f"`{result.command}`", result.date, commit, took, changed, links))
+    columns = ("command", "date", "commit", "time", "code changed since", "pages")
+    return Table("", columns, rows).markdown()
+
+
+def figures(result: Result) -> str:
+    """Return what a reader must know of figures that were copied from a reproduction."""
+    from benchmarks import reproduction
+
+    paths = [ROOT / "docs" / "images" / name for name in reproduction.FIGURES]
+    if all(signature(path) == f"reproduce {result.commit}" for path in paths):
+        return "These figures are of the run below."
+    return "**These figures are of an earlier run than the tables**, which are of the run below."
+
+
+VIEWS: dict[str, Callable[[Result], str]] = {
+    "effects": effects,
+    "tries": tries,
+    "medians": medians,
+    "shares": shares,
+    "centimetres": centimetres,
+    "closed forms": closed_forms,
+    "lights": lights,
+    "figures": figures,
+}
+
+
+def drawn_misses(result: Result) -> bytes:
+    """Draw misses against tries, or against the number of casts."""
+    from benchmarks.casts import draw
+
+    return draw(result.tables[0].records())
+
+
+FIGURES: dict[str, tuple[str, Callable[[Result], bytes]]] = {
+    "docs/images/casts.png": ("five-casts", drawn_misses),
+    "docs/images/casts-by-count.png": ("by-count", drawn_misses),
+}
+"""Result and drawing of each figure that is drawn from a result, by its path."""
+
+
+def origin(result: Result, root: pathlib.Path = ROOT) -> str:
+    """Return the line below a result: its command, date, commit and machine, and what changed."""
+    date = datetime.date.fromisoformat(result.date)
+    parts = [f"`{result.command}`, {date.day} {date:%B %Y}"]
+    if result.commit:
+        commit, _, changes = result.commit.partition("+")
+        parts.append(f"commit {commit[:8]}" + " with uncommitted changes" * bool(changes))
+    if result.seconds is not None:
+        took = duration_text(result.seconds)
+        parts.append(f"{took} on {result.cores} cores" if result.cores else took)
+    if result.processor:
+        parts.append(result.processor)
+    if result.load is not None and result.cores and result.load > 0.5 * result.cores:
+        parts.append(f"beside other work (load {result.load:.1f})")
+    lines = [", ".join(parts) + "."]
+    if result.note:
+        lines.append(result.note)
+    if changed := result.changed(root):
+        names = [*changed[:2], f"{len(changed) - 2} more rooms"] if len(changed) > 3 else changed
+        words = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+        lines.append(f"**The code of {words} has changed since.**")
+    return f"<small>{' '.join(lines)}</small>"
+
+
+def block(name: str, is_view: bool, what: str | None) -> str:
+    """Return what stands between the marks of a result."""
+    if name == "all":
+        return f"\n{runs()}\n\n"
+    result = quoted(name)
+    if what is None:
+        body = "\n\n".join(f"{t.title}:\n\n{t.markdown()}" for t in result.tables)
+    elif is_view:
+        body = VIEWS[what](result)
+    else:
+        body = result.table(what).markdown()
+    return f"\n{body}\n\n{origin(result)}\n\n"
+
+
+def rendered(text: str) -> str:
+    """Return a page with every result in it as it is now."""
+    parts, place = [], 0
+    for mark in START.finditer(text):
+        end = text.index(END, mark.end())
+        name, is_view, what = mark.groups()
+        parts += [text[place : mark.end()], block(name, bool(is_view), what)]
+        place = end
+    return "".join((*parts, text[place:]))
+
+
+def quoted_names(text: str) -> set[str]:
+    """Return the names of the results that a page quotes."""
+    return {mark[1] for mark in START.finditer(text)} - {"all"}
+
+
+def digest(name: str) -> str:
+    """Return a digest of the tables of a result, which its figures carry."""
+    tables = [(table.title, table.columns, table.rows) for table in quoted(name).tables]
+    return hashlib.sha256(repr(tables).encode()).hexdigest()[:16]
+
+
+def signed(picture: bytes, what: str) -> bytes:
+    """Return a PNG file that says what it shows."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    info, buffer = PngInfo(), io.BytesIO()
+    info.add_text("Result", what)
+    Image.open(io.BytesIO(picture)).save(buffer, format="png", pnginfo=info, optimize=True)
+    return buffer.getvalue()
+
+
+def signature(path: pathlib.Path) -> str:
+    """Return what a PNG file says that it shows; empty if nothing."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        return str(picture.info.get("Result", ""))
+
+
+def write_pages() -> int:
+    """Write every page and figure that differs from its results."""
+    for page in PAGES:
+        text = read_text(ROOT / page)
+        if (now := rendered(text)) != text:
+            write_text(ROOT / page, now)
+            print(f"written: {page}")
+    for path, (name, draw) in FIGURES.items():
+        what = f"{name} {digest(name)}"
+        if not (ROOT / path).is_file() or signature(ROOT / path) != what:
+            write_bytes(ROOT / path, signed(draw(quoted(name)), what))
+            print(f"written: {path}")
+    kept = {path.stem for path in FOLDER.glob("*.json")}
+    shown = set().union(*(quoted_names(read_text(ROOT / page)) for page in PAGES))
+    for name in sorted(kept - shown):
+        print(f"no page quotes {name}")
+    return 0

@@ -1,0 +1,133 @@
+"""Pages say what the results hold, and whether code that these depend on has changed since."""
+
+import dataclasses
+import json
+import shlex
+import shutil
+
+import numpy as np
+import pytest
+from benchmarks import __main__ as benchmarks
+from benchmarks import pages
+from benchmarks.result import ROOT, Result, Table, fingerprint, fingerprints_at, measured, quoted
+
+NAMES = sorted(path.stem for path in pages.FOLDER.glob("*.json"))
+
+
+@pytest.mark.parametrize("page", pages.PAGES)
+def test_a_page_says_what_its_results_hold(page):
+    text = (ROOT / page).read_text()
+    assert pages.rendered(text) == text, f"{page} differs from its results: run `make results`"
+
+
+def test_a_digit_that_was_changed_by_hand_is_found():
+    text = (ROOT / "docs/reproduce.md").read_text()
+    changed = text.replace("| 28 min |", "| 18 min |")
+    assert changed != text
+    assert pages.rendered(changed) == text
+
+
+@pytest.mark.parametrize("path", pages.FIGURES)
+def test_a_figure_is_drawn_from_its_result(path):
+    name = pages.FIGURES[path][0]
+    drawn = pages.signature(ROOT / path)
+    assert drawn == f"{name} {pages.digest(name)}", f"{path}: run `make results`"
+
+
+def test_every_result_is_quoted_and_every_run_has_a_result():
+    shown = set().union(*(pages.quoted_names((ROOT / page).read_text()) for page in pages.PAGES))
+    assert set(NAMES) == shown == set(benchmarks.QUOTED)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_is_of_the_command_that_renews_it(name):
+    line, hours = benchmarks.QUOTED[name]
+    command, *words = shlex.split(line)
+    settings = benchmarks.settings_of(benchmarks.parse(command, words)[1])
+    result = quoted(name)
+    assert result.command == f"python -m benchmarks {line}"
+    assert result.settings == json.loads(json.dumps(settings, default=str))
+    assert set(result.code) == set(benchmarks.COMMANDS[command][1])
+    assert hours > 0.0
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """Return a copy of a room of the source tree."""
+    room = tmp_path / "src" / "cablecast" / "motion"
+    shutil.copytree(ROOT / "src" / "cablecast" / "motion", room)
+    return tmp_path
+
+
+def rewrite(tree, before, after):
+    file = tree / "src" / "cablecast" / "motion" / "action.py"
+    text = file.read_text()
+    assert before in text
+    file.write_text(text.replace(before, after))
+    fingerprint.cache_clear()
+
+
+def test_a_comment_or_a_docstring_changes_no_fingerprint(tree):
+    before = fingerprint("motion", tree)
+    rewrite(tree, '"""Return ', '"""Give back ')
+    rewrite(tree, "\ndef ", "\n# A comment.\ndef ")
+    assert fingerprint("motion", tree) == before == fingerprint("motion")
+
+
+def test_a_page_names_the_room_whose_code_has_changed(tree):
+    result = result_of("motion")
+    assert "has changed" not in pages.origin(result, tree)
+    rewrite(tree, " + ", " - ")
+    assert "**The code of motion has changed since.**" in pages.origin(result, tree)
+
+
+def test_the_fingerprint_of_a_commit_is_that_of_its_files():
+    if not (ROOT / ".git").exists():
+        pytest.skip("needs the repository")
+    stored = fingerprints_at("HEAD", ("motion", "cable", "no_room"))
+    assert len(set(stored.values())) == 3
+    assert stored["no_room"] == fingerprint("no_room")
+
+
+def result_of(*code):
+    rows = [("one", np.float64(1.23456789), 2), ("two", float("nan"), True)]
+
+    def tables():
+        yield Table("First of two", ("what", "number", "count"), rows)
+        yield Table("Second", ("what",), [("three",)])
+        return 1
+
+    result, status = measured(tables(), name="test", command="cmd", settings={"a": (1,)}, code=code)
+    assert status == 1
+    return result
+
+
+def test_a_result_comes_back_from_its_file(tmp_path):
+    result = result_of("cable")
+    again = Result.read(result.write(tmp_path))
+    assert dataclasses.asdict(again)["settings"] == {"a": [1]}
+    assert again.table("First").rows == [("one", 1.23457, 2), ("two", None, True)]
+    assert (again.cores, again.processor) == (result.cores, result.processor)
+    assert again.seconds is not None
+    assert again.changed() == []
+
+
+def test_a_run_with_the_settings_of_a_page_is_known_by_its_name():
+    for name, (line, _) in benchmarks.QUOTED.items():
+        command, *words = shlex.split(line)
+        assert benchmarks.quoted_as(command, benchmarks.parse(command, words)[1]) == name
+    assert benchmarks.quoted_as("light", benchmarks.parse("light", ["--clips", "2"])[1]) is None
+
+
+def test_runs_that_do_not_fit_the_budget_are_left_out(monkeypatch, capsys):
+    started = []
+    monkeypatch.setattr(benchmarks, "QUOTED", {"one": ("swing", 2.0), "two": ("order", 0.1)})
+    monkeypatch.setattr(benchmarks, "stored_result", lambda name: None)
+    monkeypatch.setattr(benchmarks.subprocess, "run", lambda words: started.append(words) or Done())
+    assert benchmarks.run_all(benchmarks.AllArgs(budget=1.0)) == 0
+    assert [words[3] for words in started] == ["order"]
+    assert "one: takes about 2 h" in capsys.readouterr().out
+
+
+class Done:
+    returncode = 0
