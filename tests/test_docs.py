@@ -1,6 +1,7 @@
 """What README and docs promise exists: links, pictures, verbs, options, modules, names."""
 
 import ast
+import contextlib
 import dataclasses
 import importlib
 import importlib.util
@@ -18,8 +19,10 @@ from cablecast.arm.base import JointLimits
 from cablecast.arm.ur import ARM_MODELS
 from cablecast.cli import main as run_command
 from cablecast.cli.main import VERBS
+from cablecast.errors import JointLimitError
 from cablecast.motion.action import grid_actions
 from cablecast.motion.feasibility import check_actions, feasible_ranges
+from cablecast.motion.polar import plan_reset, reset_pose
 
 ROOT = pathlib.Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -221,6 +224,10 @@ def test_the_lab_page_states_every_key_of_a_nested_section(section, kind):
     assert {field.name for field in dataclasses.fields(kind)} <= set(keys_of_the_lab_page(section))
 
 
+# Of the 20 s of a trial.
+RESET_TIME_MAX = 19.0
+
+
 def test_the_arms_of_the_lab_page_can_make_most_motions_with_the_settings_there():
     page = (ROOT / "docs" / "lab.md").read_text().split("## Other arms")[1]
     rows = re.findall(r"^\| `(ur\w+)` \|" + r" ([\d.]+) \|" * 6, page, re.MULTILINE)
@@ -240,6 +247,11 @@ def test_the_arms_of_the_lab_page_can_make_most_motions_with_the_settings_there(
         assert base_height == pytest.approx(level, abs=5e-4)
         grid = grid_actions(feasible_ranges(setup), (5, 5, 5, 3))
         assert check_actions(grid, setup).mask.mean() > 0.75, model
+        resets = contextlib.nullcontext()
+        if model in ("ur3", "ur3e", "ur16e"):
+            resets = pytest.raises(JointLimitError, match=r"even 1\.3 times as slow")
+        with resets:
+            assert plan_reset(reset_pose(setup.workspace), setup).duration < RESET_TIME_MAX, model
 
 
 def keys_of_the_lab_page(section: str) -> dict[str, str]:

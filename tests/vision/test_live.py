@@ -13,7 +13,7 @@ pytest.importorskip("cv2")
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError
 from cablecast.vision.broadcast import Broadcast
-from cablecast.vision.live import SLOT_COUNT, LiveCamera
+from cablecast.vision.live import KEPT_COUNT, SLOT_COUNT, LiveCamera
 from cablecast.vision.video import FilmWriter, encode_jpeg
 
 # Streams count in microseconds, films in milliseconds.
@@ -51,7 +51,7 @@ def send_when_seen(broadcast, count, first=100.0):
         while not broadcast.viewers:
             time.sleep(0.01)
         for index in range(count):
-            broadcast.send(encode_jpeg(picture(5 * index)), first + index / 60)
+            broadcast.send(encode_jpeg(picture(5 * index % 180)), first + index / 60)
 
     thread = threading.Thread(target=send, daemon=True)
     thread.start()
@@ -96,6 +96,23 @@ def test_frames_that_nobody_fetches_are_dropped_and_counted(broadcast):
         assert seen >= SLOT_COUNT
         # What the network still holds when it is cut is lost as well, and nobody can count it.
         assert 0 < camera.dropped_count <= count - seen
+
+
+def test_while_a_trial_is_filmed_every_frame_waits_until_there_is_no_room(broadcast):
+    with LiveCamera(CameraSettings(source=broadcast.url)) as camera:
+        camera.keep(every=True)
+        send_when_seen(broadcast, 3 * SLOT_COUNT).join()
+        frames = [camera.read() for _ in range(3 * SLOT_COUNT)]
+        assert camera.dropped_count == 0
+        times = [frame.time for frame in frames if frame is not None]
+        np.testing.assert_allclose(times, 100.0 + np.arange(3 * SLOT_COUNT) / 60, atol=TICK)
+        send_when_seen(broadcast, KEPT_COUNT + 2 * SLOT_COUNT, first=200.0).join()
+        broadcast.unplug()
+        seen = 0
+        while read_or_none(camera) is not None:
+            seen += 1
+        assert KEPT_COUNT <= seen <= KEPT_COUNT + SLOT_COUNT
+        assert camera.dropped_count > 0
 
 
 def test_a_camera_that_is_unplugged_or_silent_is_an_error_that_says_so(broadcast):

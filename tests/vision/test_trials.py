@@ -19,6 +19,7 @@ from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
+from cablecast.vision.tracker import EndpointTracker
 from cablecast.vision.trials import CameraOfTrials, TrialCamera
 from cablecast.vision.video import read_video
 
@@ -183,6 +184,24 @@ def test_a_camera_that_fails_in_a_trial_gives_no_track(camera, player, stream, f
             camera.stop(timing)
     finally:
         stream.fault(None)
+
+
+def test_an_endpoint_lost_with_frames_that_found_no_room_is_an_error_of_this_computer(
+    camera, player, monkeypatch
+):
+    camera.check(player.rewind())
+    monkeypatch.setattr(camera._camera, "dropped_count", 0)
+    look = EndpointTracker.update
+
+    def lose(tracker, time, grab):
+        # Frames that find no room are reported with those that do.
+        camera._camera.dropped_count += 1
+        return look(tracker, time, lambda window: np.zeros_like(grab(window)))
+
+    camera.start()
+    monkeypatch.setattr(EndpointTracker, "update", lose)
+    with pytest.raises(CameraError, match=r"\d+ frames of this cast found no room in the memory"):
+        camera.stop(player.cast())
 
 
 def test_a_camera_that_is_unplugged_in_a_trial_is_an_error(setup, player, stream):

@@ -10,6 +10,7 @@ A reset does the same straight ahead. It brings the cable from wherever a cast l
 initial state of every cast: in front of the robot, at rest, without torsion.
 """
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
-from cablecast.errors import InputError
+from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.grip_path import GripPath, PlanePath
 from cablecast.motion.trajectory import Trajectory, follow
 from cablecast.setup import Setup
@@ -27,6 +28,10 @@ Array = NDArray[np.float64]
 
 # Reach as a multiple of the paper's up to which the paper's radii serve.
 _SAME_REACH = 1.05
+
+_PACES = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
+"""Multiples of a reset's times that are tried, until the arm can follow: swings up to 1.3 times as
+slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both ropes)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -143,6 +148,17 @@ class PolarCastConfig:
             return config
         names = ("hang_radius", "carry_radius", "draw_radius", "rise_radius", "cast_radius")
         return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
+
+    def slowed(self, factor: float) -> "PolarCastConfig":
+        """Return the same moves, each so many times as long."""
+        names = ("carry_time_min", "draw_time", "rise_time", "arc_time", "lift_time")
+        swing = tuple(factor * time for time in self.swing.durations)
+        return dataclasses.replace(
+            self,
+            carry_speed=self.carry_speed / factor,
+            swing=dataclasses.replace(self.swing, durations=swing),
+            **{name: factor * getattr(self, name) for name in names},
+        )
 
     def hang_height(self, cable: Cable) -> float:
         """Height of the gripper above the table while the cable hangs [m]."""
@@ -398,7 +414,14 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
 def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> Trajectory:
     """Plan one reset down to joint set points; see `reset_path`.
 
+    It is as quick as the settings say, or as slow as the limits of the arm's joints demand.
+
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    return follow(reset_path(start, setup, config), setup, "this reset")
+    config = config or PolarCastConfig.of(setup.workspace)
+    for pace in _PACES[:-1]:
+        with contextlib.suppress(JointLimitError):
+            return follow(reset_path(start, setup, config.slowed(pace)), setup, "this reset")
+    slowest = reset_path(start, setup, config.slowed(_PACES[-1]))
+    return follow(slowest, setup, f"this reset, even {_PACES[-1]:g} times as slow")

@@ -1,8 +1,9 @@
 """Live cameras: frames with their times, read by a process of its own, and a watch over them.
 
 Thanks to the process, `python -m cablecast.vision.live`, other work costs no frame. Pictures go
-through a block of shared memory with several slots, a report on each through a pipe, and the
-numbers of the slots that are free again come back.
+through a block of shared memory with many slots, a report on each through a pipe, and the numbers
+of the slots that are free again come back. While a trial is filmed every frame is kept until it is
+looked at, however busy the computer is, as long as there is memory.
 """
 
 import contextlib
@@ -28,7 +29,10 @@ from cablecast.errors import CablecastError, CameraError
 from cablecast.vision.tags import load_cv2
 
 SLOT_COUNT = 12
-"""Frames that may wait to be looked at."""
+"""Frames that may wait to be looked at while not all of them count."""
+KEPT_COUNT, _KEPT_SIZE = 240, 1 << 30
+"""Frames that may wait while all of them count, since reports on some 270 fit into the pipe; and
+most memory for them [byte]."""
 _OPEN_TIMEOUT = 10.0
 """Time within which a camera or stream must open [s]."""
 _START_TIMEOUT = _OPEN_TIMEOUT + 20.0
@@ -101,7 +105,8 @@ class CameraFacts:
 class LiveCamera:
     """A camera that is being read.
 
-    Frames that are not fetched in time are dropped and counted, except those of a film.
+    Frames that are not fetched in time are dropped and counted, except those of a film, and those
+    that `keep` asks for as long as there is memory.
 
     Raises:
         CameraError: It cannot be opened; says what to do in one line.
@@ -131,9 +136,9 @@ class LiveCamera:
             if report is None:
                 raise CameraError(f"camera source {settings.source} ended before its first frame")
             self.facts = CameraFacts(**report["facts"])
-            shape = (SLOT_COUNT, self.facts.height, self.facts.width, 3)
             self._map = mmap.mmap(self._memory, 0, prot=mmap.PROT_READ)
-            self._slots = np.ndarray(shape, np.uint8, self._map)
+            shape = (-1, self.facts.height, self.facts.width, 3)
+            self._slots = np.frombuffer(self._map, np.uint8).reshape(shape)
         except BaseException:
             self.close()
             raise
@@ -160,9 +165,7 @@ class LiveCamera:
             return None
         slot, stamp = report["slot"], report["time"]
         image = self._slots[slot].copy()
-        with contextlib.suppress(OSError):
-            # If the process has ended, the next report says why.
-            self._pipe.send(slot)
+        self._send(slot)
         if not stamp > self._last:
             raise CameraError(
                 f"camera source {self.settings.source}: the time of a frame does not rise: "
@@ -170,6 +173,15 @@ class LiveCamera:
             )
         self._last = stamp
         return Frame(time=stamp, arrival=report["arrival"], image=image)
+
+    def keep(self, every: bool) -> None:
+        """Keep every frame from now on until it is read, or no more than a few of them."""
+        self._send(every)
+
+    def _send(self, word: int | bool) -> None:
+        with contextlib.suppress(OSError):
+            # If the process has ended, the next report says why.
+            self._pipe.send(word)
 
     def skip(self) -> None:
         """Pass over the frames that wait to be read."""
@@ -409,13 +421,15 @@ def _read_back(capture: Any, kind: str) -> CameraFacts:
 class _Grabber:
     """Reads frames and passes them on, until the camera ends or the reader is gone.
 
-    The reader sends the settings, and free slots. The memory is given its size here.
+    The reader sends the settings, free slots, and whether every frame is to be kept. The memory is
+    given its size here; what no frame was ever put into takes none.
     """
 
     def __init__(self, pipe: Connection, memory: int):
         self._pipe, self._memory = pipe, memory
         self._settings: CameraSettings = pipe.recv()
-        self._free = list(range(SLOT_COUNT))
+        self._free: list[int] = []
+        self._slot_count, self._kept_count = 0, SLOT_COUNT
         self._zero_count = 0
 
     def run(self) -> None:
@@ -424,8 +438,10 @@ class _Grabber:
             capture, facts = open_capture(self._settings)
             image = self._first(capture, facts.kind)
             height, width = image.shape[:2]
-            os.ftruncate(self._memory, SLOT_COUNT * image.nbytes)
-            slots = np.ndarray((SLOT_COUNT, *image.shape), np.uint8, mmap.mmap(self._memory, 0))
+            count = min(max(_KEPT_SIZE // image.nbytes, SLOT_COUNT), KEPT_COUNT)
+            self._slot_count, self._free = count, list(range(count))
+            os.ftruncate(self._memory, count * image.nbytes)
+            slots = np.ndarray((count, *image.shape), np.uint8, mmap.mmap(self._memory, 0))
             facts = dataclasses.replace(facts, width=width, height=height)
             self._say({"facts": dataclasses.asdict(facts)})
             self._loop(capture, slots, image if facts.kind == "file" else None)
@@ -482,12 +498,21 @@ class _Grabber:
     def _slot(self, wait: bool) -> int | None:
         """Return a free slot; None if there is none and none is waited for."""
         try:
-            while self._pipe.poll(None if wait and not self._free else 0.0):
-                self._free.append(self._pipe.recv())
+            while self._pipe.poll(None if wait and not self._has_room else 0.0):
+                word = self._pipe.recv()
+                if isinstance(word, bool):
+                    self._kept_count = self._slot_count if word else SLOT_COUNT
+                else:
+                    self._free.append(word)
         except (EOFError, OSError):
             # The reader is gone.
             os._exit(0)
-        return self._free.pop(0) if self._free else None
+        # The one that was used last: others may not have been given memory yet.
+        return self._free.pop() if self._has_room else None
+
+    @property
+    def _has_room(self) -> bool:
+        return self._slot_count - len(self._free) < self._kept_count
 
     def _say(self, report: dict[str, Any]) -> None:
         try:

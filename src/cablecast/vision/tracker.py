@@ -601,7 +601,13 @@ class EndpointTracker:
         """
         expected = self.config.marker.area * self._px_per_m**2
         self._hue_tolerance, candidates = hue_tolerance, []
-        for patch in self._patches(self._frame, time, grab):
+        window, start_xy = self._frame, self._start_xy
+        if start_xy is not None:
+            reach = self.config.start_radius + self.config.marker.length
+            about = reach * np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) + start_xy
+            pixels = self.view.to_image(np.insert(about, 2, self.config.marker_z, axis=1))
+            window = self._around(pixels[0], float(np.abs(pixels[1:] - pixels[0]).max()))
+        for patch in self._patches(window, time, grab):
             if 0.85 < patch.area / expected < 1.6 and self._shaped(patch, blur_px=0.0):
                 # By size alone, the marker is the most vivid patch.
                 misfit = -patch.vivid
@@ -650,13 +656,16 @@ class EndpointTracker:
         half = self.config.marker.length * self._px_per_m + 10.0
         half += min(radius, 250.0) + speed * exposure / 2
         blur_px = min(2.0 * speed * exposure + 8.0, self._blur_max)
+        window = self._around(centre, half)
+        return self._choose(self._patches(window, time, grab), centre, half, window, blur_px)
+
+    def _around(self, centre: NDArray[np.float64], half: float) -> Window:
+        """Return the window of the frame about a place, which is empty beyond its edges [px]."""
         left, top = np.floor(centre - half).astype(int).tolist()
         right, bottom = (np.ceil(centre + half).astype(int) + 1).tolist()
         _, _, width, height = self._frame
-        window = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
-        if window[0] >= window[2] or window[1] >= window[3]:
-            return None
-        return self._choose(self._patches(window, time, grab), centre, half, window, blur_px)
+        left, top = min(max(left, 0), width), min(max(top, 0), height)
+        return left, top, max(min(right, width), left), max(min(bottom, height), top)
 
     def _anywhere(self, time: float, grab: Grab) -> _Patch | None:
         """Return the marker from anywhere that it could have reached since it was seen."""
@@ -672,13 +681,12 @@ class EndpointTracker:
 
     def _patches(self, window: Window, time: float, grab: Grab) -> list[_Patch]:
         """Return the patches of the marker's colour in a piece that do not lie on other ones."""
-        piece = grab(window)
-        if piece.size == 0:
-            return []
         if self._light is None:
-            colour = table_light(piece, self.view, self.workspace)
-            self._light = _Light(piece.copy(), colour, self.config.row_time > 0)
-        even = self._light.even(piece, window, time)
+            first = grab(self._frame).copy()
+            colour = table_light(first, self.view, self.workspace)
+            self._light = _Light(first, colour, self.config.row_time > 0)
+        piece = grab(window)
+        even = self._light.even(piece, window, time) if piece.size else None
         if even is None:
             return []
         chroma = Chroma.of(even, self._hue)

@@ -251,6 +251,12 @@ class CameraOfTrials:
         self._sight = sight_of(self._tracker)
         start += self._check_clock(timing, shift)
         track = self._tracker.track(timing.end_time - timing.start_time, start)
+        if track.status is TrialStatus.OCCLUDED and filming.dropped_count:
+            raise CameraError(
+                f"the endpoint was lost, and {filming.dropped_count} frames of this cast found no "
+                "room in the memory of this computer: close other programs, or ask the camera for "
+                "fewer frames or pixels"
+            )
         xy = self._tracker.frames[1]
         seen = xy[np.isfinite(xy).all(axis=1)]
         self._last_xy = seen[-1] if len(seen) else None
@@ -325,7 +331,6 @@ class CameraOfTrials:
     def _film(self, look: Callable[[Frame], object], writer: FilmWriter | None = None) -> None:
         """Start to film, and wait for the first frame."""
         self.cancel()
-        self._camera.skip()
         self._filming = _Filming(self._camera, look, writer)
         try:
             self._filming.wait_started()
@@ -414,16 +419,22 @@ class ClockCamera(CameraOfTrials):
 
 
 class _Filming:
-    """A thread that shows frame after frame to a function, and its film."""
+    """A thread that shows frame after frame to a function, and its film.
+
+    No frame is lost where the function is slower than the camera: it catches up after the motion.
+    """
 
     def __init__(
         self, camera: LiveCamera, look: Callable[[Frame], object], writer: FilmWriter | None
     ):
         self._camera, self._look, self._writer = camera, look, writer
+        self._dropped_before = 0
         self.latest: Frame | None = None
         self._is_last: Callable[[Frame], bool] = lambda frame: False
         self._error: Exception | None = None
         self._started = threading.Event()
+        camera.keep(every=True)
+        camera.skip()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -433,8 +444,13 @@ class _Filming:
         if self._error is not None:
             raise self._error
 
+    @property
+    def dropped_count(self) -> int:
+        """Frames of this film that this computer had no memory for."""
+        return self._camera.dropped_count - self._dropped_before
+
     def finish(self, is_last: Callable[[Frame], bool]) -> None:
-        """Film on to the last frame, and raise what went wrong."""
+        """Film on to the last frame, which may have come long ago, and raise what went wrong."""
         self._is_last = is_last
         self._thread.join()
         if self._error is not None:
@@ -453,6 +469,8 @@ class _Filming:
     def _run(self) -> None:
         try:
             while (frame := self._camera.read()) is not None:
+                if self.latest is None:
+                    self._dropped_before = self._camera.dropped_count
                 self.latest = frame
                 self._look(frame)
                 self._started.set()
@@ -462,6 +480,7 @@ class _Filming:
         except Exception as error:
             self._error = error
         finally:
+            self._camera.keep(every=False)
             self._started.set()
 
 

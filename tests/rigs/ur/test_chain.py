@@ -30,9 +30,8 @@ UR10E = {
 }
 # A coarse model may aim with a sweep of 90 deg, at whose ends the gripper is at y = 0.
 UR5 = {"robot": {"box_low": [-0.97, -0.05, 0.0], "box_high": [0.97, 0.97, 1.1]}}
-# The camera of a faster clock drops frames where other tests run beside it; the clock waits for the
-# client.
-TWIN = {"segment_count": 10, "rate": 3.0}
+# As fast as this computer simulates; the clock waits for the client.
+TWIN = {"segment_count": 10, "rate": 10.0}
 
 
 @pytest.fixture(scope="module")

@@ -412,6 +412,8 @@ class LiveCable:
         """Let a cable that slipped be gripped at its end again, and laid down."""
         if self._slipped or self._loose is not None:
             self._slipped, self._loose, self._was_away = False, None, True
+            # Where its simulation stands, the grip no longer is.
+            self.is_simulated = False
 
     def _free_part(self, nodes: Array) -> Array:
         """Return the nodes of what is free of a cable that may have slipped."""
