@@ -1,12 +1,14 @@
 """Kill every verb with SIGKILL at seeded moments, and compare what it finishes with.
 
     python tools/kill.py --count 200
+    python tools/kill.py --count 200 --interrupt
 
 Each verb first runs undisturbed. Then it runs again in a copy of the same folder, is killed (`kill
 -9`) at a moment drawn evenly from the time that it took, is started anew, and so on up to four
 times; then it may finish. Its results must be those of the undisturbed run, file by file, and
 nothing else may lie in the folder. Each verb is killed at least once and gets about as much time as
-any other. Takes about half an hour on two cores.
+any other. Takes about half an hour on two cores. With `--interrupt` it is stopped as by Ctrl-C, and
+must also end with the sentence that says what the same command does.
 """
 
 import argparse
@@ -31,10 +33,14 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 from tools.small_results import SMALL, digests, prepare
 
+from cablecast.cli.main import EXIT_INTERRUPTED
+
 KILLS_MAX = 4
 """Largest number of kills before a verb may finish."""
 CALM = 600.0
 """Time in which a verb that is not killed must end [s]."""
+BEGIN_TIME = 0.3
+"""Time in which a verb has read its words [s]."""
 BASE = "prepared"
 
 LAB = """
@@ -127,13 +133,19 @@ def run_job(job: Job) -> int:
     return 0
 
 
-def run(job: Job, folder: pathlib.Path, killed_after: float | None = None) -> int:
+def run(
+    job: Job,
+    folder: pathlib.Path,
+    killed_after: float | None = None,
+    number: signal.Signals = signal.SIGKILL,
+) -> int:
     """Run a verb in a process of its own.
 
     Args:
         job: The verb.
         folder: Working folder.
         killed_after: Time after which it is killed, if it still runs [s].
+        number: Signal that kills it.
 
     Returns:
         Exit status; negative the number of the signal that ended it.
@@ -144,8 +156,9 @@ def run(job: Job, folder: pathlib.Path, killed_after: float | None = None) -> in
         with contextlib.suppress(BaseException):
             os.setsid()
             os.chdir(folder)
-            for number in (1, 2):
-                os.dup2(os.open(folder.parent / "output.txt", os.O_WRONLY | os.O_CREAT), number)
+            for stream in (1, 2):
+                os.dup2(os.open(folder.parent / "output.txt", os.O_WRONLY | os.O_CREAT), stream)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
             try:
                 status = run_job(job)
             except BaseException:
@@ -157,7 +170,7 @@ def run(job: Job, folder: pathlib.Path, killed_after: float | None = None) -> in
         if done:
             return os.waitstatus_to_exitcode(raw)
         if time.monotonic() >= end:
-            os.kill(child, signal.SIGKILL)
+            os.kill(child, number)
             return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         time.sleep(0.002)
 
@@ -173,7 +186,12 @@ def contents(folder: pathlib.Path, job: Job) -> tuple[dict[str, str], set[str]]:
 
 
 def kill_again_and_again(
-    job: Job, base: pathlib.Path, good: tuple[dict[str, str], set[str]], took: float, rng
+    job: Job,
+    base: pathlib.Path,
+    good: tuple[dict[str, str], set[str]],
+    took: float,
+    rng: random.Random,
+    number: signal.Signals,
 ) -> tuple[int, str]:
     """Kill a verb up to some times, let it finish, and compare.
 
@@ -183,6 +201,7 @@ def kill_again_and_again(
         good: Contents of the folder after an undisturbed run.
         took: Time of the undisturbed run [s].
         rng: Source of the moments.
+        number: Signal that kills it.
 
     Returns:
         Number of kills, and what differs from the undisturbed results; empty text for nothing.
@@ -190,9 +209,15 @@ def kill_again_and_again(
     with copied(base) as folder:
         kills = 0
         for _ in range(rng.randint(1, KILLS_MAX)):
-            status = run(job, folder, killed_after=rng.uniform(0.0, took))
+            # Before it has begun, nothing says more than Python does.
+            soonest = 0.0 if number == signal.SIGKILL else BEGIN_TIME
+            status = run(job, folder, rng.uniform(soonest, max(took, 2 * soonest)), number)
             if status == -signal.SIGKILL:
                 kills += 1
+            elif status == EXIT_INTERRUPTED and number == signal.SIGINT:
+                kills += 1
+                if "cablecast: interrupted. " not in last_line(folder):
+                    return kills, f"it ends with {last_line(folder)!r}"
             elif status:
                 return kills, f"status {status}: {last_line(folder)}"
             if contents(folder, job) == good:
@@ -281,13 +306,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200, help="number of kills")
     parser.add_argument("--seed", type=int, default=0, help="seed of the moments")
+    parser.add_argument("--interrupt", action="store_true", help="stop as by Ctrl-C")
     parser.add_argument("--only", default="", help="kill only the verbs whose name holds this text")
     parser.add_argument("--base", type=pathlib.Path, help="folder that keeps the small results")
     options = parser.parse_args(arguments)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     import_all()
     rng = random.Random(options.seed)
+    number = signal.SIGINT if options.interrupt else signal.SIGKILL
     chosen = [job for job in jobs() if options.only in job.name]
+    if options.interrupt:
+        # The reproduction is not called by its verb here.
+        chosen = [job for job in chosen if job.arguments]
     kills, runs = collections.Counter[str](), collections.Counter[str]()
     spent = {job.name: 0.0 for job in chosen}
     faults = 0
@@ -306,7 +336,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # The quick ones come first, and each gets about as much time as any other.
             job = min(chosen, key=lambda job: spent[job.name])
             begun, (wanted, took) = time.monotonic(), good[job.name]
-            count, differing = kill_again_and_again(job, before[job.name], wanted, took, rng)
+            count, differing = kill_again_and_again(
+                job, before[job.name], wanted, took, rng, number
+            )
             spent[job.name] += time.monotonic() - begun
             kills[job.name] += count
             runs[job.name] += 1

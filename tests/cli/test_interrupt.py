@@ -1,14 +1,19 @@
 """Ctrl-C ends a verb with what the same command does, and a fit keeps its steps."""
 
+import os
 import pathlib
+import shutil
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
+from tests.cli.conftest import SMALL_VERBS
+from tools.small_results import SMALL, digests
 
-from cablecast.cli.main import VERBS, _again
+from cablecast.cli.main import VERBS, _again, main
+from cablecast.cli.progress import _Lines
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.rigs.engine import RigEngine
@@ -23,6 +28,28 @@ def test_each_verb_says_whether_the_same_command_goes_on(verb):
     else:
         assert ("goes on" in words) != ("anew" in words)
         assert "\n" not in words
+
+
+# `tools/kill.py --interrupt` stops every verb, at any moment, in a process of its own.
+@pytest.mark.parametrize("name", SMALL_VERBS)
+def test_a_verb_stopped_by_ctrl_c_goes_on_to_the_same_results(name, in_copy, capsys, monkeypatch):
+    words, good = SMALL[name], digests(in_copy)
+    out = words[words.index("--out") + 1]
+    shutil.rmtree(in_copy / out, ignore_errors=True)
+    show, reports = _Lines.show, []
+
+    def show_and_stop(lines, progress):
+        show(lines, progress)
+        reports.append(progress)
+        # In the middle of something that takes a while.
+        if len(reports) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(_Lines, "show", show_and_stop)
+    assert main([name, *words]) == 130
+    assert capsys.readouterr().err.endswith(f"cablecast: interrupted{_again([name])}\n")
+    assert main([name, *words]) == 0
+    assert digests(in_copy) == good
 
 
 def test_a_fit_that_is_interrupted_says_that_it_goes_on_and_does(tmp_path):

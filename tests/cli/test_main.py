@@ -1,6 +1,5 @@
 import json
 import re
-import signal
 import subprocess
 import sys
 
@@ -90,26 +89,6 @@ def test_an_interrupted_run_exits_with_status_130_and_says_so(monkeypatch, capsy
     assert capsys.readouterr().err == (
         "cablecast: interrupted. The same command goes on from what is kept\n"
     )
-
-
-def test_ctrl_c_in_the_middle_of_a_simulation_ends_it_without_a_traceback(tmp_path):
-    arguments = ["--count", "9000", "--segment-count", "10", "--dt", "0.002"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cablecast", "simulate", *arguments, "--out", tmp_path / "d"],
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell that runs the tests in the background has them ignore the signal.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "0 of 9000" in line:
-            break
-    process.send_signal(signal.SIGINT)
-    _, rest = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert rest.endswith("cablecast: interrupted. The same command goes on from what is kept\n")
-    assert "Traceback" not in rest
 
 
 def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(tmp_path, capsys):
