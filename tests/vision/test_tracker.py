@@ -16,6 +16,7 @@ from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
+from cablecast.vision.calibration import Calibration
 from cablecast.vision.tracker import (
     EndpointTracker,
     MarkerConfig,
@@ -313,12 +314,50 @@ def test_a_marker_of_any_colour_is_picked_from_a_picture(hue, width):
     camera = VirtualCamera(config)
     image = camera.film(glide((0.6, 0.9), (0.6, 0.9)), 1).frame(3)
     found = pick_marker(image, camera.view, camera.workspace, (0.62, 0.92))
+    assert found is not None
     # Of the drawn marker, which has a lighter middle; a pixel is 1.6 to 3.3 mm.
     assert found.hue == pytest.approx(hue, abs=6.0)
     assert found.length == pytest.approx(0.038, abs=0.004)
     assert found.width == pytest.approx(0.016, abs=0.003)
-    with pytest.raises(InputError, match=r"no marker is seen within 15 cm of x, y = -0\.50"):
-        pick_marker(image, camera.view, camera.workspace, (-0.5, 0.9))
+    assert pick_marker(image, camera.view, camera.workspace, (-0.5, 0.9)) is None
+
+
+# The hue of the drawn cable_1, least difference that is told apart, and errors there [m].
+CABLE_HUE, HUE_APART = 13.2, 20.0
+
+
+@pytest.mark.parametrize("apart", [HUE_APART, -HUE_APART, 30.0, -45.0])
+def test_a_marker_of_nearly_the_cable_s_hue_is_picked_and_followed(apart, small_calibration):
+    hue = (CABLE_HUE + apart) % 360
+    camera, calibration = small_calibration
+    light = dataclasses.replace(camera.config.light, flicker=0.0, drift=0.0)
+    camera.config = dataclasses.replace(camera.config, marker_hue=hue, light=light)
+    trial = glide((-0.3, 0.9), (0.5, 1.1))
+    film = camera.film(trial, 4)
+    found = pick_marker(film.frame(3), calibration.view, camera.workspace, (-0.3, 0.9))
+    assert found is not None
+    assert abs((found.hue - hue + 180) % 360 - 180) < 8.0
+    # As is the marker of another hue, whose cable is not told apart.
+    tracker = track_film(film, calibration, MarkerConfig(hue=found.hue))
+    times, xy = tracker.frames
+    found_errors = errors(trial.shape_at(times)[:, -1], xy)
+    assert len(found_errors) == len(xy)
+    assert np.sqrt(np.mean(found_errors**2)) < ERROR_RMS
+
+
+def test_a_marker_of_the_cable_s_own_hue_is_refused_with_another_tape(small_calibration):
+    camera, calibration = small_calibration
+    camera.config = dataclasses.replace(camera.config, marker_hue=CABLE_HUE + 3.0)
+    image = camera.film(glide((0.0, 1.2), (0.0, 1.2)), 1).frame(3)
+    with pytest.raises(InputError, match=r"hue of 1\d deg.*at least 20 deg away, best of 19\d"):
+        pick_marker(image, calibration.view, camera.workspace, (0.0, 1.2))
+
+
+@pytest.fixture(scope="module")
+def small_calibration():
+    """Return a camera with 1280 columns, and its calibration."""
+    camera = VirtualCamera(dataclasses.replace(CameraConfig(), exposure=0.001).resized(1280))
+    return camera, Calibration(view=camera.view, rms_px=0.0, rms=0.0, tag_ids=())
 
 
 EVEN = LightConfig(drift=0.0, flicker=0.0, step=0.0)

@@ -86,6 +86,11 @@ class CameraVerb:
         workspace = setup.workspace
         at = self.at or (0.0, workspace.reset_y + setup.cable.length)
         found = pick_marker(report.image, report.calibration.view, workspace, at)
+        if found is None:
+            raise InputError(
+                f"no marker is seen near x, y = {at[0]:.2f}, {at[1]:.2f} m: wrap vivid tape of "
+                "another colour than the cable around its end, or say where it lies (--at)"
+            )
         size = [round(found.length, 3), round(found.width, 3)]
         values = {"marker": size, "marker_hue": round(found.hue, 1)}
         print(f"marker    hue {found.hue:.0f} deg, {1e3 * size[0]:.0f} x {1e3 * size[1]:.0f} mm")

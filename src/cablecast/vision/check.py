@@ -13,7 +13,14 @@ from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.live import Brightness, CameraFacts, Frame, FrameWatch
 from cablecast.vision.tags import detect_tags, load_cv2
-from cablecast.vision.tracker import Chroma, green_places, table_light
+from cablecast.vision.tracker import (
+    Chroma,
+    MarkerConfig,
+    green_places,
+    hue_apart,
+    pick_marker,
+    table_light,
+)
 from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
 from cablecast.workspace import Workspace
 
@@ -41,6 +48,8 @@ _MARKER_WIDTH_MIN = 5.5
 """Width from which on a marker in sight is found in every frame [px]; see test_small_marker.py."""
 _TAG_WIDTH_MIN = 18.0
 """Width from which on nearly every tag of 4x4 cells is read [px]; see tools/measure_tags.py."""
+_HUE_OFF_DEG = 30.0
+"""Distance of the marker's hue from the one in the lab file that is worth a word [deg]."""
 _COUNTED = 1e-6
 """Largest scatter of stamps that are counted and not measured [s]."""
 _OPENING = 2.0
@@ -125,6 +134,8 @@ class CameraReport:
         px_per_m: Scale in the middle of the table [px/m]; NaN without a calibration.
         tip_speed: Speed of the cable's end for which the blur is stated [m/s].
         blur: Way of the end at that speed during one exposure [m].
+        marker: Marker that lies where a reset lays it; None if none does.
+        marker_error: Why what is coloured there is none; None if nothing is.
         same_coloured: Things of the marker's colour on the table that are larger, as x, y and
             radius [m], shape [place, 3].
         image: Last picture.
@@ -152,6 +163,8 @@ class CameraReport:
     px_per_m: float
     tip_speed: float
     blur: float
+    marker: MarkerConfig | None
+    marker_error: str | None
     same_coloured: NDArray[np.float64]
     image: NDArray[np.uint8]
     counted_stamps: bool
@@ -294,6 +307,14 @@ class CameraReport:
                 f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or let "
                 "the robot touch them (`cablecast calibrate table`)"
             )
+        asked = self.settings.marker_hue
+        if self.marker_error is not None:
+            said.append(self.marker_error)
+        elif self.marker and abs(hue_apart(self.marker.hue, asked)) > _HUE_OFF_DEG:
+            said.append(
+                f"the marker has a hue of {self.marker.hue:.0f} deg, and {asked:.0f} is looked "
+                "for: let `cablecast camera check --pick` learn it"
+            )
         for x, y, radius in self.same_coloured:
             said.append(
                 f"something of the marker's colour, {200 * radius:.0f} cm wide, lies at x, y = "
@@ -347,6 +368,7 @@ class CameraCheck:
         pace = rate / arrival_rate if arrival_rate > 0 else 1.0
         calibration, refused, image = None, None, self._images[-1]
         ids, px_per_m, same = (), float("nan"), np.empty((0, 3))
+        marker, unmarked = None, None
         try:
             calibration = calibrate_camera(self._images, self._setup)
         except InputError as error:
@@ -360,6 +382,12 @@ class CameraCheck:
             mask = Chroma.of(image, self._settings.marker_hue, light).mask(45.0) > 0
             same = green_places(mask, calibration.view, workspace)
             same = same[same[:, 2] > length]
+            at = (0.0, workspace.reset_y + self._setup.cable.length)
+            try:
+                if self._settings.end_tag is None:
+                    marker = pick_marker(image, calibration.view, workspace, at)
+            except InputError as error:
+                unmarked = str(error)
         exposure = self._facts.exposure
         times = np.array(self._times)[:, 0] - self._times[0][0]
         rows, row_step = np.array(self._rows), max(1, image.shape[0] // _ROW_COUNT)
@@ -386,6 +414,8 @@ class CameraCheck:
             px_per_m=px_per_m,
             tip_speed=self._tip_speed,
             blur=self._tip_speed * (self._settings.exposure if exposure is None else exposure),
+            marker=marker,
+            marker_error=unmarked,
             same_coloured=same,
             image=image,
             counted_stamps=counted and self._facts.kind == "stream" and not 0.95 < pace < 1.05,

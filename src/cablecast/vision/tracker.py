@@ -32,6 +32,11 @@ Grab = Callable[[Window], NDArray[np.uint8]]
 _HUE_FIRST_DEG, _HUE_DEG = 45.0, 30.0
 """Largest distance of the marker's hue in the first frame from what it is said to be, and of later
 hues from that one [deg]: tape and tape, lamp and lamp differ."""
+_HUE_APART_DEG, _HUE_APART_MIN = 20.0, 12.0
+"""Least difference between the hues of marker and cable that is asked for, and from which on they
+are told apart [deg]: drawn ones are followed in every frame from 13 on, and picked from 20 on."""
+_HUE_BIN_DEG, _HUE_PIXELS = 4, 20
+"""Width of the bins in which the hues of a piece are counted [deg], and fewest pixels of one."""
 _HUE_AKIN_DEG = 60.0
 """Distance from the marker's hue within which a thing's chroma along it counts [deg]."""
 _NOISE_FACTOR = 3.5
@@ -162,25 +167,50 @@ def chroma_axes(hue_deg: float) -> NDArray[np.float64]:
     return 2.0 * np.stack([np.cos(angle), -np.sin(angle)])
 
 
-class Chroma(NamedTuple):
-    """Chroma of each pixel along and across a hue, shape [v, u], and its standard deviation."""
+def hue_apart(hue_deg: float, other_deg: float) -> float:
+    """Return by how much a hue lies ahead of another one [deg], in [-180, 180)."""
+    return (hue_deg - other_deg + 180.0) % 360.0 - 180.0
 
+
+class Chroma(NamedTuple):
+    """Chroma of each pixel of a picture, shape [v, u].
+
+    Attributes:
+        seen: Chroma by which a marker is seen: that along its hue, or along the nearest one in
+            which the cable beside it has none, so that both may have nearly the same hue.
+        along: Chroma along the marker's hue.
+        across: Chroma across the marker's hue.
+        noise: Standard deviation of the first.
+    """
+
+    seen: NDArray[np.float32]
     along: NDArray[np.float32]
     across: NDArray[np.float32]
     noise: float
 
     @classmethod
     def of(
-        cls, image: NDArray[np.generic], hue_deg: float, light: NDArray[np.float64] | float = 1.0
+        cls,
+        image: NDArray[np.generic],
+        hue_deg: float,
+        light: NDArray[np.float64] | float = 1.0,
+        cable_deg: float | None = None,
     ) -> "Chroma":
         """Return the chroma of a picture in a light whose colour is that of `table_light`."""
-        weights = (chroma_axes(hue_deg) / light).astype(np.float32)
-        both = load_cv2().transform(image.astype(np.float32), weights)
+        weights, apart = chroma_axes(hue_deg), hue_apart(hue_deg, cable_deg or 0.0)
+        if cable_deg is not None and _HUE_APART_MIN < abs(apart) < 90.0:
+            seen = chroma_axes(cable_deg + float(np.copysign(90.0, apart)))[:1]
+            weights = np.concatenate([seen, weights])
+        both = load_cv2().transform(image.astype(np.float32), (weights / light).astype(np.float32))
+        seen, along, across = both[..., 0], both[..., -2], both[..., -1]
         stride = _stride(both)
-        sample = both[::stride, ::stride, 0]
+        # A saturated channel spreads the table, which is no noise.
+        fair = (image[::stride, ::stride] < _CLIPPED).all(axis=-1)
+        sample = seen[::stride, ::stride]
+        sample = sample[fair] if fair.mean() > _FAIR_MIN / 3 else sample
         # Of most pixels, whatever the others are.
         noise = 1.4826 * float(np.median(np.abs(sample - np.median(sample))))
-        return cls(both[..., 0], both[..., 1], noise)
+        return cls(seen, along, across, noise)
 
     @property
     def least(self) -> float:
@@ -190,7 +220,7 @@ class Chroma(NamedTuple):
     def mask(self, hue_tolerance: float) -> NDArray[np.uint8]:
         """Return 255 at pixels of the hue within a tolerance [deg] and next to them, else 0."""
         cv2 = load_cv2()
-        mask = (self.along > self.least).astype(np.uint8) * np.uint8(255)
+        mask = (self.seen > self.least).astype(np.uint8) * np.uint8(255)
         if not mask.any():
             return mask
         aside = np.float32(np.tan(np.radians(hue_tolerance))) * self.along
@@ -200,6 +230,24 @@ class Chroma(NamedTuple):
         return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
 
+def hues_of(image: NDArray[np.generic], light: NDArray[np.float64] | float = 1.0) -> list[float]:
+    """Return the hues of the coloured things in a piece of a picture, most common first [deg]."""
+    chroma = Chroma.of(image, 0.0, light)
+    vivid = np.hypot(chroma.along, chroma.across) > max(1.5 * chroma.least, _VIVID_MIN)
+    if not vivid.any():
+        return []
+    hues = np.degrees(np.arctan2(chroma.across[vivid], chroma.along[vivid])) % 360.0
+    count = np.bincount((hues / _HUE_BIN_DEG).astype(int), minlength=360 // _HUE_BIN_DEG)
+    smooth = np.convolve(np.pad(count, 2, mode="wrap"), [1.0, 2.0, 3.0, 2.0, 1.0], mode="valid") / 3
+    higher = np.maximum(np.roll(smooth, 1), np.roll(smooth, -1))
+    peaks = np.flatnonzero((smooth >= higher) & (smooth > _HUE_PIXELS))
+    peaks = peaks[np.argsort(-smooth[peaks])]
+    near = ((hues - _HUE_BIN_DEG * (peaks[:, None] + 0.5) + 180.0) % 360.0) - 180.0
+    within = np.abs(near) < 2 * _HUE_BIN_DEG
+    middles = _HUE_BIN_DEG * (peaks + 0.5) + (near * within).sum(axis=1) / within.sum(axis=1)
+    return [float(hue) % 360.0 for hue in middles]
+
+
 def _find_patches(
     seen: Chroma, still: NDArray[np.float32] | None, hue_tolerance: float, corner: tuple[int, int]
 ) -> list[_Patch]:
@@ -207,10 +255,10 @@ def _find_patches(
 
     The chroma that was there in the first frame is subtracted.
     """
-    along, across, _ = seen
     cv2 = load_cv2()
-    new = along if still is None else along - still
-    mask = seen._replace(along=new).mask(hue_tolerance)
+    new = seen.seen if still is None else seen.seen - still
+    along = new if seen.seen is seen.along else seen.along
+    mask = seen._replace(seen=new, along=along).mask(hue_tolerance)
     if not mask.any():
         return []
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
@@ -233,7 +281,7 @@ def _find_patches(
         spread = np.array([[(chroma * du * du).sum(), mixed], [mixed, (chroma * dv * dv).sum()]])
         small, large = np.sqrt(np.maximum(np.linalg.eigvalsh(spread / total), 0.0))
         vivid = float(np.quantile(chroma[chroma > 0], 0.85))
-        aside = (across[window] * chroma).sum() / (along[window] * chroma).sum()
+        aside = (seen.across[window] * chroma).sum() / (seen.along[window] * chroma).sum()
         patches.append(
             _Patch(
                 pixel=np.array([mean_u + corner[0], mean_v + corner[1]]),
@@ -492,6 +540,7 @@ class EndpointTracker:
         self._chroma: float | None = None
         self._area = 0.0
         self._hue, self._hue_tolerance = self.config.marker.hue, _HUE_FIRST_DEG
+        self._cable: float | None = None
         self._light: _Light | None = None
         self._still_chroma: NDArray[np.float32] | None = None
         # Pixels where something of the marker's colour lies that is not it, shape [v, u].
@@ -517,9 +566,7 @@ class EndpointTracker:
         patch = None
         if not self._seen:
             if frame % _SEARCH_PERIOD == 0:
-                # The cable may have a colour not far from the marker's.
-                patch = self._first(time, grab, _HUE_DEG)
-                patch = patch or self._first(time, grab, _HUE_FIRST_DEG)
+                patch = self._first(time, grab)
                 if self._light is not None and (self._still_chroma is None or patch is not None):
                     self._look_at_still(self._light, patch)
         else:
@@ -594,38 +641,73 @@ class EndpointTracker:
         """
         return np.array(self._times), np.array(self._xy).reshape(-1, 2)
 
-    def _first(self, time: float, grab: Grab, hue_tolerance: float) -> _Patch | None:
-        """Return the marker in the first frame that shows it, by its hue within a tolerance [deg].
+    def _first(self, time: float, grab: Grab) -> _Patch | None:
+        """Return the marker in the first frame that shows it.
 
         Whatever else has its colour then lies still, and is no marker later either.
         """
-        expected = self.config.marker.area * self._px_per_m**2
-        self._hue_tolerance, candidates = hue_tolerance, []
         window, start_xy = self._frame, self._start_xy
         if start_xy is not None:
             reach = self.config.start_radius + self.config.marker.length
             about = reach * np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) + start_xy
             pixels = self.view.to_image(np.insert(about, 2, self.config.marker_z, axis=1))
             window = self._around(pixels[0], float(np.abs(pixels[1:] - pixels[0]).max()))
-        for patch in self._patches(window, time, grab):
-            if 0.85 < patch.area / expected < 1.6 and self._shaped(patch, blur_px=0.0):
-                # By size alone, the marker is the most vivid patch.
-                misfit = -patch.vivid
-                if self._start_xy is not None:
-                    xy = self.view.to_table(patch.pixel, self.config.marker_z)
-                    misfit = float(np.linalg.norm(xy - self._start_xy))
-                    # While the arm hides the marker, another thing of its colour is not it.
-                    if misfit > self.config.start_radius:
-                        continue
-                candidates.append((misfit, patch))
-        found = min(candidates, key=lambda pair: pair[0])[1] if candidates else None
+        found = self._candidate(window, time, grab)
+        if found is None and (even := self._even(window, time, grab)) is not None:
+            # It may have run together with a cable of nearly its hue.
+            for self._cable in hues_of(even):
+                if (found := self._candidate(window, time, grab)) is not None:
+                    break
+            else:
+                self._cable = None
         if found is not None:
             self._hue, self._hue_tolerance = self._hue + found.hue_off, _HUE_DEG
+            if self._cable is None and (cable := self._hue_beside(found, time, grab)) is not None:
+                self._cable = cable
+                found = self._candidate(window, time, grab) or found
         return found
+
+    def _candidate(self, window: Window, time: float, grab: Grab) -> _Patch | None:
+        """Return what looks like the marker at first, by its hue to 30 or 45 degrees."""
+        expected, first = self.config.marker.area * self._px_per_m**2, self._hue_tolerance
+        for self._hue_tolerance in (_HUE_DEG, first):
+            candidates = []
+            for patch in self._patches(window, time, grab):
+                if 0.85 < patch.area / expected < 1.6 and self._shaped(patch, blur_px=0.0):
+                    # By size alone, the marker is the most vivid patch.
+                    misfit = -patch.vivid
+                    if self._start_xy is not None:
+                        xy = self.view.to_table(patch.pixel, self.config.marker_z)
+                        misfit = float(np.linalg.norm(xy - self._start_xy))
+                        # While the arm hides the marker, another thing of its colour is not it.
+                        if misfit > self.config.start_radius:
+                            continue
+                    candidates.append((misfit, patch))
+            if candidates:
+                return min(candidates, key=lambda pair: pair[0])[1]
+        return None
+
+    def _hue_beside(self, patch: _Patch, time: float, grab: Grab) -> float | None:
+        """Return the hue of the cable at the marker's end [deg]; None where it is grey."""
+        cv2, half = load_cv2(), 1.5 * self.config.marker.length * self._px_per_m
+        window = self._around(patch.pixel, half)
+        if (even := self._even(window, time, grab)) is None:
+            return None
+        chroma = Chroma.of(cv2.blur(even, (3, 3)), self._hue)
+        mask = (np.hypot(chroma.along, chroma.across) > chroma.least).astype(np.uint8)
+        labels = cv2.connectedComponents(mask)[1]
+        left, top, right, bottom = np.subtract(patch.box, np.tile(window[:2], 2))
+        inside = labels[top:bottom, left:right]
+        beside = np.isin(labels, np.unique(inside[inside > 0]))
+        beside[top:bottom, left:right] = False
+        if beside.sum() < _HUE_PIXELS:
+            return None
+        off = np.arctan2(chroma.across[beside].sum(), chroma.along[beside].sum())
+        return (self._hue + float(np.degrees(off))) % 360.0
 
     def _look_at_still(self, light: _Light, marker: _Patch | None) -> None:
         """Keep what has the marker's colour in the first frame, and is not the marker."""
-        chroma = Chroma.of(light.first, self._hue, light.colour)
+        chroma = Chroma.of(light.first, self._hue, light.colour, self._cable)
         # What is hardly of its hue would still be added to a marker beside it.
         akin, mask = (
             chroma.mask(tolerance) > 0 for tolerance in (_HUE_AKIN_DEG, self._hue_tolerance)
@@ -637,7 +719,7 @@ class EndpointTracker:
             akin &= self._still_chroma > 0
             mask &= self.still_green
         self.still_green = mask
-        still = load_cv2().blur(chroma.along, (3, 3))
+        still = load_cv2().blur(chroma.seen, (3, 3))
         self._still_chroma = np.where(akin, np.maximum(still, 1e-3), 0.0).astype(np.float32)
 
     def _near(self, time: float, lost_count: int, grab: Grab) -> _Patch | None:
@@ -681,15 +763,9 @@ class EndpointTracker:
 
     def _patches(self, window: Window, time: float, grab: Grab) -> list[_Patch]:
         """Return the patches of the marker's colour in a piece that do not lie on other ones."""
-        if self._light is None:
-            first = grab(self._frame).copy()
-            colour = table_light(first, self.view, self.workspace)
-            self._light = _Light(first, colour, self.config.row_time > 0)
-        piece = grab(window)
-        even = self._light.even(piece, window, time) if piece.size else None
-        if even is None:
+        if (even := self._even(window, time, grab)) is None:
             return []
-        chroma = Chroma.of(even, self._hue)
+        chroma = Chroma.of(even, self._hue, cable_deg=self._cable)
         left, top, right, bottom = window
         still = None
         if self._still_chroma is not None:
@@ -703,6 +779,15 @@ class EndpointTracker:
             return green is not None and bool(green[min(max(v, 0), v_max), min(max(u, 0), u_max)])
 
         return [patch for patch in patches if patch.vivid > least and not lies_on_green(patch)]
+
+    def _even(self, window: Window, time: float, grab: Grab) -> NDArray[np.float32] | None:
+        """Return a piece as the first frame's light, made white, shows it; None if it is dark."""
+        if self._light is None:
+            first = grab(self._frame).copy()
+            colour = table_light(first, self.view, self.workspace)
+            self._light = _Light(first, colour, self.config.row_time > 0)
+        piece = grab(window)
+        return self._light.even(piece, window, time) if piece.size else None
 
     def _choose(
         self,
@@ -755,7 +840,7 @@ class EndpointTracker:
 
 def pick_marker(
     image: NDArray[np.uint8], view: CameraView, workspace: Workspace, at: ArrayLike
-) -> MarkerConfig:
+) -> MarkerConfig | None:
     """Return hue and size of the marker that lies at a place of the table in a picture.
 
     Args:
@@ -764,30 +849,41 @@ def pick_marker(
         workspace: Gives the table, which counts as grey.
         at: Place near the marker's middle [m], shape [2].
 
+    Returns:
+        The marker; None where nothing is coloured.
+
     Raises:
-        InputError: Nothing there is coloured, and of a marker's size.
+        InputError: Nothing that is coloured there is of a marker's size.
     """
     place = np.asarray(at, dtype=float)
     light, px_per_m = table_light(image, view, workspace), view.pixels_per_metre(place)
     u, v = view.to_image(np.array([*place, 0.0])).tolist()
-    height, width = image.shape[:2]
     half = _PICK_RADIUS * px_per_m
     left, top = max(int(u - half), 0), max(int(v - half), 0)
-    piece = image[top : min(int(v + half), height), left : min(int(u + half), width)]
+    piece = image[top : max(int(v + half), 0), left : max(int(u + half), 0)]
+    if not piece.size or not (hues := hues_of(piece, light)):
+        return None
     found: list[tuple[float, float, _Patch]] = []
-    for hue in np.arange(0.0, 360.0, 15.0) if piece.size else ():
-        chroma = Chroma.of(piece, float(hue), light)
-        for patch in _find_patches(chroma, None, _HUE_DEG, (left, top)):
-            area = patch.area / px_per_m**2
-            fits = _PICK_AREA[0] < area < _PICK_AREA[1] and not patch.touches_edge
-            if fits and patch.vivid > _VIVID_MIN and abs(patch.hue_off) < 7.6:
-                distance = float(np.linalg.norm(view.to_table(patch.pixel) - place))
-                found.append((distance, float(hue) + patch.hue_off, patch))
+    for hue in hues:
+        apart = {cable: abs(hue_apart(hue, cable)) for cable in hues if cable != hue}
+        # By what sets it off from the cable, or where nothing of nearly its hue lies about, as is.
+        for cable in (*(c for c, away in apart.items() if _HUE_APART_MIN < away < 90.0), None):
+            chroma = Chroma.of(piece, hue, light, cable)
+            known = len(found)
+            for patch in _find_patches(chroma, None, _HUE_DEG, (left, top)):
+                area = patch.area / px_per_m**2
+                fits = _PICK_AREA[0] < area < _PICK_AREA[1] and not patch.touches_edge
+                if fits and patch.vivid > _VIVID_MIN and abs(patch.hue_off) < 2 * _HUE_BIN_DEG:
+                    distance = float(np.linalg.norm(view.to_table(patch.pixel) - place))
+                    found.append((distance, hue + patch.hue_off, patch))
+            if len(found) > known:
+                break
     if not found:
         raise InputError(
-            f"no marker is seen within {100 * _PICK_RADIUS:.0f} cm of x, y = {place[0]:.2f}, "
-            f"{place[1]:.2f} m: wrap vivid tape of another colour than the cable around its end, "
-            "or say where it lies"
+            f"all that is coloured within {100 * _PICK_RADIUS:.0f} cm of x, y = {place[0]:.2f}, "
+            f"{place[1]:.2f} m has a hue of {hues[0]:.0f} deg, and none of it is of a marker's "
+            f"size: if the cable has that hue, wrap tape of another that is at least "
+            f"{_HUE_APART_DEG:g} deg away, best of {(hues[0] + 180) % 360:.0f} deg, around its end"
         )
     _, hue, patch = min(found, key=lambda row: row[0])
     # A bar with round ends, as wide as its variance says without that of lens and pixels.
